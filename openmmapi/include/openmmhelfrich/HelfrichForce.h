@@ -1,0 +1,316 @@
+#ifndef OPENMM_HELFRICHFORCE_H_
+#define OPENMM_HELFRICHFORCE_H_
+
+#include "internal/windowsExportHelfrich.h"
+#include "openmm/Context.h"
+#include "openmm/Force.h"
+#include <array>
+#include <string>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The energy of a HelfrichForce, term by term, each measured in kJ/mol.
+ */
+struct OPENMM_EXPORT_HELFRICH HelfrichEnergyTerms {
+    double bending = 0, area = 0, volume = 0, areaDifference = 0, tether = 0, repulsion = 0;
+    /**
+     * Get the sum of all terms, in kJ/mol: the energy that the force contributes to the potential energy.
+     */
+    double getTotal() const {
+        return bending+area+volume+areaDifference+tether+repulsion;
+    }
+};
+
+/**
+ * The geometry of a membrane.  The arrays have one element a vertex, in ascending order of the particles'
+ * indices.
+ */
+struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
+    /// total area A, in nm^2
+    double area = 0;
+    /// enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside
+    double volume = 0;
+    /// integrated mean curvature M, in nm: 4 pi R on a sphere
+    double integratedMeanCurvature = 0;
+    /// area difference between the leaflets, 2hM, in nm^2
+    double areaDifference = 0;
+    /// area of each vertex: a third of that of its triangles, in nm^2; they add up to the total area
+    std::vector<double> vertexAreas;
+    /// integrated mean curvature of each vertex, in nm; they add up to the integrated mean curvature
+    std::vector<double> vertexMeanCurvatures;
+};
+
+/**
+ * This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
+ * Each vertex is a particle of the System.  The energy is the sum of six terms, each present only when its modulus
+ * is not zero.
+ *
+ * <ul>
+ * <li>bending, \f$2\kappa_B\sum_i \hat M_i^2/\hat A_i\f$, in Juelicher's discretisation: a vertex has the
+ * mean curvature \f$\hat M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and a
+ * third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li>
+ * <li>area, \f$\kappa_A(A/A_0-1)^2\f$</li>
+ * <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li>
+ * <li>area difference, \f$\kappa_{\Delta A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li>
+ * <li>tether, \f$\kappa_T\sum_e T(l_e)\f$, which keeps every edge between a minimum and a maximum length</li>
+ * <li>repulsion, \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
+ * </ul>
+ *
+ * The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+ *
+ * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
+ * and add it to a System.  The three targets are parameters of the Context: change them there with
+ * Context::setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+ *
+ * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
+ * changes those of a Context: getTrianglesInContext() returns the live ones.
+ *
+ * The System's periodic boundary conditions do not apply to this force.
+ */
+class OPENMM_EXPORT_HELFRICH HelfrichForce : public OpenMM::Force {
+public:
+    /**
+     * Create a HelfrichForce with no triangles and every term off.
+     */
+    HelfrichForce();
+    /**
+     * Get the number of triangles.
+     */
+    int getNumTriangles() const {
+        return triangles.size();
+    }
+    /**
+     * Add a triangle.  Its particles are in counter-clockwise order, seen from outside.
+     *
+     * @param particle1  the index of the first particle
+     * @param particle2  the index of the second particle
+     * @param particle3  the index of the third particle
+     * @return the index of the triangle that was added
+     */
+    int addTriangle(int particle1, int particle2, int particle3);
+    /**
+     * Get the particles of a triangle.
+     *
+     * @param index           the index of the triangle
+     * @param[out] particle1  the index of the first particle
+     * @param[out] particle2  the index of the second particle
+     * @param[out] particle3  the index of the third particle
+     */
+    void getTriangleParameters(int index, int& particle1, int& particle2, int& particle3) const;
+    /**
+     * Set the particles of a triangle.  A Context that exists already does not change.
+     *
+     * @param index      the index of the triangle
+     * @param particle1  the index of the first particle
+     * @param particle2  the index of the second particle
+     * @param particle3  the index of the third particle
+     */
+    void setTriangleParameters(int index, int particle1, int particle2, int particle3);
+    /**
+     * Get all triangles.
+     */
+    const std::vector<std::array<int, 3> >& getTriangles() const {
+        return triangles;
+    }
+    /**
+     * Replace all triangles.
+     *
+     * @param triangles  the particles of each triangle, in counter-clockwise order seen from outside
+     */
+    void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    /**
+     * Get the bending modulus kappa_B, measured in kJ/mol.
+     */
+    double getBendingModulus() const {
+        return bendingModulus;
+    }
+    /**
+     * Set the bending modulus kappa_B, measured in kJ/mol.  The default, 0, turns the term off.
+     */
+    void setBendingModulus(double modulus);
+    /**
+     * Get the modulus kappa_A of the area term, measured in kJ/mol.
+     */
+    double getAreaModulus() const {
+        return areaModulus;
+    }
+    /**
+     * Set the modulus kappa_A of the area term, measured in kJ/mol.  The default, 0, turns the term off.
+     */
+    void setAreaModulus(double modulus);
+    /**
+     * Get the target area A_0, measured in nm^2.
+     */
+    double getTargetArea() const {
+        return targetArea;
+    }
+    /**
+     * Set the target area A_0, measured in nm^2: the default value of the Context's parameter.
+     */
+    void setTargetArea(double area);
+    /**
+     * Get the modulus kappa_V of the volume term, measured in kJ/mol.
+     */
+    double getVolumeModulus() const {
+        return volumeModulus;
+    }
+    /**
+     * Set the modulus kappa_V of the volume term, measured in kJ/mol.  The default, 0, turns the term off.
+     */
+    void setVolumeModulus(double modulus);
+    /**
+     * Get the target volume V_0, measured in nm^3.
+     */
+    double getTargetVolume() const {
+        return targetVolume;
+    }
+    /**
+     * Set the target volume V_0, measured in nm^3: the default value of the Context's parameter.
+     */
+    void setTargetVolume(double volume);
+    /**
+     * Get the modulus kappa_dA of the area difference term, measured in kJ/mol.
+     */
+    double getAreaDifferenceModulus() const {
+        return areaDifferenceModulus;
+    }
+    /**
+     * Set the modulus kappa_dA of the area difference term, measured in kJ/mol.  The default, 0, turns the term off.
+     */
+    void setAreaDifferenceModulus(double modulus);
+    /**
+     * Get the target area difference dA_0, measured in nm^2.
+     */
+    double getTargetAreaDifference() const {
+        return targetAreaDifference;
+    }
+    /**
+     * Set the target area difference dA_0, measured in nm^2: the default value of the Context's parameter.
+     */
+    void setTargetAreaDifference(double areaDifference);
+    /**
+     * Get the distance h between the neutral surfaces of the two leaflets, measured in nm.
+     */
+    double getLeafletSeparation() const {
+        return leafletSeparation;
+    }
+    /**
+     * Set the distance h between the neutral surfaces of the two leaflets, measured in nm.  The default is 1 nm.
+     */
+    void setLeafletSeparation(double separation);
+    /**
+     * Get the parameters of the tether term.
+     *
+     * @param[out] modulus    the modulus kappa_T, measured in kJ/mol
+     * @param[out] minLength  the length l_c1, measured in nm, below which an edge is pushed apart
+     * @param[out] maxLength  the length l_c0, measured in nm, above which an edge is pulled together
+     * @param[out] exponent   the exponent r
+     */
+    void getTether(double& modulus, double& minLength, double& maxLength, int& exponent) const;
+    /**
+     * Set the parameters of the tether term: \f$T(l)=\exp(l/(l-l_{c1}))\,l^{-r}\f$ for \f$l\le l_{c1}\f$,
+     * \f$r^{r+1}(l-l_{c0})^r\f$ for \f$l\ge l_{c0}\f$, and 0 between.  By default the term is off.
+     *
+     * @param modulus    the modulus kappa_T, measured in kJ/mol; 0 turns the term off
+     * @param minLength  the length l_c1, measured in nm, below which an edge is pushed apart
+     * @param maxLength  the length l_c0, measured in nm, above which an edge is pulled together
+     * @param exponent   the exponent r, at least 1
+     */
+    void setTether(double modulus, double minLength, double maxLength, int exponent);
+    /**
+     * Get the parameters of the repulsion term.
+     *
+     * @param[out] modulus         the modulus kappa_R, measured in kJ/mol
+     * @param[out] onset           the distance, measured in nm, below which two vertices repel each other
+     * @param[out] exponent        the exponent r
+     * @param[out] exclusionLevel  0, 1 or 2
+     */
+    void getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const;
+    /**
+     * Set the parameters of the repulsion term: \f$R(r)=\exp(r/(r-r_o))\,r^{-n}\f$ below the onset \f$r_o\f$ and 0 above it.
+     * The sum runs over both orders of a pair.  By default the term is off.
+     *
+     * @param modulus         the modulus kappa_R, measured in kJ/mol; 0 turns the term off
+     * @param onset           the distance, measured in nm, below which two vertices repel each other
+     * @param exponent        the exponent n, at least 1
+     * @param exclusionLevel  which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1), or bonded vertices and those
+     *                        that share a bonded vertex (2)
+     */
+    void setRepulsion(double modulus, double onset, int exponent, int exclusionLevel=1);
+    /**
+     * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
+     */
+    std::string getTargetAreaParameter() const {
+        return getName()+"TargetArea";
+    }
+    /**
+     * Get the name of the Context parameter that holds the target volume: the Force's name followed by "TargetVolume".
+     */
+    std::string getTargetVolumeParameter() const {
+        return getName()+"TargetVolume";
+    }
+    /**
+     * Get the name of the Context parameter that holds the target area difference: the Force's name followed by
+     * "TargetAreaDifference".
+     */
+    std::string getTargetAreaDifferenceParameter() const {
+        return getName()+"TargetAreaDifference";
+    }
+    /**
+     * Get the live triangles of a Context, which edge flips change.
+     *
+     * @param context         the Context to query
+     * @param[out] triangles  the particles of each triangle
+     */
+    void getTrianglesInContext(OpenMM::Context& context, std::vector<std::array<int, 3> >& triangles) const;
+    /**
+     * Replace the live triangles of a Context.  They must connect the same particles as before.
+     *
+     * @param context    the Context to change
+     * @param triangles  the particles of each triangle
+     */
+    void setTrianglesInContext(OpenMM::Context& context, const std::vector<std::array<int, 3> >& triangles) const;
+    /**
+     * Compute the energy of each term for the present positions of a Context.
+     *
+     * @param context  the Context to query
+     */
+    HelfrichEnergyTerms getEnergyTermsInContext(OpenMM::Context& context) const;
+    /**
+     * Compute the geometry of the membrane for the present positions of a Context.
+     *
+     * @param context  the Context to query
+     */
+    HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
+    /**
+     * Copy the moduli, the leaflet separation, and the tether's and repulsion's parameters from this Force to a Context.
+     * The triangles and the targets of the Context do not change: see setTrianglesInContext() and Context::setParameter().
+     *
+     * @param context  the Context to change
+     */
+    void updateParametersInContext(OpenMM::Context& context);
+    /**
+     * A membrane is never periodic: this returns false.
+     */
+    bool usesPeriodicBoundaryConditions() const {
+        return false;
+    }
+protected:
+    OpenMM::ForceImpl* createImpl() const;
+private:
+    std::vector<std::array<int, 3> > triangles;
+    double bendingModulus = 0;
+    double areaModulus = 0, targetArea = 0;
+    double volumeModulus = 0, targetVolume = 0;
+    double areaDifferenceModulus = 0, targetAreaDifference = 0, leafletSeparation = 1;
+    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0;
+    int tetherExponent = 2;
+    double repulsionModulus = 0, repulsionOnset = 0;
+    int repulsionExponent = 2, repulsionExclusionLevel = 1;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICHFORCE_H_*/

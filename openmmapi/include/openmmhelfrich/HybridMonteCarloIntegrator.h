@@ -1,0 +1,153 @@
+#ifndef OPENMM_HYBRIDMONTECARLOINTEGRATOR_H_
+#define OPENMM_HYBRIDMONTECARLOINTEGRATOR_H_
+
+#include "EdgeFlipIntegrator.h"
+#include "internal/windowsExportHelfrich.h"
+#include "openmm/CompoundIntegrator.h"
+#include "openmm/CustomIntegrator.h"
+
+namespace HelfrichPlugin {
+
+/**
+ * This Integrator samples a System with fluid membranes at constant temperature.  Each step is one Monte Carlo step: at random, with a given probability, a sweep of
+ * edge flips, and otherwise a Hybrid Monte Carlo trajectory of the particles: draw velocities from the Maxwell-Boltzmann distribution, make leapfrog steps, and accept
+ * the end point with probability min(1, exp(-dH/kT)) (Duane et al., Phys. Lett. B 195, 216, 1987).
+ *
+ * It is a CompoundIntegrator of two: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator.  Any other Integrator can take the place of number 0:
+ * with a LangevinMiddleIntegrator, for instance, steps of dynamics alternate with sweeps.
+ *
+ * A trajectory that diverges, so that an energy or a position is not finite any more, is a rejected move.
+ *
+ * Which kind a step is follows from the seed and the Context's step count alone, so that a restarted simulation makes the same choices.
+ */
+class OPENMM_EXPORT_HELFRICH HybridMonteCarloIntegrator : public OpenMM::CompoundIntegrator {
+public:
+    /**
+     * Create a HybridMonteCarloIntegrator.
+     *
+     * @param temperature         the temperature of trajectories and flips, in Kelvin
+     * @param stepSize            the size of a leapfrog step, in ps
+     * @param stepsPerTrajectory  the number of leapfrog steps in a trajectory
+     * @param flipFraction        the number of attempts in a sweep, as a fraction of the number of edges
+     * @param flipProbability     the probability that a step is a sweep of flips and not a trajectory
+     */
+    HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100, double flipFraction=0.1, double flipProbability=0.5);
+    /**
+     * Create a HybridMonteCarloIntegrator whose trajectories another Integrator makes.
+     *
+     * @param trajectory       the Integrator that makes the trajectories; this object takes over its ownership
+     * @param flips            the Integrator that flips edges; this object takes over its ownership
+     * @param flipProbability  the probability that a step is a sweep of flips and not one of the other Integrator
+     */
+    HybridMonteCarloIntegrator(OpenMM::Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability=0.5);
+    /**
+     * Get the temperature, in Kelvin.
+     */
+    double getTemperature() const;
+    /**
+     * Set the temperature of flips and trajectories, in Kelvin.  If number 0 is an Integrator of another kind than this class creates, only
+     * the flips' temperature is set.
+     */
+    void setTemperature(double temperature);
+    /**
+     * Get the size of a leapfrog step, in ps.
+     */
+    double getStepSize() const;
+    /**
+     * Set the size of a leapfrog step, in ps.
+     */
+    void setStepSize(double size);
+    /**
+     * Get the number of leapfrog steps in a trajectory, or 1 if number 0 is an Integrator of another kind than this class creates.
+     */
+    int getStepsPerTrajectory() const;
+    /**
+     * Set the number of leapfrog steps in a trajectory.
+     */
+    void setStepsPerTrajectory(int steps);
+    /**
+     * Get the number of attempts in a sweep, as a fraction of the number of edges.
+     */
+    double getFlipFraction() const;
+    /**
+     * Set the number of attempts in a sweep, as a fraction of the number of edges.
+     */
+    void setFlipFraction(double fraction);
+    /**
+     * Get the probability that a step is a sweep of flips.
+     */
+    double getFlipProbability() const {
+        return flipProbability;
+    }
+    /**
+     * Set the probability that a step is a sweep of flips.
+     */
+    void setFlipProbability(double probability);
+    /**
+     * Get the random number seed.  See setRandomNumberSeed() for details.
+     */
+    int getRandomNumberSeed() const {
+        return randomNumberSeed;
+    }
+    /**
+     * Set the random number seed of the choice of moves, of the trajectories and of the flips.  If it is 0 (the default), a unique seed is chosen when a
+     * Context is created.
+     */
+    void setRandomNumberSeed(int seed);
+    /**
+     * Get the number of trajectories made since the Context was created.
+     */
+    long long getNumTrajectories() const {
+        return numTrajectories;
+    }
+    /**
+     * Get the number of trajectories accepted since the Context was created.
+     */
+    long long getNumAcceptedTrajectories() const {
+        return numAcceptedTrajectories;
+    }
+    /**
+     * Get the number of trajectories since the Context was created that diverged, and were rejected.
+     */
+    long long getNumDivergedTrajectories() const {
+        return numDivergedTrajectories;
+    }
+    /**
+     * Get the fraction of trajectories that were accepted, or 0 if there was none.
+     */
+    double getAcceptanceRate() const;
+    /**
+     * Get the fraction of attempted flips that were accepted, or 0 if there was none.
+     */
+    double getFlipAcceptanceRate() const;
+    /**
+     * Get the Integrator that flips edges.
+     */
+    const EdgeFlipIntegrator& getFlipIntegrator() const;
+    /**
+     * Make Monte Carlo steps.
+     *
+     * @param steps  the number of Monte Carlo steps
+     */
+    void step(int steps);
+protected:
+    void initialize(OpenMM::ContextImpl& context);
+    void createCheckpoint(std::ostream& stream) const;
+    void loadCheckpoint(std::istream& stream);
+    void serializeParameters(OpenMM::SerializationNode& node) const;
+    void deserializeParameters(const OpenMM::SerializationNode& node);
+private:
+    EdgeFlipIntegrator& getFlips();
+    OpenMM::CustomIntegrator* getLeapfrog() const;
+    bool isNextStepSweep() const;
+    void makeTrajectory();
+    void abandonTrajectory(OpenMM::CustomIntegrator& leapfrog);
+    double flipProbability;
+    int randomNumberSeed = 0;
+    unsigned int activeSeed = 0;
+    long long numTrajectories = 0, numAcceptedTrajectories = 0, numDivergedTrajectories = 0;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HYBRIDMONTECARLOINTEGRATOR_H_*/

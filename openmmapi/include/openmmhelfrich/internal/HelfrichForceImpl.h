@@ -1,0 +1,66 @@
+#ifndef OPENMM_HELFRICHFORCEIMPL_H_
+#define OPENMM_HELFRICHFORCEIMPL_H_
+
+#include "EdgeFlipSweep.h"
+#include "HelfrichMesh.h"
+#include "HelfrichParameters.h"
+#include "openmm/Kernel.h"
+#include "openmm/internal/ForceImpl.h"
+#include "openmmhelfrich/HelfrichForce.h"
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The internal implementation of HelfrichForce.  It owns the live mesh of a Context.
+ */
+class OPENMM_EXPORT_HELFRICH HelfrichForceImpl : public OpenMM::ForceImpl {
+public:
+    HelfrichForceImpl(const HelfrichForce& owner);
+    void initialize(OpenMM::ContextImpl& context);
+    const HelfrichForce& getOwner() const {
+        return owner;
+    }
+    void updateContextState(OpenMM::ContextImpl& context, bool& forcesInvalid) {
+    }
+    double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy, int groups);
+    std::map<std::string, double> getDefaultParameters();
+    std::vector<std::string> getKernelNames();
+    std::vector<std::pair<int, int> > getBondedParticles() const;
+    void updateParametersInContext(OpenMM::ContextImpl& context);
+    HelfrichEnergyTerms getEnergyTerms(OpenMM::ContextImpl& context);
+    HelfrichGeometry getGeometry(OpenMM::ContextImpl& context);
+    const HelfrichMesh& getMesh() const {
+        return *mesh;
+    }
+    void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles);
+    /**
+     * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.
+     */
+    EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweep,
+                                 const EdgeFlipSweep::Observer& observer=EdgeFlipSweep::Observer());
+    /**
+     * Get the moduli with the present targets of a Context.
+     */
+    HelfrichParameters getParameters(OpenMM::ContextImpl& context) const;
+private:
+    void checkName(const OpenMM::System& system) const;
+    void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
+    void checkTarget(const std::string& term, const std::string& setter, double modulus, double target) const;
+    HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
+    std::string explainNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
+    const HelfrichForce& owner;
+    HelfrichParameters moduli;
+    bool isOrientationChecked = false;
+    std::unique_ptr<HelfrichMesh> mesh;
+    std::unique_ptr<EdgeFlipSweep> sweep;
+    OpenMM::Kernel kernel;
+    std::vector<OpenMM::Vec3> positions;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICHFORCEIMPL_H_*/

@@ -1,0 +1,155 @@
+#ifndef OPENMM_HELFRICHMESH_H_
+#define OPENMM_HELFRICHMESH_H_
+
+#include "windowsExportHelfrich.h"
+#include <array>
+#include <string>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The connectivity of a closed, oriented, triangulated surface, which edge flips change in place.
+ *
+ * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its corner c to the next one.  The ordered
+ * triangles are the complete state: everything else here derives from them.
+ */
+class OPENMM_EXPORT_HELFRICH HelfrichMesh {
+public:
+    /**
+     * Create a mesh.  Throws an OpenMMException that names the item unless the triangles form closed, consistently oriented manifolds, with at most one edge between two
+     * vertices and at least three at each.
+     *
+     * @param triangles     the particles of each triangle, in counter-clockwise order seen from outside
+     * @param numParticles  the number of particles in the System
+     */
+    HelfrichMesh(const std::vector<std::array<int, 3> >& triangles, int numParticles);
+    int getNumVertices() const {
+        return particles.size();
+    }
+    int getNumTriangles() const {
+        return origins.size()/3;
+    }
+    int getNumEdges() const {
+        return origins.size()/2;
+    }
+    int getNumHalfedges() const {
+        return origins.size();
+    }
+    /**
+     * Get the particle of each vertex.
+     */
+    const std::vector<int>& getParticles() const {
+        return particles;
+    }
+    /**
+     * Get the number of times that the connectivity has changed.
+     */
+    long long getRevision() const {
+        return revision;
+    }
+    /**
+     * Get the particles of each triangle.
+     */
+    std::vector<std::array<int, 3> > getTriangles() const;
+    /**
+     * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid and connect the same particles as before.
+     */
+    void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    /**
+     * Get the next halfedge of the same triangle.
+     */
+    static int next(int h) {
+        return h%3 == 2 ? h-2 : h+1;
+    }
+    /**
+     * Get the previous halfedge of the same triangle.
+     */
+    static int previous(int h) {
+        return h%3 == 0 ? h+2 : h-1;
+    }
+    /**
+     * Get the vertex that a halfedge starts from.
+     */
+    int origin(int h) const {
+        return origins[h];
+    }
+    /**
+     * Get the vertex that a halfedge leads to.
+     */
+    int tip(int h) const {
+        return origins[next(h)];
+    }
+    /**
+     * Get the vertex of a halfedge's triangle that is not on the halfedge.
+     */
+    int apex(int h) const {
+        return origins[previous(h)];
+    }
+    /**
+     * Get the halfedge that runs along the same edge in the other direction.
+     */
+    int opposite(int h) const {
+        return opposites[h];
+    }
+    /**
+     * Get the halfedge that follows h, counter-clockwise, among those that start from the same vertex.
+     */
+    int rotate(int h) const {
+        return opposites[previous(h)];
+    }
+    /**
+     * Get one of the halfedges that start from a vertex.  Which one depends on the flips made so far.
+     */
+    int outgoing(int vertex) const {
+        return outgoings[vertex];
+    }
+    /**
+     * Get the number of edges at a vertex.
+     */
+    int valence(int vertex) const {
+        return valences[vertex];
+    }
+    /**
+     * Get whether an edge connects two vertices.
+     */
+    bool areBonded(int vertex1, int vertex2) const;
+    /**
+     * Get whether a pair of different vertices is left out of the repulsion.
+     *
+     * @param level  0 for none, 1 for bonded vertices, 2 for those that share a bonded vertex too
+     */
+    bool areExcluded(int vertex1, int vertex2, int level) const;
+    /**
+     * Get whether a flip of a halfedge's edge leaves a valid mesh.
+     */
+    bool canFlip(int h) const;
+    /**
+     * Replace an edge by the other diagonal of its two triangles.  canFlip(h) must be true.
+     *
+     * Afterwards previous(h) and previous(opposite(h)) as they were are the halfedges of the new edge.
+     */
+    void flip(int h);
+    /**
+     * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one change.
+     */
+    void markChanged() {
+        revision++;
+    }
+    /**
+     * Throw an OpenMMException unless the mesh is valid and everything derived from the triangles is right.  This is meant for tests.
+     */
+    void validate() const;
+private:
+    void findParticles(const std::vector<std::array<int, 3> >& triangles, int numParticles);
+    std::vector<int> findVertices(const std::vector<std::array<int, 3> >& triangles) const;
+    void connect();
+    void checkVertices() const;
+    std::string describeEdge(int vertex1, int vertex2) const;
+    std::vector<int> particles, origins, opposites, outgoings, valences;
+    long long revision = 0;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICHMESH_H_*/

@@ -1,0 +1,117 @@
+#ifndef OPENMM_HELFRICHSTENCILS_H_
+#define OPENMM_HELFRICHSTENCILS_H_
+
+#include <cmath>
+
+namespace HelfrichPlugin {
+
+/**
+ * A vector in space.  Real is a floating point type, or several of them side by side.
+ */
+template <class Real>
+struct Vector3 {
+    Real x, y, z;
+    Vector3 operator+(const Vector3& v) const {
+        return {x+v.x, y+v.y, z+v.z};
+    }
+    Vector3 operator-(const Vector3& v) const {
+        return {x-v.x, y-v.y, z-v.z};
+    }
+    Vector3 operator*(Real s) const {
+        return {x*s, y*s, z*s};
+    }
+};
+
+template <class Real>
+inline Real dot(const Vector3<Real>& a, const Vector3<Real>& b) {
+    return a.x*b.x+a.y*b.y+a.z*b.z;
+}
+
+template <class Real>
+inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
+    return {a.y*b.z-a.z*b.y, a.z*b.x-a.x*b.z, a.x*b.y-a.y*b.x};
+}
+
+/**
+ * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to the triangles (i, j, k) and
+ * (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge e, and its component along it is
+ * -|e| N_f.(x_l-x_i): no cross product is needed, and no normal need have unit length.
+ *
+ * @param length   |e|
+ * @param normalF  (x_j-x_i) x (x_k-x_i)
+ * @param normalG  (x_l-x_i) x (x_j-x_i)
+ * @param toL      x_l-x_i
+ */
+template <class Real>
+inline void dihedralSineCosine(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG, const Vector3<Real>& toL, Real& sine, Real& cosine) {
+    sine = -length*dot(normalF, toL);
+    cosine = dot(normalF, normalG);
+}
+
+/**
+ * The dihedral angle of an edge: 0 when flat, positive when convex, and 0 by definition when one of the triangles has no area.
+ * See dihedralSineCosine() for the parameters.
+ */
+template <class Real>
+inline Real dihedralAngle(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG, const Vector3<Real>& toL) {
+    using std::atan2;
+    Real sine, cosine;
+    dihedralSineCosine(length, normalF, normalG, toL, sine, cosine);
+    return sine == 0 && cosine == 0 ? Real(0) : atan2(sine, cosine);
+}
+
+/**
+ * x^n for a small n >= 0.
+ */
+template <class Real>
+inline Real integerPower(Real x, int n) {
+    Real result = x*0+1;
+    for (int i = 0; i < n; i++)
+        result = result*x;
+    return result;
+}
+
+/**
+ * The potential exp(r/(r-onset)) r^-n that keeps two points apart, for 0 < r < onset: it and all its derivatives vanish at the onset.
+ *
+ * @param[out] slope  its derivative by r
+ */
+template <class Real>
+inline Real contactPotential(Real r, Real onset, int exponent, Real& slope) {
+    using std::exp;
+    Real inverse = 1/(r-onset), value = exp(r*inverse)/integerPower(r, exponent);
+    slope = -value*(onset*inverse*inverse+exponent/r);
+    return value;
+}
+
+/**
+ * The potential of an edge of length l: contactPotential() below minLength, n^(n+1) (l-maxLength)^n above maxLength, 0 between.
+ *
+ * @param[out] slope  its derivative by l
+ */
+template <class Real>
+inline Real tetherPotential(Real l, Real minLength, Real maxLength, int exponent, Real& slope) {
+    slope = 0;
+    if (l < minLength)
+        return contactPotential(l, minLength, exponent, slope);
+    if (l <= maxLength)
+        return 0;
+    Real excess = l-maxLength, power = integerPower(excess, exponent-1)*integerPower(Real(exponent), exponent+1);
+    slope = exponent*power;
+    return power*excess;
+}
+
+/**
+ * The potential of a pair of vertices at distance r: contactPotential() below the onset, 0 above it.
+ *
+ * @param[out] slope  its derivative by r
+ */
+template <class Real>
+inline Real repulsionPotential(Real r, Real onset, int exponent, Real& slope) {
+    slope = 0;
+    return r < onset ? contactPotential(r, onset, exponent, slope) : Real(0);
+}
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICHSTENCILS_H_*/

@@ -1,0 +1,171 @@
+#include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/HelfrichForceImpl.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/internal/ContextImpl.h"
+#include <cmath>
+#include <sstream>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+static void fail(const string& item, double value, const string& allowed) {
+    stringstream message;
+    message << item << " is " << value << "; it must be " << allowed;
+    throw OpenMMException(message.str());
+}
+
+static void checkNotNegative(const string& item, double value) {
+    if (!(value >= 0 && isfinite(value)))
+        fail(item, value, "finite and not negative");
+}
+
+static void checkFinite(const string& item, double value) {
+    if (!isfinite(value))
+        fail(item, value, "finite");
+}
+
+HelfrichForce::HelfrichForce() {
+    setName("HelfrichForce");
+}
+
+int HelfrichForce::addTriangle(int particle1, int particle2, int particle3) {
+    triangles.push_back({particle1, particle2, particle3});
+    return triangles.size()-1;
+}
+
+static void checkTriangleIndex(const string& method, int index, int numTriangles) {
+    if (index < 0 || index >= numTriangles)
+        throw OpenMMException(method+": there is no triangle "+to_string(index)+"; there are "+to_string(numTriangles));
+}
+
+void HelfrichForce::getTriangleParameters(int index, int& particle1, int& particle2, int& particle3) const {
+    checkTriangleIndex("getTriangleParameters", index, triangles.size());
+    particle1 = triangles[index][0];
+    particle2 = triangles[index][1];
+    particle3 = triangles[index][2];
+}
+
+void HelfrichForce::setTriangleParameters(int index, int particle1, int particle2, int particle3) {
+    checkTriangleIndex("setTriangleParameters", index, triangles.size());
+    triangles[index] = {particle1, particle2, particle3};
+}
+
+void HelfrichForce::setTriangles(const vector<array<int, 3> >& triangles) {
+    this->triangles = triangles;
+}
+
+void HelfrichForce::setBendingModulus(double modulus) {
+    checkNotNegative("setBendingModulus: the modulus", modulus);
+    bendingModulus = modulus;
+}
+
+void HelfrichForce::setAreaModulus(double modulus) {
+    checkNotNegative("setAreaModulus: the modulus", modulus);
+    areaModulus = modulus;
+}
+
+void HelfrichForce::setTargetArea(double area) {
+    checkNotNegative("setTargetArea: the area", area);
+    targetArea = area;
+}
+
+void HelfrichForce::setVolumeModulus(double modulus) {
+    checkNotNegative("setVolumeModulus: the modulus", modulus);
+    volumeModulus = modulus;
+}
+
+void HelfrichForce::setTargetVolume(double volume) {
+    checkNotNegative("setTargetVolume: the volume", volume);
+    targetVolume = volume;
+}
+
+void HelfrichForce::setAreaDifferenceModulus(double modulus) {
+    checkNotNegative("setAreaDifferenceModulus: the modulus", modulus);
+    areaDifferenceModulus = modulus;
+}
+
+void HelfrichForce::setTargetAreaDifference(double areaDifference) {
+    checkFinite("setTargetAreaDifference: the area difference", areaDifference);
+    targetAreaDifference = areaDifference;
+}
+
+void HelfrichForce::setLeafletSeparation(double separation) {
+    if (!(separation > 0 && isfinite(separation)))
+        fail("setLeafletSeparation: the separation", separation, "finite and positive");
+    leafletSeparation = separation;
+}
+
+void HelfrichForce::getTether(double& modulus, double& minLength, double& maxLength, int& exponent) const {
+    modulus = tetherModulus;
+    minLength = tetherMinLength;
+    maxLength = tetherMaxLength;
+    exponent = tetherExponent;
+}
+
+void HelfrichForce::setTether(double modulus, double minLength, double maxLength, int exponent) {
+    checkNotNegative("setTether: the modulus", modulus);
+    checkNotNegative("setTether: the minimum length", minLength);
+    checkFinite("setTether: the maximum length", maxLength);
+    if (modulus != 0 && minLength >= maxLength) {
+        stringstream message;
+        message << "setTether: the minimum length " << minLength << " must be less than the maximum length " << maxLength;
+        throw OpenMMException(message.str());
+    }
+    if (exponent < 1)
+        fail("setTether: the exponent", exponent, "at least 1");
+    tetherModulus = modulus;
+    tetherMinLength = minLength;
+    tetherMaxLength = maxLength;
+    tetherExponent = exponent;
+}
+
+void HelfrichForce::getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const {
+    modulus = repulsionModulus;
+    onset = repulsionOnset;
+    exponent = repulsionExponent;
+    exclusionLevel = repulsionExclusionLevel;
+}
+
+void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int exclusionLevel) {
+    checkNotNegative("setRepulsion: the modulus", modulus);
+    checkNotNegative("setRepulsion: the onset", onset);
+    if (modulus != 0 && onset == 0)
+        fail("setRepulsion: the onset", onset, "positive");
+    if (exponent < 1)
+        fail("setRepulsion: the exponent", exponent, "at least 1");
+    if (exclusionLevel < 0 || exclusionLevel > 2)
+        fail("setRepulsion: the exclusion level", exclusionLevel, "0, 1 or 2");
+    repulsionModulus = modulus;
+    repulsionOnset = onset;
+    repulsionExponent = exponent;
+    repulsionExclusionLevel = exclusionLevel;
+}
+
+static HelfrichForceImpl& findImpl(ForceImpl& impl) {
+    return dynamic_cast<HelfrichForceImpl&>(impl);
+}
+
+void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3> >& triangles) const {
+    triangles = findImpl(getImplInContext(context)).getMesh().getTriangles();
+}
+
+void HelfrichForce::setTrianglesInContext(Context& context, const vector<array<int, 3> >& triangles) const {
+    findImpl(getImplInContext(context)).setTriangles(getContextImpl(context), triangles);
+}
+
+HelfrichEnergyTerms HelfrichForce::getEnergyTermsInContext(Context& context) const {
+    return findImpl(getImplInContext(context)).getEnergyTerms(getContextImpl(context));
+}
+
+HelfrichGeometry HelfrichForce::getGeometryInContext(Context& context) const {
+    return findImpl(getImplInContext(context)).getGeometry(getContextImpl(context));
+}
+
+void HelfrichForce::updateParametersInContext(Context& context) {
+    findImpl(getImplInContext(context)).updateParametersInContext(getContextImpl(context));
+}
+
+ForceImpl* HelfrichForce::createImpl() const {
+    return new HelfrichForceImpl(*this);
+}

@@ -1,0 +1,176 @@
+#include "openmmhelfrich/internal/HelfrichForceImpl.h"
+#include "openmmhelfrich/HelfrichKernels.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/internal/ContextImpl.h"
+#include <cmath>
+#include <sstream>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+static HelfrichParameters copyModuli(const HelfrichForce& force) {
+    HelfrichParameters p;
+    p.bendingModulus = force.getBendingModulus();
+    p.areaModulus = force.getAreaModulus();
+    p.volumeModulus = force.getVolumeModulus();
+    p.areaDifferenceModulus = force.getAreaDifferenceModulus();
+    p.leafletSeparation = force.getLeafletSeparation();
+    force.getTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force.getRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    return p;
+}
+
+HelfrichForceImpl::HelfrichForceImpl(const HelfrichForce& owner) : owner(owner) {
+    forceGroup = owner.getForceGroup();
+}
+
+void HelfrichForceImpl::initialize(ContextImpl& context) {
+    const System& system = context.getSystem();
+    checkName(system);
+    moduli = copyModuli(owner);
+    checkTarget("area", "setTargetArea", moduli.areaModulus, owner.getTargetArea());
+    checkTarget("volume", "setTargetVolume", moduli.volumeModulus, owner.getTargetVolume());
+    checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus, owner.getTargetAreaDifference());
+    mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
+    sweep.reset(new EdgeFlipSweep(*mesh));
+    kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
+    kernel.getAs<CalcHelfrichForceKernel>().initialize(system, *mesh);
+}
+
+void HelfrichForceImpl::checkName(const System& system) const {
+    for (int i = 0; i < system.getNumForces(); i++) {
+        const Force& other = system.getForce(i);
+        if (&other != &owner && dynamic_cast<const HelfrichForce*>(&other) != NULL && other.getName() == owner.getName())
+            throw OpenMMException("HelfrichForce: two HelfrichForces have the name '"+owner.getName()+
+                                  "', so that their target parameters would have the same names; call setName() to tell them apart");
+    }
+}
+
+void HelfrichForceImpl::checkTarget(const string& term, const string& setter, double modulus, double target) const {
+    if (modulus != 0 && (target == 0 || !isfinite(target))) {
+        stringstream message;
+        message << owner.getName() << ": the " << term << " term is on (modulus " << modulus << " kJ/mol), but its target is " << target
+                << "; set it to a finite value other than zero with " << setter << "() or as a parameter of the Context";
+        throw OpenMMException(message.str());
+    }
+}
+
+HelfrichParameters HelfrichForceImpl::getParameters(ContextImpl& context) const {
+    HelfrichParameters p = moduli;
+    p.targetArea = context.getParameter(owner.getTargetAreaParameter());
+    p.targetVolume = context.getParameter(owner.getTargetVolumeParameter());
+    p.targetAreaDifference = context.getParameter(owner.getTargetAreaDifferenceParameter());
+    checkTarget("area", "setTargetArea", p.areaModulus, p.targetArea);
+    checkTarget("volume", "setTargetVolume", p.volumeModulus, p.targetVolume);
+    checkTarget("area difference", "setTargetAreaDifference", p.areaDifferenceModulus, p.targetAreaDifference);
+    return p;
+}
+
+void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichParameters& parameters) {
+    // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held to this.
+
+    if (isOrientationChecked || parameters.volumeModulus == 0)
+        return;
+    double volume = kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context).volume;
+    if (volume <= 0) {
+        stringstream message;
+        message << owner.getName() << ": the volume term is on, but the surface encloses a volume of " << volume
+                << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: exchange two particles of each";
+        throw OpenMMException(message.str());
+    }
+    isOrientationChecked = isfinite(volume);
+}
+
+HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
+    HelfrichParameters parameters = getParameters(context);
+    checkOrientation(context, parameters);
+    HelfrichEnergyTerms terms = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces);
+    if (!isfinite(terms.getTotal()))
+        throw OpenMMException(explainNonFinite(context, terms));
+    return terms;
+}
+
+string HelfrichForceImpl::explainNonFinite(ContextImpl& context, const HelfrichEnergyTerms& terms) const {
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    stringstream message;
+    message << owner.getName() << ": ";
+    for (int particle : mesh->getParticles()) {
+        const Vec3& x = positions[particle];
+        if (!isfinite(x[0]) || !isfinite(x[1]) || !isfinite(x[2])) {
+            message << "the position of particle " << particle << " is (" << x[0] << ", " << x[1] << ", " << x[2] << "); positions must be finite";
+            return message.str();
+        }
+    }
+    message << "the energy is not finite (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume << ", area difference "
+            << terms.areaDifference << ", tether " << terms.tether << ", repulsion " << terms.repulsion
+            << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
+    return message.str();
+}
+
+double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy, int groups) {
+    if ((groups&(1<<owner.getForceGroup())) == 0)
+        return 0;
+    double energy = execute(context, includeForces).getTotal();
+    return includeEnergy ? energy : 0;
+}
+
+map<string, double> HelfrichForceImpl::getDefaultParameters() {
+    return {{owner.getTargetAreaParameter(), owner.getTargetArea()},
+            {owner.getTargetVolumeParameter(), owner.getTargetVolume()},
+            {owner.getTargetAreaDifferenceParameter(), owner.getTargetAreaDifference()}};
+}
+
+vector<string> HelfrichForceImpl::getKernelNames() {
+    return {CalcHelfrichForceKernel::Name()};
+}
+
+vector<pair<int, int> > HelfrichForceImpl::getBondedParticles() const {
+    vector<pair<int, int> > bonds;
+    for (auto& t : owner.getTriangles())
+        for (int c = 0; c < 3; c++)
+            if (t[c] < t[(c+1)%3])
+                bonds.push_back({t[c], t[(c+1)%3]});
+    return bonds;
+}
+
+void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
+    moduli = copyModuli(owner);
+    context.systemChanged();
+}
+
+static void requirePositions(ContextImpl& context) {
+    // The only way to ask whether positions were set is to compute the energy of no force group.
+
+    int lastForceGroups = context.getLastForceGroups();
+    context.calcForcesAndEnergy(false, false, 0);
+    context.getLastForceGroups() = lastForceGroups;
+}
+
+HelfrichEnergyTerms HelfrichForceImpl::getEnergyTerms(ContextImpl& context) {
+    requirePositions(context);
+    return execute(context, false);
+}
+
+HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
+    requirePositions(context);
+    HelfrichGeometry geometry = kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context);
+    geometry.areaDifference = 2*moduli.leafletSeparation*geometry.integratedMeanCurvature;
+    return geometry;
+}
+
+void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<int, 3> >& triangles) {
+    mesh->setTriangles(triangles);
+    isOrientationChecked = false;
+    context.systemChanged();
+}
+
+EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweepIndex,
+                                                const EdgeFlipSweep::Observer& observer) {
+    HelfrichParameters parameters = getParameters(context);
+    context.getPositions(positions);
+    EdgeFlipStatistics statistics = sweep->execute(positions, parameters, kT, numAttempts, random, sweepIndex, observer);
+    context.systemChanged();
+    return statistics;
+}

@@ -1,0 +1,198 @@
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmm/OpenMMException.h"
+#include <algorithm>
+#include <sstream>
+
+using namespace HelfrichPlugin;
+using OpenMM::OpenMMException;
+using namespace std;
+
+static string describeTriangle(int index, const array<int, 3>& t) {
+    stringstream text;
+    text << "triangle " << index << " (" << t[0] << ", " << t[1] << ", " << t[2] << ")";
+    return text.str();
+}
+
+static void checkTriangles(const vector<array<int, 3> >& triangles, int numParticles) {
+    if (triangles.empty())
+        throw OpenMMException("HelfrichForce: there are no triangles; add them with addTriangle() or setTriangles()");
+    for (int i = 0; i < (int) triangles.size(); i++) {
+        const array<int, 3>& t = triangles[i];
+        for (int particle : t)
+            if (particle < 0 || particle >= numParticles)
+                throw OpenMMException("HelfrichForce: "+describeTriangle(i, t)+" has the particle index "+to_string(particle)+
+                                      ", but the System's particles have indices from 0 to "+to_string(numParticles-1));
+        if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
+            throw OpenMMException("HelfrichForce: "+describeTriangle(i, t)+" repeats a particle; a triangle has three different ones");
+    }
+}
+
+HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) {
+    checkTriangles(triangles, numParticles);
+    findParticles(triangles, numParticles);
+    origins = findVertices(triangles);
+    connect();
+}
+
+void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles, int numParticles) {
+    vector<char> isVertex(numParticles, 0);
+    for (auto& triangle : triangles)
+        for (int particle : triangle)
+            isVertex[particle] = 1;
+    for (int i = 0; i < numParticles; i++)
+        if (isVertex[i])
+            particles.push_back(i);
+}
+
+vector<int> HelfrichMesh::findVertices(const vector<array<int, 3> >& triangles) const {
+    vector<int> vertices;
+    vertices.reserve(3*triangles.size());
+    bool areContiguous = (particles.back() == (int) particles.size()-1);
+    for (auto& triangle : triangles)
+        for (int particle : triangle)
+            vertices.push_back(areContiguous ? particle : lower_bound(particles.begin(), particles.end(), particle)-particles.begin());
+    return vertices;
+}
+
+string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
+    return to_string(particles[vertex1])+"-"+to_string(particles[vertex2]);
+}
+
+void HelfrichMesh::connect() {
+    // Sort the halfedges into buckets by the lower vertex of their edge, then pair those with the same other vertex.
+
+    int numHalfedges = origins.size();
+    vector<int> start(particles.size()+1, 0), bucket(numHalfedges);
+    for (int h = 0; h < numHalfedges; h++)
+        start[min(origin(h), tip(h))+1]++;
+    for (size_t i = 1; i < start.size(); i++)
+        start[i] += start[i-1];
+    vector<int> end(start.begin(), start.end()-1);
+    for (int h = 0; h < numHalfedges; h++)
+        bucket[end[min(origin(h), tip(h))]++] = h;
+    auto upper = [&] (int h) { return max(origin(h), tip(h)); };
+    vector<int> pairs(numHalfedges, -1);
+    for (size_t v = 0; v < particles.size(); v++) {
+        sort(bucket.begin()+start[v], bucket.begin()+end[v], [&] (int a, int b) {
+            return make_pair(upper(a), a) < make_pair(upper(b), b);
+        });
+        for (int first = start[v], last; first < end[v]; first = last) {
+            for (last = first+1; last < end[v] && upper(bucket[last]) == upper(bucket[first]); last++)
+                ;
+            int h1 = bucket[first], h2 = bucket[last-1];
+            string edge = "HelfrichForce: the edge "+describeEdge(v, upper(h1));
+            if (last-first == 1)
+                throw OpenMMException(edge+" belongs to triangle "+to_string(h1/3)+" only; the surface must be closed, with two triangles at each edge");
+            if (last-first > 2)
+                throw OpenMMException(edge+" belongs to "+to_string(last-first)+" triangles, among them "+to_string(h1/3)+" and "+to_string(h2/3)+
+                                      "; an edge belongs to exactly two");
+            if (origin(h1) == origin(h2))
+                throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
+                                      (apex(h1) == apex(h2) ? "; the triangle is repeated" : "; all triangles must be counter-clockwise seen from outside"));
+            pairs[h1] = h2;
+            pairs[h2] = h1;
+        }
+    }
+    opposites = pairs;
+    outgoings.assign(particles.size(), -1);
+    valences.assign(particles.size(), 0);
+    for (int h = numHalfedges-1; h >= 0; h--) {
+        outgoings[origins[h]] = h;
+        valences[origins[h]]++;
+    }
+    checkVertices();
+}
+
+void HelfrichMesh::checkVertices() const {
+    for (int v = 0; v < getNumVertices(); v++) {
+        int h = outgoings[v], numRotations = 0;
+        do {
+            h = rotate(h);
+            numRotations++;
+        } while (h != outgoings[v] && numRotations <= valences[v]);
+        if (numRotations != valences[v])
+            throw OpenMMException("HelfrichForce: the triangles around particle "+to_string(particles[v])+" form more than one fan; surfaces must not touch at a vertex");
+        if (valences[v] < 3)
+            throw OpenMMException("HelfrichForce: particle "+to_string(particles[v])+" has only "+to_string(valences[v])+" neighbors; each vertex needs at least three");
+    }
+}
+
+vector<array<int, 3> > HelfrichMesh::getTriangles() const {
+    vector<array<int, 3> > triangles(getNumTriangles());
+    for (int t = 0; t < getNumTriangles(); t++)
+        for (int c = 0; c < 3; c++)
+            triangles[t][c] = particles[origins[3*t+c]];
+    return triangles;
+}
+
+void HelfrichMesh::setTriangles(const vector<array<int, 3> >& triangles) {
+    HelfrichMesh mesh(triangles, particles.back()+1);
+    if (mesh.particles != particles)
+        throw OpenMMException("HelfrichForce: the new triangles must connect the same "+to_string(particles.size())+" particles as before");
+    if (mesh.origins.size() != origins.size())
+        throw OpenMMException("HelfrichForce: there are "+to_string(triangles.size())+" new triangles; their number must stay "+to_string(getNumTriangles()));
+    mesh.revision = revision+1;
+    *this = mesh;
+}
+
+bool HelfrichMesh::areBonded(int vertex1, int vertex2) const {
+    if (valences[vertex2] < valences[vertex1])
+        swap(vertex1, vertex2);
+    int first = outgoings[vertex1], h = first;
+    do {
+        if (tip(h) == vertex2)
+            return true;
+        h = rotate(h);
+    } while (h != first);
+    return false;
+}
+
+bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
+    if (level == 0)
+        return false;
+    if (areBonded(vertex1, vertex2))
+        return true;
+    if (level == 1)
+        return false;
+    int first = outgoings[vertex1], h = first;
+    do {
+        if (areBonded(tip(h), vertex2))
+            return true;
+        h = rotate(h);
+    } while (h != first);
+    return false;
+}
+
+bool HelfrichMesh::canFlip(int h) const {
+    return valences[origin(h)] > 3 && valences[tip(h)] > 3 && !areBonded(apex(h), apex(opposites[h]));
+}
+
+void HelfrichMesh::flip(int h) {
+    int o = opposites[h], hPrevious = previous(h), oPrevious = previous(o);
+    int i = origins[h], j = origins[o], k = origins[hPrevious], l = origins[oPrevious];
+    outgoings[i] = next(o);
+    outgoings[j] = next(h);
+    origins[h] = l;
+    origins[o] = k;
+    opposites[h] = opposites[oPrevious];
+    opposites[opposites[h]] = h;
+    opposites[o] = opposites[hPrevious];
+    opposites[opposites[o]] = o;
+    opposites[hPrevious] = oPrevious;
+    opposites[oPrevious] = hPrevious;
+    valences[i]--;
+    valences[j]--;
+    valences[k]++;
+    valences[l]++;
+}
+
+void HelfrichMesh::validate() const {
+    HelfrichMesh fresh(getTriangles(), particles.back()+1);
+    if (fresh.opposites != opposites)
+        throw OpenMMException("HelfrichMesh: the opposite halfedges are wrong");
+    if (fresh.valences != valences)
+        throw OpenMMException("HelfrichMesh: the valences are wrong");
+    for (int v = 0; v < getNumVertices(); v++)
+        if (origins[outgoings[v]] != v)
+            throw OpenMMException("HelfrichMesh: the outgoing halfedge of vertex "+to_string(v)+" is wrong");
+}

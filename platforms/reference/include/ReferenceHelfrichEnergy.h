@@ -1,0 +1,67 @@
+#ifndef OPENMM_REFERENCEHELFRICHENERGY_H_
+#define OPENMM_REFERENCEHELFRICHENERGY_H_
+
+#include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include <Eigen/Dense>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The energy of a membrane and its gradient, written for reading: every line is one of the equations of HelfrichForce or a derivative of one.
+ *
+ * Gradients use these derivatives.  For a triangle of area A, unit normal n and edge e opposite to the vertex a, dA/da = n x e/2 and, on a closed surface, dV/da = sum of
+ * n A/3 over the triangles.  For the dihedral angle of the edge e = j-i of length l between (i, j, k) and (j, i, l), whose apexes have the heights h_f, h_g over the
+ * edge and their foot points at the fractions s_f, s_g of the way from i to j,
+ *
+ *     dphi/dk = -n_f/h_f,  dphi/dl = -n_g/h_g,  dphi/dj = s_f n_f/h_f + s_g n_g/h_g,  dphi/di = (1-s_f) n_f/h_f + (1-s_g) n_g/h_g.
+ *
+ * The normal of a triangle without area is zero, and so is what depends on it.
+ */
+class ReferenceHelfrichEnergy {
+public:
+    /**
+     * The positions of the vertices or the gradient of an energy by them.
+     */
+    typedef std::vector<Eigen::Vector3d> Vectors;
+    /**
+     * Compute areas, curvatures and totals.
+     *
+     * @param mesh  the connectivity
+     * @param x     the position of each vertex
+     */
+    ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
+    HelfrichGeometry getGeometry() const;
+    /**
+     * Compute the energy.
+     */
+    HelfrichEnergyTerms computeEnergy(const HelfrichParameters& parameters) const;
+    /**
+     * Compute the gradient of the energy by the position of each vertex.
+     */
+    Vectors computeGradient(const HelfrichParameters& parameters) const;
+private:
+    void computeTriangles();
+    void computeEdges();
+    template <class Visitor>
+    void forEachEdge(Visitor visit) const;
+    template <class Visitor>
+    void forEachRepellingPair(const HelfrichParameters& parameters, Visitor visit) const;
+    void addAreaAndVolumeGradient(const std::vector<double>& byVertexArea, double byVolume, Vectors& gradient) const;
+    void addCurvatureGradient(const std::vector<double>& byVertexCurvature, Vectors& gradient) const;
+    void addTurnOfTriangle(int halfedge, double factor, Vectors& gradient) const;
+    void addTetherGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
+    void addRepulsionGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
+    const HelfrichMesh& mesh;
+    const Vectors& x;
+    HelfrichTotals totals;
+    std::vector<double> triangleAreas, dihedralAngles;
+    std::vector<double> vertexAreas, vertexCurvatures;
+    Vectors normals;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_REFERENCEHELFRICHENERGY_H_*/

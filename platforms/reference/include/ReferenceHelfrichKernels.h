@@ -1,0 +1,26 @@
+#ifndef OPENMM_REFERENCEHELFRICHKERNELS_H_
+#define OPENMM_REFERENCEHELFRICHKERNELS_H_
+
+#include "ReferenceHelfrichEnergy.h"
+#include "openmmhelfrich/HelfrichKernels.h"
+
+namespace HelfrichPlugin {
+
+/**
+ * This kernel is invoked by HelfrichForce to compute the energy of a membrane and the forces on its vertices.
+ */
+class ReferenceCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
+public:
+    ReferenceCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform) : CalcHelfrichForceKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
+    HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces);
+    HelfrichGeometry computeGeometry(OpenMM::ContextImpl& context);
+private:
+    ReferenceHelfrichEnergy::Vectors getVertexPositions(OpenMM::ContextImpl& context) const;
+    const HelfrichMesh* mesh;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_REFERENCEHELFRICHKERNELS_H_*/

@@ -1,0 +1,31 @@
+#include "ReferenceHelfrichKernelFactory.h"
+#include "ReferenceHelfrichKernels.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/Platform.h"
+#include "openmm/internal/windowsExport.h"
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+
+extern "C" OPENMM_EXPORT void registerPlatforms() {
+}
+
+extern "C" OPENMM_EXPORT void registerKernelFactories() {
+    // By name: CpuPlatform is a ReferencePlatform too, and has kernels of its own.
+
+    for (int i = 0; i < Platform::getNumPlatforms(); i++) {
+        Platform& platform = Platform::getPlatform(i);
+        if (platform.getName() == "Reference")
+            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), new ReferenceHelfrichKernelFactory());
+    }
+}
+
+extern "C" OPENMM_EXPORT void registerHelfrichReferenceKernelFactories() {
+    registerKernelFactories();
+}
+
+KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, const Platform& platform, ContextImpl& context) const {
+    if (name == CalcHelfrichForceKernel::Name())
+        return new ReferenceCalcHelfrichForceKernel(name, platform);
+    throw OpenMMException("Tried to create kernel with illegal kernel name '"+name+"'");
+}
