@@ -1,0 +1,65 @@
+#ifndef OPENMM_CPUHELFRICHLAYOUT_H_
+#define OPENMM_CPUHELFRICHLAYOUT_H_
+
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its neighbors, for a group of as many vertices at a time
+ * as a SIMD vector has lanes.
+ *
+ * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it is breadth-first over the connectivity that a
+ * Context starts with.  Within windows of that order the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
+ * group's longest is padded with its first neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes have no
+ * area.
+ *
+ * The layout is a function of the initial and the present triangles only, and not of the flips between them: a simulation that is
+ * continued from a checkpoint has the same one.
+ */
+class CpuHelfrichLayout {
+public:
+    /**
+     * The ring of a group: for each step around it as many neighbors as the group has vertices.
+     */
+    struct Group {
+        int start, length;
+        bool isPadded;
+    };
+    /**
+     * Choose the order of the vertices.
+     *
+     * @param mesh   the connectivity that a Context starts with
+     * @param width  the number of vertices in a group
+     */
+    void initialize(const HelfrichMesh& mesh, int width);
+    /**
+     * Follow a change of the connectivity.
+     */
+    void update(const HelfrichMesh& mesh);
+    int getNumGroups() const {
+        return groups.size();
+    }
+    int getNumSlots() const {
+        return groups.size()*width;
+    }
+    int width = 1;
+    std::vector<Group> groups;
+    /// the vertex in each slot; the padding's is 0
+    std::vector<int> vertices;
+    /// the slot of each vertex
+    std::vector<int> slots;
+    /// the valence of each slot, 0 for padding
+    std::vector<double> valences;
+    /// four times the slot of each neighbor: the offset of its position
+    std::vector<int> neighbors;
+private:
+    void fillSlots(const HelfrichMesh& mesh);
+    void fillRings(const HelfrichMesh& mesh);
+    std::vector<int> order, firstHalfedges;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_CPUHELFRICHLAYOUT_H_*/

@@ -1,0 +1,60 @@
+#ifndef OPENMM_CPUHELFRICHPASSES_H_
+#define OPENMM_CPUHELFRICHPASSES_H_
+
+namespace HelfrichPlugin {
+
+struct HelfrichParameters;
+class CpuHelfrichLayout;
+
+/**
+ * The arrays that the passes over a membrane share.  Arrays of slots have an element a vertex, arrays of corners one for each neighbor of each vertex, in the order of
+ * CpuHelfrichLayout.
+ */
+struct CpuHelfrichArrays {
+    double* positions;              ///< of each slot: x, y, z, unused
+    double* bendingSlopes;          ///< of each slot: 4 kappa_B M/A
+    double* areas;                  ///< of each slot
+    double* curvatures;             ///< of each slot
+    double* inverseNormals;         ///< of each corner: 1/|N| of the triangle that follows the neighbor
+    double* anglesPerLength;        ///< of each corner: the dihedral angle of the edge over its length
+    double* tetherSlopes;           ///< of each corner: the derivative of the tether's energy by the edge's length, over its length
+};
+
+/**
+ * Sums over some of the vertices.
+ */
+struct CpuHelfrichSums {
+    double area = 0, volume = 0, curvature = 0, bending = 0, tether = 0;
+};
+
+/**
+ * The derivatives of the energy by the total area, volume and curvature.
+ */
+struct CpuHelfrichSlopes {
+    double area = 0, volume = 0, curvature = 0;
+};
+
+/**
+ * The passes over the groups of a layout, compiled for one instruction set.
+ */
+struct CpuHelfrichPasses {
+    const char* name;
+    /// the number of vertices in a group
+    int width;
+    /// compute areas, curvatures and energies, and what the second pass needs
+    void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays, int firstGroup,
+                          int lastGroup, CpuHelfrichSums& sums);
+    /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the groups
+    void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays,
+                            int firstGroup, int lastGroup, double* gradients);
+};
+
+/**
+ * Get the passes for the best instruction set that the processor has, or for the one that the environment variable OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or
+ * AVX512.
+ */
+const CpuHelfrichPasses& getCpuHelfrichPasses();
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_CPUHELFRICHPASSES_H_*/

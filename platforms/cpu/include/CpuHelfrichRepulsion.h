@@ -1,0 +1,56 @@
+#ifndef OPENMM_CPUHELFRICHREPULSION_H_
+#define OPENMM_CPUHELFRICHREPULSION_H_
+
+#include "CpuHelfrichLayout.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include <array>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The repulsion between vertices, by a Verlet list: the pairs closer than the onset and a skin.  It is built in a time proportional to the number of vertices when one has moved
+ * half the skin, so that no pair is ever missed.  The pairs that the live connectivity excludes are taken out whenever it changes.
+ *
+ * Every pair is in the lists of both its vertices: a vertex's gradient does not depend on what other threads do.
+ */
+class CpuHelfrichRepulsion {
+public:
+    /**
+     * Bring the lists up to date.
+     *
+     * @param positions  the position of each slot: x, y, z, unused
+     * @return false if a position is not finite
+     */
+    bool update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters);
+    /**
+     * Compute the energy of the vertices in a range of slots, and add their gradients.
+     *
+     * @param gradients  of each slot of the range: x, y, z, unused; or NULL
+     * @return the energy
+     */
+    double compute(const double* positions, const HelfrichParameters& parameters, int firstSlot, int lastSlot, double* gradients) const;
+private:
+    typedef std::array<int, 3> Cell;
+    bool hasMoved(const CpuHelfrichLayout& layout, const double* positions) const;
+    bool findCandidates(const CpuHelfrichLayout& layout, const double* positions);
+    Cell findCell(int vertex) const;
+    unsigned int findBucket(const Cell& cell) const;
+    void sortIntoBuckets();
+    void addCandidates(int vertex, double cutoff2);
+    void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
+    void markExclusions(const HelfrichMesh& mesh, int vertex, int level);
+    double onset = -1, skin = 0;
+    int exclusionLevel = -1;
+    long long revision = -1;
+    std::vector<std::array<double, 3> > reference;
+    std::vector<Cell> cells;
+    std::vector<int> bucketStarts, bucketVertices;
+    std::vector<int> candidateStarts, candidates;
+    std::vector<int> pairStarts, pairs, marks;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_CPUHELFRICHREPULSION_H_*/

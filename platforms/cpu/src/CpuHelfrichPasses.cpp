@@ -1,0 +1,243 @@
+// This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
+
+#include "CpuHelfrichPasses.h"
+#include "CpuHelfrichLayout.h"
+#include "CpuSimd.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
+
+using namespace HelfrichPlugin;
+
+namespace {
+
+typedef Vector3<Simd> Point;
+
+/**
+ * The ring of a group of vertices.
+ */
+class Ring {
+public:
+    Ring(const CpuHelfrichLayout& layout, const double* positions, int g) : group(layout.groups[g]), positions(positions), neighbors(layout.neighbors.data()+group.start),
+            valences(load(&layout.valences[g*WIDTH])) {
+        int own[WIDTH];
+        for (int lane = 0; lane < WIDTH; lane++)
+            own[lane] = 4*(g*WIDTH+lane);
+        loadPoints(positions, own, center.x, center.y, center.z);
+    }
+    /// the vector from the vertices to their neighbors of a number
+    Point toNeighbor(int i) const {
+        Point point;
+        loadPoints(positions, neighbors+i*WIDTH, point.x, point.y, point.z);
+        return point-center;
+    }
+    /// a value of the neighbors of a number
+    Simd ofNeighbor(const double* values, int i) const {
+        return loadScalars(values, neighbors+i*WIDTH);
+    }
+    /// where the vertices have a neighbor of this number that is not padding
+    SimdMask has(int i) const {
+        return valences > broadcast(i);
+    }
+    const CpuHelfrichLayout::Group& group;
+    Point center;
+private:
+    const double* positions;
+    const int* neighbors;
+    Simd valences;
+};
+
+/**
+ * The tether's energy of edges, and its slope over their length.
+ */
+inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters& p, Simd& slopeOverLength) {
+    Simd energy = Simd{};
+    slopeOverLength = Simd{};
+    SimdMask active = exists & ((length < p.tetherMinLength) | (length > p.tetherMaxLength));
+    if (!any(active))
+        return energy;
+    for (int lane = 0; lane < WIDTH; lane++)
+        if (active[lane]) {
+            double slope;
+            energy[lane] = p.tetherModulus*tetherPotential<double>(length[lane], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
+            slopeOverLength[lane] = p.tetherModulus*slope/length[lane];
+        }
+    return energy;
+}
+
+/**
+ * The sums over the rings of a group.
+ */
+struct RingSums {
+    Simd doubleAreas, curvature, tether;
+    Point normals;
+};
+
+template <bool HasCurvature, bool HasTether>
+inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& previousNormal, const Point& toNeighbor, const Point& toPrevious,
+                    const HelfrichParameters& p, const CpuHelfrichArrays& arrays, RingSums& sums) {
+    if (!HasCurvature && !HasTether)
+        return;
+    int corner = ring.group.start+i*WIDTH;
+    Simd length2 = dot(toNeighbor, toNeighbor);
+    Simd inverse = select(length2 > 0.0, inverseSqrt(length2), Simd{}), length = length2*inverse;
+    if (HasCurvature) {
+        Simd sine, cosine;
+        dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
+        Simd angle = angleOf(sine, cosine);
+        store(arrays.anglesPerLength+corner, angle*inverse);
+        sums.curvature += length*angle;
+    }
+    if (HasTether) {
+        Simd slope;
+        sums.tether += tetherEnergy(length, ring.has(i), p, slope);
+        store(arrays.tetherSlopes+corner, slope);
+    }
+}
+
+template <bool HasCurvature, bool HasTether>
+inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const CpuHelfrichArrays& arrays) {
+    RingSums sums = {};
+    const CpuHelfrichLayout::Group& group = ring.group;
+    Point first = ring.toNeighbor(0), current = first;
+    Point firstNormal = {}, previous = {}, previousNormal = {}, last = {}, lastNormal = {};
+    for (int i = 0; i < group.length; i++) {
+        Point next = i+1 < group.length ? ring.toNeighbor(i+1) : first;
+        Point normal = cross(current, next);
+        SimdMask exists = ring.has(i);
+        if (group.isPadded)
+            normal = {select(exists, normal.x, Simd{}), select(exists, normal.y, Simd{}), select(exists, normal.z, Simd{})};
+        Simd square = dot(normal, normal);
+        Simd inverse = select(square > 0.0, inverseSqrt(square), Simd{});
+        store(arrays.inverseNormals+group.start+i*WIDTH, inverse);
+        sums.doubleAreas += square*inverse;
+        sums.normals = sums.normals+normal;
+        if (i == 0)
+            firstNormal = normal;
+        else
+            addEdge<HasCurvature, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
+        if (group.isPadded) {
+            last = {select(exists, current.x, last.x), select(exists, current.y, last.y), select(exists, current.z, last.z)};
+            lastNormal = {select(exists, normal.x, lastNormal.x), select(exists, normal.y, lastNormal.y), select(exists, normal.z, lastNormal.z)};
+        }
+        previous = current;
+        previousNormal = normal;
+        current = next;
+    }
+    if (!group.isPadded) {
+        last = previous;
+        lastNormal = previousNormal;
+    }
+    addEdge<HasCurvature, HasTether>(ring, 0, firstNormal, lastNormal, first, last, p, arrays, sums);
+    return sums;
+}
+
+template <bool HasCurvature, bool HasTether>
+void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
+    Simd area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
+    Point origin = {broadcast(arrays.positions[0]), broadcast(arrays.positions[1]), broadcast(arrays.positions[2])};
+    for (int g = firstGroup; g < lastGroup; g++) {
+        Ring ring(layout, arrays.positions, g);
+        RingSums ringSums = sumRing<HasCurvature, HasTether>(ring, p, arrays);
+        Simd vertexArea = ringSums.doubleAreas*(1.0/6.0);
+        area += vertexArea;
+        volume += dot(ringSums.normals, ring.center-origin);
+        store(arrays.areas+g*WIDTH, vertexArea);
+        if (HasCurvature) {
+            Simd vertexCurvature = 0.25*ringSums.curvature;
+            Simd meanCurvature = select(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
+            curvature += vertexCurvature;
+            bending += vertexCurvature*meanCurvature;
+            store(arrays.curvatures+g*WIDTH, vertexCurvature);
+            store(arrays.bendingSlopes+g*WIDTH, 4.0*p.bendingModulus*meanCurvature);
+        }
+        if (HasTether)
+            tether += ringSums.tether;
+    }
+    sums.area = sum(area);
+    sums.volume = sum(volume)*(1.0/18.0);
+    sums.curvature = sum(curvature);
+    sums.bending = 2*p.bendingModulus*sum(bending);
+    sums.tether = 0.5*sum(tether);
+}
+
+void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, bool needsCurvature, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup,
+                  CpuHelfrichSums& sums) {
+    bool hasTether = (p.tetherModulus != 0);
+    auto compute = needsCurvature ? (hasTether ? computeEnergy<true, true> : computeEnergy<true, false>) :
+                                    (hasTether ? computeEnergy<false, true> : computeEnergy<false, false>);
+    compute(layout, p, arrays, firstGroup, lastGroup, sums);
+}
+
+/**
+ * For the vertex a of the triangle (a, b, c) with u = b-a, w = c-a, N = u x w and the dots d_b, d_c of the edges at b and c, the derivatives are
+ *
+ *     of the area,       dA/da = -(w d_b + u d_c)/(2|N|)
+ *     of the volume,     dV/da = N/6, summed over the triangles of a closed surface
+ *     of the dihedrals,  sum_e C_e l_e dphi_e/da = -N ((C_bc-C_ca) d_c + (C_bc-C_ab) d_b)/|N|^2, this triangle's part.
+ *
+ * An edge's coefficient is C_e = (alpha_i+alpha_j)/4 with alpha = dE/dM_i, so that only differences of alpha are left in the last.
+ */
+template <bool HasCurvature, bool HasTether>
+void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+                     int lastGroup, double* gradients) {
+    const double byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus);
+    for (int g = firstGroup; g < lastGroup; g++) {
+        Ring ring(layout, arrays.positions, g);
+        const CpuHelfrichLayout::Group& group = ring.group;
+        Point gradient = {};
+        Point first = ring.toNeighbor(0), u = first;
+        Simd u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
+        if (HasCurvature) {
+            alpha = load(arrays.bendingSlopes+g*WIDTH);
+            firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
+        }
+        for (int i = 0; i < group.length; i++) {
+            bool isLast = (i+1 == group.length);
+            int corner = group.start+i*WIDTH;
+            Point w = isLast ? first : ring.toNeighbor(i+1);
+            Simd w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
+            Simd inverse = load(arrays.inverseNormals+corner);
+            Simd byNormal = broadcast(slopes.volume*(1.0/6.0)), byArea = broadcast(slopes.area), byEdge = {};
+            if (HasCurvature) {
+                Simd alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
+                byArea += byBendingSlope2*(alpha*alpha+alphaU*alphaU+alphaW*alphaW);
+                byNormal -= 0.25*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
+                byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+corner);
+                alphaU = alphaW;
+            }
+            if (HasTether)
+                byEdge += load(arrays.tetherSlopes+corner);
+            Simd byAreaHalf = 0.5*byArea*inverse;
+            gradient = gradient+cross(u, w)*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
+            u = w;
+            u2 = w2;
+        }
+        for (int lane = 0; lane < WIDTH; lane++, gradients += 4) {
+            gradients[0] = gradient.x[lane];
+            gradients[1] = gradient.y[lane];
+            gradients[2] = gradient.z[lane];
+        }
+    }
+}
+
+void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+                    int lastGroup, double* gradients) {
+    bool hasTether = (p.tetherModulus != 0);
+    auto compute = p.needsCurvature() ? (hasTether ? computeGradient<true, true> : computeGradient<true, false>) :
+                                        (hasTether ? computeGradient<false, true> : computeGradient<false, false>);
+    compute(layout, p, slopes, arrays, firstGroup, lastGroup, gradients);
+}
+
+} // namespace
+
+#define STRINGIFY_(name) #name
+#define STRINGIFY(name) STRINGIFY_(name)
+#define CONCATENATE_(a, b) a##b
+#define CONCATENATE(a, b) CONCATENATE_(a, b)
+
+namespace HelfrichPlugin {
+
+extern const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD);
+const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {STRINGIFY(HELFRICH_SIMD), WIDTH, chooseEnergy, chooseGradient};
+
+} // namespace HelfrichPlugin

@@ -1,0 +1,11 @@
+#include "TestHelfrichForce.h"
+
+extern "C" void registerHelfrichReferenceKernelFactories();
+
+OpenMM::Platform& initializeTests() {
+    registerHelfrichReferenceKernelFactories();
+    return Platform::getPlatform("Reference");
+}
+
+void runPlatformTests() {
+}
