@@ -13,3 +13,105 @@ OpenMM::Platform& initializeTests() {
     registerHelfrichCpuKernelFactories();
     return Platform::getPlatform("CPU");
 }
+
+void testThreads() {
+    // Any number of threads, more than there are chunks of work included, gives the same bits.
+
+    for (int subdivisions : {1, 2, 4}) {
+        Membrane blob = createBlob(subdivisions);
+        for (auto& p : createAllParameters(blob)) {
+            MembraneContext serial(blob, p, {{"Threads", "1"}});
+            double energy = serial.getEnergy();
+            vector<Vec3> forces = serial.getForces();
+            for (string threads : {"2", "3", "7"}) {
+                MembraneContext parallel(blob, p, {{"Threads", threads}});
+                ASSERT_EQUAL(energy, parallel.getEnergy());
+                ASSERT_EQUAL_CONTAINERS(forces, parallel.getForces());
+            }
+        }
+    }
+}
+
+void testHistoryDoesNotMatter() {
+    // The result depends on positions and triangles, and not on how the Context came to them: where it was when it made its list of neighbors, for instance.
+
+    Membrane blob = createBlob(3);
+    TestRandom random(2);
+    MembraneContext context(blob, createParameters(blob, AllTerms, 1));
+    for (int i = 0; i < 20; i++) {
+        context.getEnergy();
+        for (auto& x : blob.positions)
+            x += random.vector(0.005);
+        context.context->setPositions(blob.positions);
+        MembraneContext fresh(blob, createParameters(blob, AllTerms, 1));
+        ASSERT_EQUAL(fresh.getEnergy(), context.getEnergy());
+        ASSERT_EQUAL_CONTAINERS(fresh.getForces(), context.getForces());
+    }
+}
+
+void testAllInstructionSets() {
+    Membrane blob = createBlob(3);
+    vector<int> some = {0, 1, 100, 200, 256, 257};
+    int numSupported = 0;
+    for (const char* name : {"Baseline", "AVX2", "AVX512"}) {
+        setenv("OPENMM_HELFRICH_SIMD", name, 1);
+        try {
+            MembraneContext(blob, createParameters(blob, Bending));
+        }
+        catch (const OpenMMException& error) {
+            ASSERT(string(name) != "Baseline");
+            ASSERT(string(error.what()).find("Baseline") != string::npos);
+            continue;
+        }
+        numSupported++;
+        for (auto& p : createAllParameters(blob)) {
+            MembraneContext context(blob, p);
+            assertEqualRelative(computeExactly(blob, p).getTotal(), context.getEnergy(), 1e-12);
+            vector<Vec3> forces = context.getForces(), found;
+            for (int i : some)
+                found.push_back(forces[i]);
+            assertEqualVectors(computeForcesExactly(blob, p, some), found, 1e-12);
+        }
+        testSmallAndLargeAngles();
+        testChangingTriangles();
+        testThreads();
+    }
+    unsetenv("OPENMM_HELFRICH_SIMD");
+    ASSERT(numSupported > 0);
+}
+
+void testUnknownInstructionSet() {
+    Membrane blob = createBlob(1);
+    setenv("OPENMM_HELFRICH_SIMD", "AVX3", 1);
+    string message;
+    try {
+        MembraneContext(blob, createParameters(blob, Bending));
+    }
+    catch (const OpenMMException& error) {
+        message = error.what();
+    }
+    unsetenv("OPENMM_HELFRICH_SIMD");
+    ASSERT(message.find("AVX3") != string::npos && message.find("Baseline") != string::npos);
+}
+
+void testLargeSum() {
+    // The energies of 65,538 vertices are added up to 1e-13.
+
+    Membrane blob = createBlob(7, 0.05);
+    HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference | Tether);
+    MembraneContext context(blob, p);
+    auto exact = computeExactly(blob, p);
+    HelfrichGeometry geometry = context.getGeometry();
+    assertEqualRelative(exact.area, geometry.area, 1e-14);
+    assertEqualRelative(exact.volume, geometry.volume, 1e-14);
+    assertEqualRelative(exact.curvature, geometry.integratedMeanCurvature, 1e-13);
+    assertEqualRelative(exact.getTotal(), context.getEnergy(), 1e-13);
+}
+
+void runPlatformTests() {
+    testThreads();
+    testHistoryDoesNotMatter();
+    testAllInstructionSets();
+    testUnknownInstructionSet();
+    testLargeSum();
+}

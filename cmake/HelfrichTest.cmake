@@ -1,0 +1,10 @@
+# Adds a C++ test, made of one source of the same name in the current folder and linked to the given libraries.
+function(helfrich_add_test name)
+    if(NOT BUILD_TESTING)
+        return()
+    endif()
+    add_executable(${name} tests/${name}.cpp)
+    target_include_directories(${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests")
+    target_link_libraries(${name} PRIVATE OpenMMHelfrich ${ARGN})
+    add_test(NAME ${name} COMMAND ${name})
+endfunction()

@@ -1,0 +1,14 @@
+"""Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
+from importlib.metadata import PackageNotFoundError, version
+
+from .helfrich import EdgeFlipIntegrator, HelfrichForce, HybridMonteCarloIntegrator
+from .mesh import Mesh
+from .psf import writePSF
+from .reporters import ObservablesReporter, readObservables
+
+try:
+    __version__ = version("openmm-helfrich")
+except PackageNotFoundError:  # a source tree on the path, not installed
+    __version__ = "unknown"
+
+__all__ = ["EdgeFlipIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF"]

@@ -1,0 +1,115 @@
+"""Pictures: the observables of a run against its steps, and a membrane's shape coloured by mean curvature."""
+import numpy as np
+
+# matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so that no display
+# is needed and no setting of the caller's is touched.
+
+
+def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
+    """Plot energies, area and volume, and acceptance rates against steps.
+
+    Parameters
+    ----------
+    table : dict
+        the columns, as :func:`readObservables` returns them
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit, energyUnit : str
+        names for the axes
+    """
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(8, 9), layout="constrained")
+    energies, area, volume, rates = figure.subplots(4, 1, sharex=True)
+    steps = table["step"]
+    for name, values in table.items():
+        if name == "energy":
+            energies.plot(steps, values, color="black", label="total")
+        elif name.startswith("E_") and np.any(values):
+            energies.plot(steps, values, lw=1, label=name[2:])
+    energies.set_ylabel(f"energy ({energyUnit})")
+    energies.legend(fontsize="small", ncols=3)
+    area.plot(steps, table["area"], color="C0")
+    area.set_ylabel(f"area ({lengthUnit}$^2$)")
+    _plotReducedVolume(volume, steps, table, lengthUnit)
+    for name, label in (("acceptance", "trajectories"), ("flipAcceptance", "flips")):
+        if name in table:
+            rates.plot(steps, table[name], label=label)
+    rates.set(ylabel="acceptance so far", ylim=(0, 1), xlabel="Monte Carlo step")
+    if rates.lines:
+        rates.legend(fontsize="small")
+    for axes in (area, volume):
+        axes.ticklabel_format(useOffset=False)
+    figure.savefig(file, dpi=120)
+
+
+def _plotReducedVolume(axes, steps, table, lengthUnit):
+    axes.plot(steps, table["volume"], color="C1")
+    axes.set_ylabel(f"volume ({lengthUnit}$^3$)", color="C1")
+    twin = axes.twinx()
+    twin.plot(steps, table["reducedVolume"], color="C2", lw=1)
+    twin.set_ylabel("reduced volume", color="C2")
+    twin.ticklabel_format(useOffset=False)
+
+
+def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
+    """Draw a closed mesh, lit from above the viewer's shoulder and coloured by mean curvature, positive where it is convex.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        what to draw
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit : str
+        the name of the unit of length
+    elevation, azimuth : float
+        direction of view, in degrees
+    """
+    from matplotlib.colors import LightSource, TwoSlopeNorm
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    curvature = smoothMeanCurvature(mesh)
+    bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
+    norm = TwoSlopeNorm(0, -bound, bound)
+    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    colours = _colourMap()(norm(curvature[mesh.triangles].mean(axis=1)))
+    # Edges of the triangles' own colour hide the seams between them.
+    axes.add_collection3d(Poly3DCollection(mesh.vertices[mesh.triangles], facecolors=colours, edgecolors=colours, linewidths=0.3,
+                                           shade=True, lightsource=LightSource(azdeg=120-azimuth, altdeg=50)))
+    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
+    _colourBar(figure, axes, norm, lengthUnit)
+    figure.savefig(file, dpi=120)
+
+
+def smoothMeanCurvature(mesh, rounds=2):
+    """Return the mean curvature at each vertex, in 1/nm, averaged over its neighbourhood.
+
+    The curvature of single vertices of a fluctuating membrane is mostly noise, in which its shape would not be seen.
+    """
+    a, b = mesh.edges.T
+    curvature, area = mesh.vertexMeanCurvatures, mesh.vertexAreas
+    for _ in range(rounds):
+        curvature, area = (x+np.bincount(a, x[b], len(x))+np.bincount(b, x[a], len(x)) for x in (curvature, area))
+    return curvature/area
+
+
+def _colourMap():
+    from matplotlib import colormaps
+    return colormaps["coolwarm"]
+
+
+def _frame(axes, vertices, elevation, azimuth, lengthUnit):
+    """Show all of the vertices at equal scales."""
+    middle, size = (vertices.max(axis=0)+vertices.min(axis=0))/2, np.ptp(vertices, axis=0).max()
+    for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
+        set_limits(centre-size/2, centre+size/2)
+    axes.set_box_aspect((1, 1, 1), zoom=1.25)
+    axes.view_init(elevation, azimuth)
+    axes.set_axis_off()
+    axes.set_title(f"{size:.3g} {lengthUnit} across", y=0.02, fontsize="medium")
+
+
+def _colourBar(figure, axes, norm, lengthUnit):
+    from matplotlib.cm import ScalarMappable
+    figure.colorbar(ScalarMappable(norm, _colourMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")

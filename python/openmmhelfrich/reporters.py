@@ -1,0 +1,112 @@
+"""Reporters for openmm.app.Simulation."""
+import csv
+import math
+
+import numpy as np
+from openmm import unit
+
+from .mesh import reducedVolume
+
+ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
+
+
+class ObservablesReporter:
+    """Writes a table of a membrane's energy terms, geometry and acceptance rates as comma-separated values.
+
+    The first row names the columns, with units.  The membrane's energy is the sum of the six terms that follow it.  Acceptance rates are
+    those since the start of the simulation; they are there if the Integrator has them.
+    """
+
+    def __init__(self, file, reportInterval, force, temperature=None, lengthUnit="nm", append=False):
+        """Create an ObservablesReporter.
+
+        Parameters
+        ----------
+        file : path or file object
+            where to write to
+        reportInterval : int
+            the number of steps between rows
+        force : HelfrichForce
+            the membrane
+        temperature : float or Quantity
+            if given, energies are in units of kT at this temperature, in K, and otherwise in kJ/mol
+        lengthUnit : str
+            the name of the unit of length, if 1 nm stands for another
+        append : bool
+            add to an existing file instead of replacing it
+        """
+        self._reportInterval = reportInterval
+        self._force = force
+        self._energyUnit, self._energyScale = "kJ/mol", 1.0
+        if temperature is not None:
+            self._energyUnit, self._energyScale = "kT", 1/thermalEnergy(temperature)
+        self._lengthUnit = lengthUnit
+        self._ownsFile = not hasattr(file, "write")
+        self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file
+        self._writer = csv.writer(self._out, lineterminator="\n")
+        self._hasHeader = append
+
+    def describeNextReport(self, simulation):
+        """Get information about the next report this object will generate."""
+        steps = self._reportInterval-simulation.currentStep % self._reportInterval
+        return {"steps": steps, "periodic": None, "include": []}
+
+    def report(self, simulation, state):
+        """Write a row."""
+        row = self.observe(simulation)
+        if not self._hasHeader:
+            self._writer.writerow(row)
+            self._hasHeader = True
+        self._writer.writerow(row.values())
+        self._out.flush()
+
+    def observe(self, simulation):
+        """Return the row that describes a Simulation now, as a dict from column names to numbers."""
+        row = {"step": simulation.currentStep}
+        row.update(self._energies(simulation.context))
+        row.update(self._geometry(simulation.context))
+        integrator = simulation.integrator
+        if hasattr(integrator, "getAcceptanceRate"):
+            row["acceptance"] = integrator.getAcceptanceRate()
+        if hasattr(integrator, "getFlipAcceptanceRate"):
+            row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
+        return row
+
+    def close(self):
+        """Close the file."""
+        if self._ownsFile:
+            self._out.close()
+
+    def _energies(self, context):
+        terms = self._force.getEnergyTermsInContext(context)
+        values = [valueIn(terms[name], unit.kilojoules_per_mole)*self._energyScale for name in ENERGY_TERMS]
+        names = [f"E_{name} ({self._energyUnit})" for name in ENERGY_TERMS]
+        return {f"energy ({self._energyUnit})": sum(values), **dict(zip(names, values))}
+
+    def _geometry(self, context):
+        geometry, u = self._force.getGeometryInContext(context), self._lengthUnit
+        area, volume = valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)
+        return {f"area ({u}^2)": area, f"volume ({u}^3)": volume, "reducedVolume": reducedVolume(area, volume),
+                f"areaDifference ({u}^2)": valueIn(geometry.areaDifference, unit.nanometer**2),
+                f"meanCurvature ({u})": valueIn(geometry.integratedMeanCurvature, unit.nanometer)}
+
+
+def readObservables(file):
+    """Read a table that an :class:`ObservablesReporter` wrote: a dict from column names, without their units, to arrays."""
+    with open(file, newline="") as table:
+        rows = list(csv.reader(table))
+    columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
+    return dict(zip((name.split(" (")[0] for name in rows[0]), columns))
+
+
+def thermalEnergy(temperature):
+    """Return kT, in kJ/mol, of a temperature in K."""
+    temperature = valueIn(temperature, unit.kelvin)
+    if not (math.isfinite(temperature) and temperature > 0):
+        raise ValueError(f"the temperature is {temperature} K; it must be positive")
+    return (unit.MOLAR_GAS_CONSTANT_R*temperature*unit.kelvin).value_in_unit(unit.kilojoules_per_mole)
+
+
+def valueIn(value, wanted):
+    """Return a Quantity, or a number that has this unit already, as a number."""
+    return value.value_in_unit(wanted) if unit.is_quantity(value) else value

@@ -1,0 +1,31 @@
+#ifndef OPENMM_HELFRICH_SERIALIZATION_H_
+#define OPENMM_HELFRICH_SERIALIZATION_H_
+
+#include "openmm/serialization/SerializationNode.h"
+#include <array>
+#include <string>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * Throw an exception unless a node is of the version that this library writes.
+ *
+ * @param node      the node to check
+ * @param version   the version that this library writes
+ * @param typeName  the type of the object that the node describes, for the message
+ */
+void requireVersion(const OpenMM::SerializationNode& node, int version, const std::string& typeName);
+/**
+ * Write triangles to a node, as properties "count" and "particles": the particles' indices in order, separated by blanks.
+ */
+void storeTriangles(const std::vector<std::array<int, 3> >& triangles, OpenMM::SerializationNode& node);
+/**
+ * Read the triangles that storeTriangles() wrote.  An exception is thrown if the text holds anything but integers, or another number
+ * of them than the node announces.
+ */
+std::vector<std::array<int, 3> > loadTriangles(const OpenMM::SerializationNode& node);
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICH_SERIALIZATION_H_*/

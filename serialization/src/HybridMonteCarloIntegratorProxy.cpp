@@ -1,0 +1,46 @@
+#include "openmmhelfrich/HybridMonteCarloIntegratorProxy.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/HybridMonteCarloIntegrator.h"
+#include "openmm/OpenMMException.h"
+#include <memory>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+static const int VERSION = 1;
+
+HybridMonteCarloIntegratorProxy::HybridMonteCarloIntegratorProxy() : SerializationProxy("HybridMonteCarloIntegrator") {
+}
+
+void HybridMonteCarloIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
+    node.setIntProperty("version", VERSION);
+    const HybridMonteCarloIntegrator& integrator = *reinterpret_cast<const HybridMonteCarloIntegrator*>(object);
+    node.setDoubleProperty("flipProbability", integrator.getFlipProbability());
+    node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
+    node.createChildNode("Trajectory", &integrator.getIntegrator(0));
+    node.createChildNode("Flips", &integrator.getIntegrator(1));
+}
+
+void* HybridMonteCarloIntegratorProxy::deserialize(const SerializationNode& node) const {
+    requireVersion(node, VERSION, getTypeName());
+    unique_ptr<Integrator> trajectory(node.getChildNode("Trajectory").decodeObject<Integrator>());
+    unique_ptr<Integrator> second(node.getChildNode("Flips").decodeObject<Integrator>());
+    EdgeFlipIntegrator* flips = dynamic_cast<EdgeFlipIntegrator*>(second.get());
+    if (flips == nullptr)
+        throw OpenMMException(getTypeName()+": the node 'Flips' does not describe an EdgeFlipIntegrator");
+    CustomIntegrator* leapfrog = dynamic_cast<CustomIntegrator*>(trajectory.get());
+    int flipSeed = flips->getRandomNumberSeed();
+    int leapfrogSeed = (leapfrog == nullptr ? 0 : leapfrog->getRandomNumberSeed());
+    unique_ptr<HybridMonteCarloIntegrator> integrator(new HybridMonteCarloIntegrator(trajectory.get(), flips, node.getDoubleProperty("flipProbability")));
+    trajectory.release();
+    second.release();
+
+    // Setting the seed sets those of the two Integrators, which may have had others.
+
+    integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
+    flips->setRandomNumberSeed(flipSeed);
+    if (leapfrog != nullptr)
+        leapfrog->setRandomNumberSeed(leapfrogSeed);
+    return integrator.release();
+}

@@ -1,0 +1,126 @@
+#include "openmmhelfrich/HelfrichForce.h"
+#include "openmm/internal/AssertionUtilities.h"
+#include "openmm/serialization/XmlSerializer.h"
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <sstream>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+static string toXml(const HelfrichForce& force) {
+    stringstream stream;
+    XmlSerializer::serialize<Force>(&force, "Force", stream);
+    return stream.str();
+}
+
+static unique_ptr<HelfrichForce> fromXml(const string& xml) {
+    stringstream stream(xml);
+    unique_ptr<Force> force(XmlSerializer::deserialize<Force>(stream));
+    HelfrichForce* result = dynamic_cast<HelfrichForce*>(force.get());
+    ASSERT(result != nullptr);
+    force.release();
+    return unique_ptr<HelfrichForce>(result);
+}
+
+static void makeForce(HelfrichForce& force) {
+    force.setForceGroup(3);
+    force.setName("inner <membrane>");
+    force.setTriangles({{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, numeric_limits<int>::max()}});
+    force.setBendingModulus(0.1);
+    force.setAreaModulus(1.0/3);
+    force.setTargetArea(1e300);
+    force.setVolumeModulus(0.3);
+    force.setTargetVolume(1e-300);
+    force.setAreaDifferenceModulus(0.7);
+    force.setTargetAreaDifference(-2.5);
+    force.setLeafletSeparation(3.9);
+    force.setTether(1.1, 0.25, 0.75, 5);
+    force.setRepulsion(1.2, 0.35, 4, 2);
+}
+
+void testRoundTrip() {
+    HelfrichForce force;
+    makeForce(force);
+    unique_ptr<HelfrichForce> copy = fromXml(toXml(force));
+    ASSERT_EQUAL(force.getForceGroup(), copy->getForceGroup());
+    ASSERT_EQUAL(force.getName(), copy->getName());
+    ASSERT(force.getTriangles() == copy->getTriangles());
+    ASSERT_EQUAL(force.getBendingModulus(), copy->getBendingModulus());
+    ASSERT_EQUAL(force.getAreaModulus(), copy->getAreaModulus());
+    ASSERT_EQUAL(force.getTargetArea(), copy->getTargetArea());
+    ASSERT_EQUAL(force.getVolumeModulus(), copy->getVolumeModulus());
+    ASSERT_EQUAL(force.getTargetVolume(), copy->getTargetVolume());
+    ASSERT_EQUAL(force.getAreaDifferenceModulus(), copy->getAreaDifferenceModulus());
+    ASSERT_EQUAL(force.getTargetAreaDifference(), copy->getTargetAreaDifference());
+    ASSERT_EQUAL(force.getLeafletSeparation(), copy->getLeafletSeparation());
+    ASSERT_EQUAL(toXml(force), toXml(*copy));
+    double modulus, minLength, maxLength, onset;
+    int exponent, exclusionLevel;
+    copy->getTether(modulus, minLength, maxLength, exponent);
+    ASSERT_EQUAL(1.1, modulus);
+    ASSERT_EQUAL(0.25, minLength);
+    ASSERT_EQUAL(0.75, maxLength);
+    ASSERT_EQUAL(5, exponent);
+    copy->getRepulsion(modulus, onset, exponent, exclusionLevel);
+    ASSERT_EQUAL(1.2, modulus);
+    ASSERT_EQUAL(0.35, onset);
+    ASSERT_EQUAL(4, exponent);
+    ASSERT_EQUAL(2, exclusionLevel);
+}
+
+void testDefaults() {
+    HelfrichForce force;
+    ASSERT_EQUAL(toXml(force), toXml(*fromXml(toXml(force))));
+}
+
+static string replaced(string text, const string& old, const string& with) {
+    size_t position = text.find(old);
+    ASSERT(position != string::npos);
+    return text.replace(position, old.size(), with);
+}
+
+static void assertRejected(const string& xml, const string& message) {
+    try {
+        fromXml(xml);
+    }
+    catch (const OpenMMException& error) {
+        ASSERT(string(error.what()).find(message) != string::npos);
+        return;
+    }
+    throwException(__FILE__, __LINE__, "no exception that says '"+message+"'");
+}
+
+void testDamagedText() {
+    HelfrichForce force;
+    makeForce(force);
+    string xml = toXml(force);
+    const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
+    assertRejected(replaced(xml, "version=\"1\"", "version=\"2\""), "unsupported version 2");
+    assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2"), "not complete");
+    assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2 1 2"), "not complete");
+    assertRejected(replaced(xml, triangles, ""), "not complete");
+    assertRejected(replaced(xml, "2147483647", "2147483648"), "2147483648");
+    assertRejected(replaced(xml, "0 2 1", "0 2.5 1"), "2.5");
+    assertRejected(replaced(xml, "0 2 1", "0 two 1"), "two");
+    assertRejected(replaced(xml, "0 2 1", "0  2 1"), "something else than an integer");
+    assertRejected(replaced(xml, "2147483647", "4 "), "something else than an integer");
+    assertRejected(replaced(xml, "<Tether ", "<Rope "), "Tether");
+    assertRejected(replaced(xml, "bendingModulus", "stiffness"), "bendingModulus");
+}
+
+int main() {
+    try {
+        testRoundTrip();
+        testDefaults();
+        testDamagedText();
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
+}

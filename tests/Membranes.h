@@ -1,0 +1,171 @@
+#ifndef MEMBRANES_H_
+#define MEMBRANES_H_
+
+/* Membranes for tests, and forces on them with every term at work. */
+
+#include "openmm/Vec3.h"
+#include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include <array>
+#include <cmath>
+#include <map>
+#include <random>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+struct Membrane {
+    std::vector<OpenMM::Vec3> positions;
+    std::vector<std::array<int, 3> > triangles;
+};
+
+/**
+ * Random numbers that are the same everywhere, which those of std::uniform_real_distribution are not.
+ */
+class TestRandom {
+public:
+    explicit TestRandom(int seed) : engine(seed) {
+    }
+    double uniform(double low, double high) {
+        return low+(high-low)*(engine()/4294967296.0);
+    }
+    int index(int n) {
+        return (int) uniform(0, n);
+    }
+    OpenMM::Vec3 vector(double amplitude) {
+        double x = uniform(-amplitude, amplitude), y = uniform(-amplitude, amplitude);
+        return OpenMM::Vec3(x, y, uniform(-amplitude, amplitude));
+    }
+private:
+    std::mt19937 engine;
+};
+
+/**
+ * An octahedron's triangles, each divided in four a number of times, on the unit sphere: 4^(n+1)+2 vertices.
+ */
+inline Membrane createSphere(int subdivisions) {
+    Membrane sphere;
+    sphere.positions = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
+    sphere.triangles = {{0, 1, 2}, {1, 3, 2}, {3, 4, 2}, {4, 0, 2}, {1, 0, 5}, {3, 1, 5}, {4, 3, 5}, {0, 4, 5}};
+    for (int i = 0; i < subdivisions; i++) {
+        std::map<std::pair<int, int>, int> middles;
+        auto middle = [&] (int a, int b) {
+            auto edge = std::make_pair(std::min(a, b), std::max(a, b));
+            if (middles.count(edge) == 0) {
+                middles[edge] = sphere.positions.size();
+                OpenMM::Vec3 x = sphere.positions[a]+sphere.positions[b];
+                sphere.positions.push_back(x/std::sqrt(x.dot(x)));
+            }
+            return middles[edge];
+        };
+        std::vector<std::array<int, 3> > coarse = sphere.triangles;
+        sphere.triangles.clear();
+        for (auto& t : coarse) {
+            int ab = middle(t[0], t[1]), bc = middle(t[1], t[2]), ca = middle(t[2], t[0]);
+            for (std::array<int, 3> part : {std::array<int, 3>{t[0], ab, ca}, {ab, t[1], bc}, {ca, bc, t[2]}, {ab, bc, ca}})
+                sphere.triangles.push_back(part);
+        }
+    }
+    return sphere;
+}
+
+/**
+ * A rough, flat ellipsoid away from the origin, in which no two vertices, edges or angles are alike and the two faces are close enough to repel each other.
+ */
+inline Membrane createBlob(int subdivisions, double noise=0.15, int seed=1) {
+    Membrane blob = createSphere(subdivisions);
+    TestRandom random(seed);
+    double edge = 1.3/(1<<subdivisions);
+    for (auto& x : blob.positions)
+        x = OpenMM::Vec3(x[0], 0.9*x[1]+0.1*x[2], 0.4*x[2]-0.1*x[0])+random.vector(noise*edge)+OpenMM::Vec3(0.3, -0.2, 0.5);
+    return blob;
+}
+
+/**
+ * The same membrane with its particles and its triangles in another order, and each triangle starting from another corner.
+ */
+inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, int seed) {
+    TestRandom random(seed);
+    int n = membrane.positions.size();
+    newIndex.resize(n);
+    for (int i = 0; i < n; i++) {
+        int j = random.index(i+1);
+        newIndex[i] = newIndex[j];
+        newIndex[j] = i;
+    }
+    Membrane result;
+    result.positions.resize(n);
+    for (int i = 0; i < n; i++)
+        result.positions[newIndex[i]] = membrane.positions[i];
+    for (auto& t : membrane.triangles) {
+        int shift = random.index(3);
+        result.triangles.push_back({newIndex[t[shift]], newIndex[t[(shift+1)%3]], newIndex[t[(shift+2)%3]]});
+        std::swap(result.triangles.back(), result.triangles[random.index(result.triangles.size())]);
+    }
+    return result;
+}
+
+enum Terms {Bending = 1, Area = 2, Volume = 4, AreaDifference = 8, Tether = 16, Repulsion = 32, AllTerms = 63};
+
+/**
+ * The mean length of the edges.
+ */
+inline double getMeanEdge(const Membrane& membrane) {
+    double sum = 0;
+    for (auto& t : membrane.triangles)
+        for (int c = 0; c < 3; c++) {
+            OpenMM::Vec3 edge = membrane.positions[t[(c+1)%3]]-membrane.positions[t[c]];
+            sum += std::sqrt(edge.dot(edge));
+        }
+    return sum/(3*membrane.triangles.size());
+}
+
+/**
+ * Parameters with which the given terms are far from their minima, some edges are too long and some too short, and some vertices repel each other at
+ * every exclusion level, on a surface of about the area and volume of a blob.
+ */
+inline HelfrichParameters createParameters(const Membrane& membrane, int terms, int exclusionLevel=1) {
+    HelfrichParameters p;
+    double edge = getMeanEdge(membrane);
+    auto ifOn = [&] (int term, double modulus) { return (terms&term) != 0 ? modulus : 0.0; };
+    p.bendingModulus = ifOn(Bending, 20);
+    p.areaModulus = ifOn(Area, 3000);
+    p.targetArea = 8;
+    p.volumeModulus = ifOn(Volume, 2000);
+    p.targetVolume = 1.8;
+    p.areaDifferenceModulus = ifOn(AreaDifference, 1500);
+    p.targetAreaDifference = 2.7;
+    p.leafletSeparation = 0.1;
+    p.tetherModulus = ifOn(Tether, 7);
+    p.tetherMinLength = 0.9*edge;
+    p.tetherMaxLength = 1.1*edge;
+    p.tetherExponent = 3;
+    p.repulsionModulus = ifOn(Repulsion, 0.5);
+    p.repulsionOnset = 2.6*edge;
+    p.repulsionExponent = 2;
+    p.repulsionExclusionLevel = exclusionLevel;
+    return p;
+}
+
+/**
+ * A force with given parameters on the particles of a membrane.
+ */
+inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParameters& p) {
+    HelfrichForce* force = new HelfrichForce();
+    force->setTriangles(membrane.triangles);
+    force->setBendingModulus(p.bendingModulus);
+    force->setAreaModulus(p.areaModulus);
+    force->setTargetArea(p.targetArea);
+    force->setVolumeModulus(p.volumeModulus);
+    force->setTargetVolume(p.targetVolume);
+    force->setAreaDifferenceModulus(p.areaDifferenceModulus);
+    force->setTargetAreaDifference(p.targetAreaDifference);
+    force->setLeafletSeparation(p.leafletSeparation);
+    force->setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force->setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    return force;
+}
+
+} // namespace HelfrichPlugin
+
+#endif /*MEMBRANES_H_*/

@@ -1,0 +1,542 @@
+/* Tests of HelfrichForce that every platform must pass.  A source that includes this defines initializeTests(), which returns the platform, and runPlatformTests(). */
+
+#include "HelfrichEquations.h"
+#include "Membranes.h"
+#include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmm/Context.h"
+#include "openmm/CustomExternalForce.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/Platform.h"
+#include "openmm/System.h"
+#include "openmm/VerletIntegrator.h"
+#include "openmm/internal/AssertionUtilities.h"
+#include <algorithm>
+#include <iostream>
+#include <memory>
+#include <string>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+OpenMM::Platform& initializeTests();
+void runPlatformTests();
+
+OpenMM::Platform* platform;
+
+/**
+ * A Context with one membrane, or several.
+ */
+class MembraneContext {
+public:
+    MembraneContext(const vector<Vec3>& positions, const vector<HelfrichForce*>& forces, const map<string, string>& properties={}) :
+            forces(forces), integrator(0.001) {
+        for (size_t i = 0; i < positions.size(); i++)
+            system.addParticle(1);
+        for (auto force : forces)
+            system.addForce(force);
+        context.reset(new Context(system, integrator, *platform, properties));
+        context->setPositions(positions);
+    }
+    MembraneContext(const Membrane& membrane, const HelfrichParameters& p, const map<string, string>& properties={}) :
+            MembraneContext(membrane.positions, {createForce(membrane, p)}, properties) {
+    }
+    double getEnergy(int groups=-1) {
+        return context->getState(State::Energy, false, groups).getPotentialEnergy();
+    }
+    double getEnergy(const vector<Vec3>& positions) {
+        context->setPositions(positions);
+        return getEnergy();
+    }
+    vector<Vec3> getForces(int groups=-1) {
+        return context->getState(State::Forces, false, groups).getForces();
+    }
+    HelfrichEnergyTerms getTerms() {
+        return forces[0]->getEnergyTermsInContext(*context);
+    }
+    HelfrichGeometry getGeometry() {
+        return forces[0]->getGeometryInContext(*context);
+    }
+    vector<HelfrichForce*> forces;
+    System system;
+    VerletIntegrator integrator;
+    unique_ptr<Context> context;
+};
+
+double getNorm(const vector<Vec3>& vectors) {
+    double sum = 0;
+    for (auto& v : vectors)
+        sum += v.dot(v);
+    return sqrt(sum);
+}
+
+/**
+ * Assert that two vectors of many components differ by less than a fraction of their norm.
+ */
+void assertEqualVectors(const vector<Vec3>& expected, const vector<Vec3>& found, double tolerance) {
+    ASSERT_EQUAL(expected.size(), found.size());
+    vector<Vec3> difference;
+    for (size_t i = 0; i < expected.size(); i++)
+        difference.push_back(found[i]-expected[i]);
+    ASSERT(getNorm(expected) > 0);
+    ASSERT_EQUAL_TOL(0, getNorm(difference)/getNorm(expected), tolerance);
+}
+
+void assertEqualRelative(double expected, double found, double tolerance) {
+    ASSERT(expected != 0);
+    ASSERT_EQUAL_TOL(1, found/expected, tolerance);
+}
+
+/**
+ * Each term alone, repulsion at every exclusion level, and all terms together.
+ */
+vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
+    vector<HelfrichParameters> all;
+    for (int terms : {Bending, Area, Volume, AreaDifference, Tether})
+        all.push_back(createParameters(membrane, terms));
+    for (int terms : {Repulsion, AllTerms})
+        for (int level = 0; level < 3; level++)
+            all.push_back(createParameters(membrane, terms, level));
+    return all;
+}
+
+void testEnergyAgainstEquations() {
+    Membrane blob = createBlob(2);
+    for (auto& p : createAllParameters(blob)) {
+        MembraneContext context(blob, p);
+        HelfrichEnergyTerms terms = context.getTerms();
+        auto exact = computeExactly(blob, p);
+        assertEqualRelative(exact.getTotal(), context.getEnergy(), 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.bending, terms.bending, 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.areaEnergy, terms.area, 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.volumeEnergy, terms.volume, 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.areaDifference, terms.areaDifference, 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.tether, terms.tether, 1e-12);
+        ASSERT_EQUAL_TOL((double) exact.repulsion, terms.repulsion, 1e-12);
+    }
+}
+
+void testEveryTermIsAtWork() {
+    // The other tests mean nothing for a term that is zero, or whose pairs are the same at two exclusion levels.
+
+    Membrane blob = createBlob(2);
+    vector<double> repulsion;
+    for (int level = 0; level < 3; level++) {
+        auto exact = computeExactly(blob, createParameters(blob, AllTerms, level));
+        for (long double term : {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion})
+            ASSERT(term > 10);
+        repulsion.push_back(exact.repulsion);
+    }
+    ASSERT(repulsion[0] > 1.1*repulsion[1]);
+    ASSERT(repulsion[1] > 1.1*repulsion[2]);
+}
+
+void testGeometryAgainstEquations() {
+    Membrane blob = createBlob(2);
+    MembraneContext context(blob, createParameters(blob, Bending));
+    HelfrichGeometry geometry = context.getGeometry();
+    auto exact = computeExactly(blob, createParameters(blob, Bending));
+    assertEqualRelative(exact.area, geometry.area, 1e-13);
+    assertEqualRelative(exact.volume, geometry.volume, 1e-13);
+    assertEqualRelative(exact.curvature, geometry.integratedMeanCurvature, 1e-13);
+    assertEqualRelative(2*0.1*exact.curvature, geometry.areaDifference, 1e-13);
+    ASSERT_EQUAL(blob.positions.size(), geometry.vertexAreas.size());
+    ASSERT_EQUAL(blob.positions.size(), geometry.vertexMeanCurvatures.size());
+    for (size_t i = 0; i < blob.positions.size(); i++) {
+        assertEqualRelative(exact.vertexAreas[i], geometry.vertexAreas[i], 1e-13);
+        ASSERT_EQUAL_TOL((double) exact.vertexCurvatures[i], geometry.vertexMeanCurvatures[i], 1e-13);
+    }
+}
+
+void testForcesAgainstEquations() {
+    Membrane blob = createBlob(2);
+    vector<int> vertices;
+    for (int i = 0; i < (int) blob.positions.size(); i++)
+        vertices.push_back(i);
+    for (auto& p : createAllParameters(blob)) {
+        MembraneContext context(blob, p);
+        assertEqualVectors(computeForcesExactly(blob, p, vertices), context.getForces(), 1e-12);
+    }
+}
+
+/**
+ * The derivative of the energy along a direction, by central differences of fourth order.
+ */
+double differentiate(MembraneContext& context, const vector<Vec3>& positions, const vector<Vec3>& direction, double step) {
+    auto energyAt = [&] (double distance) {
+        vector<Vec3> moved = positions;
+        for (size_t i = 0; i < moved.size(); i++)
+            moved[i] += direction[i]*distance;
+        return context.getEnergy(moved);
+    };
+    return (8*(energyAt(step)-energyAt(-step))-(energyAt(2*step)-energyAt(-2*step)))/(12*step);
+}
+
+void testForcesAgainstCentralDifferences() {
+    Membrane blob = createBlob(2);
+    int n = blob.positions.size();
+    TestRandom random(5);
+    for (auto& p : createAllParameters(blob)) {
+        MembraneContext context(blob, p);
+        vector<Vec3> forces = context.getForces();
+        double scale = 0;
+        for (auto& force : forces)
+            scale = max(scale, sqrt(force.dot(force)));
+        for (int trial = 0; trial < 30; trial++) {
+            vector<Vec3> direction(n);
+            direction[random.index(n)][trial%3] = 1;
+            if (trial%10 == 0)
+                for (auto& d : direction)
+                    d = random.vector(1);
+            double expected = 0;
+            for (int i = 0; i < n; i++)
+                expected -= forces[i].dot(direction[i]);
+            ASSERT_EQUAL_TOL(0, (differentiate(context, blob.positions, direction, 2e-5)-expected)/max(scale, fabs(expected)), 1e-6);
+        }
+    }
+}
+
+/**
+ * A flat closed surface: two pyramids of the same irregular base, whose edges to the tip have dihedral angles of about the slope of the faces.  In this
+ * orientation double precision holds positions, normals and sines to the full relative accuracy.
+ */
+Membrane createPillow(double slope) {
+    Membrane pillow;
+    const double angles[] = {0, 0.9, 2.1, 3, 4.4, 5.3}, radii[] = {1, 1.1, 0.9, 1.2, 1, 0.95};
+    for (int i = 0; i < 6; i++)
+        pillow.positions.push_back(Vec3(radii[i]*cos(angles[i]), radii[i]*sin(angles[i]), 0));
+    pillow.positions.push_back(Vec3(0.0625, 0.03125, slope));
+    pillow.positions.push_back(Vec3(0.0625, 0.03125, -1.25*slope));
+    for (int i = 0; i < 6; i++) {
+        pillow.triangles.push_back({i, (i+1)%6, 6});
+        pillow.triangles.push_back({(i+1)%6, i, 7});
+    }
+    return pillow;
+}
+
+void testSmallAndLargeAngles() {
+    // Angles from about 1e-8 at the tips to that much less than pi at the rim, with no loss of relative accuracy in any vertex's curvature and force.
+
+    for (double slope : {1e-8, 1e-4, 0.5e-4, 1.0, 100.0}) {
+        Membrane pillow = createPillow(slope);
+        HelfrichParameters p = createParameters(pillow, Bending | AreaDifference);
+        MembraneContext context(pillow, p);
+        auto exact = computeExactly(pillow, p);
+        HelfrichGeometry geometry = context.getGeometry();
+        ASSERT(slope > 0.01 || exact.vertexCurvatures[6] < 4*slope);
+        vector<Vec3> forces = context.getForces(), expected = computeForcesExactly(pillow, p, {0, 1, 2, 3, 4, 5, 6, 7});
+        for (int i = 0; i < 8; i++) {
+            assertEqualRelative(exact.vertexCurvatures[i], geometry.vertexMeanCurvatures[i], 1e-12);
+            assertEqualVectors({expected[i]}, {forces[i]}, 1e-12);
+        }
+    }
+}
+
+/**
+ * The sum of the positions times the gradient of the energy: the derivative of the energy by the logarithm of the size.
+ */
+double getVirial(const vector<Vec3>& positions, const vector<Vec3>& forces) {
+    double virial = 0;
+    for (size_t i = 0; i < positions.size(); i++)
+        virial -= positions[i].dot(forces[i]);
+    return virial;
+}
+
+void testScaling() {
+    // With a target far above the value, the slope of a penalty is -2 modulus/target to first order; here it is used exactly.
+
+    Membrane blob = createBlob(3);
+    MembraneContext bending(blob, createParameters(blob, Bending));
+    vector<Vec3> forces = bending.getForces();
+    ASSERT_EQUAL_TOL(0, getVirial(blob.positions, forces)/(getNorm(forces)*getNorm(blob.positions)), 1e-13);
+    auto getDegree = [&] (int term, double total, double target, double modulus) {
+        MembraneContext context(blob, createParameters(blob, term));
+        double slope = 2*modulus*(total/target-1)/target;
+        return getVirial(blob.positions, context.getForces())/(slope*total);
+    };
+    HelfrichGeometry geometry = bending.getGeometry();
+    HelfrichParameters p = createParameters(blob, AllTerms);
+    ASSERT_EQUAL_TOL(2, getDegree(Area, geometry.area, p.targetArea, p.areaModulus), 1e-11);
+    ASSERT_EQUAL_TOL(3, getDegree(Volume, geometry.volume, p.targetVolume, p.volumeModulus), 1e-11);
+    ASSERT_EQUAL_TOL(1, getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.areaDifferenceModulus), 1e-11);
+}
+
+void testNoNetForceOrTorque() {
+    Membrane blob = createBlob(2);
+    for (auto& p : createAllParameters(blob)) {
+        vector<Vec3> forces = MembraneContext(blob, p).getForces();
+        Vec3 force, torque;
+        for (size_t i = 0; i < forces.size(); i++) {
+            force += forces[i];
+            torque += blob.positions[i].cross(forces[i]);
+        }
+        ASSERT_EQUAL_VEC(Vec3(), force/getNorm(forces), 1e-13);
+        ASSERT_EQUAL_VEC(Vec3(), torque/getNorm(forces), 1e-13);
+    }
+}
+
+void testTermsAddUp() {
+    Membrane blob = createBlob(2);
+    double sum = 0;
+    vector<Vec3> forces(blob.positions.size());
+    for (int term : {Bending, Area, Volume, AreaDifference, Tether, Repulsion}) {
+        MembraneContext context(blob, createParameters(blob, term));
+        sum += context.getEnergy();
+        ASSERT_EQUAL(context.getEnergy(), context.getTerms().getTotal());
+        vector<Vec3> part = context.getForces();
+        for (size_t i = 0; i < forces.size(); i++)
+            forces[i] += part[i];
+    }
+    MembraneContext all(blob, createParameters(blob, AllTerms));
+    assertEqualRelative(sum, all.getEnergy(), 1e-12);
+    assertEqualVectors(forces, all.getForces(), 1e-12);
+    ASSERT_EQUAL(all.getEnergy(), all.getTerms().getTotal());
+    MembraneContext none(blob, createParameters(blob, 0));
+    ASSERT_EQUAL(0.0, none.getEnergy());
+    ASSERT_EQUAL(0.0, getNorm(none.getForces()));
+}
+
+Vec3 rotate(const Vec3& x) {
+    // By 36.87 degrees about x, then 67.38 degrees about z: 3-4-5 and 5-12-13.
+
+    Vec3 y(x[0], 0.8*x[1]-0.6*x[2], 0.6*x[1]+0.8*x[2]);
+    return Vec3((5*y[0]-12*y[1])/13, (12*y[0]+5*y[1])/13, y[2]);
+}
+
+void testInvariance() {
+    Membrane blob = createBlob(2);
+    HelfrichParameters p = createParameters(blob, AllTerms, 2);
+    MembraneContext context(blob, p);
+    double energy = context.getEnergy();
+    vector<Vec3> forces = context.getForces(), rotatedForces, rotated = blob.positions, shifted = blob.positions;
+    for (size_t i = 0; i < forces.size(); i++) {
+        rotatedForces.push_back(rotate(forces[i]));
+        rotated[i] = rotate(rotated[i]);
+        shifted[i] += Vec3(30, -50, 70);
+    }
+    assertEqualRelative(energy, context.getEnergy(rotated), 1e-11);
+    assertEqualVectors(rotatedForces, context.getForces(), 1e-11);
+    assertEqualRelative(energy, context.getEnergy(shifted), 1e-9);
+    assertEqualVectors(forces, context.getForces(), 1e-9);
+    vector<int> newIndex;
+    Membrane renumbered = renumber(blob, newIndex, 3);
+    MembraneContext other(renumbered, p);
+    assertEqualRelative(energy, other.getEnergy(), 1e-12);
+    vector<Vec3> otherForces = other.getForces(), inOldOrder;
+    for (int i : newIndex)
+        inOldOrder.push_back(otherForces[i]);
+    assertEqualVectors(forces, inOldOrder, 1e-11);
+}
+
+void testSphere() {
+    // A sphere's curvature energy is 8 pi kappa whatever its size, and its curvature 4 pi R.  The values are of the surface, to which the mesh converges.
+
+    double previous = 1;
+    for (int subdivisions : {3, 4, 5}) {
+        Membrane sphere = createSphere(subdivisions);
+        for (auto& x : sphere.positions)
+            x *= 50;
+        MembraneContext context(sphere, createParameters(sphere, Bending));
+        double error = fabs(context.getEnergy()/(8*M_PI*20)-1);
+        ASSERT(error < 0.4*previous);
+        previous = error;
+        ASSERT_EQUAL_TOL(4*M_PI*50, context.getGeometry().integratedMeanCurvature, 0.01);
+    }
+    ASSERT_EQUAL_TOL(0, previous, 0.003);
+}
+
+void testTwoMembranesAndOtherParticles() {
+    // Two membranes whose particles alternate, with particles of neither between them, and another force on all.
+
+    Membrane first = createBlob(1, 0.15, 1), second = createBlob(1, 0.15, 2);
+    int n = first.positions.size();
+    vector<Vec3> positions(3*n+1);
+    Membrane a = first, b = second;
+    for (int i = 0; i < n; i++) {
+        positions[3*i+1] = first.positions[i];
+        positions[3*(n-1-i)+2] = second.positions[i];
+    }
+    for (int t = 0; t < (int) a.triangles.size(); t++)
+        for (int c = 0; c < 3; c++) {
+            a.triangles[t][c] = 3*first.triangles[t][c]+1;
+            b.triangles[t][c] = 3*(n-1-second.triangles[t][c])+2;
+        }
+    HelfrichParameters p = createParameters(first, AllTerms, 1), q = createParameters(second, AllTerms, 2);
+    q.targetVolume *= 1.5;
+    HelfrichForce *forceA = createForce(a, p), *forceB = createForce(b, q);
+    forceB->setName("Other");
+    forceB->setForceGroup(3);
+    MembraneContext both(positions, {forceA, forceB});
+    CustomExternalForce* external = new CustomExternalForce("x+2*y");
+    for (int i = 0; i < (int) positions.size(); i++)
+        external->addParticle(i);
+    external->setForceGroup(5);
+    both.system.addForce(external);
+    both.context->reinitialize(true);
+
+    MembraneContext onlyFirst(first, p), onlySecond(second, q);
+    assertEqualRelative(onlyFirst.getEnergy(), both.getEnergy(1<<0), 1e-12);
+    assertEqualRelative(onlySecond.getEnergy(), both.getEnergy(1<<3), 1e-12);
+    assertEqualRelative(both.getEnergy(1<<0)+both.getEnergy(1<<3)+both.getEnergy(1<<5), both.getEnergy(), 1e-12);
+    vector<Vec3> forcesA = onlyFirst.getForces(), forcesB = onlySecond.getForces(), expected(positions.size());
+    for (int i = 0; i < n; i++) {
+        expected[3*i+1] = forcesA[i];
+        expected[3*(n-1-i)+2] = forcesB[i];
+    }
+    assertEqualVectors(expected, both.getForces(1<<0 | 1<<3), 1e-11);
+    for (auto& force : expected)
+        force += Vec3(-1, -2, 0);
+    assertEqualVectors(expected, both.getForces(), 1e-11);
+    HelfrichGeometry geometry = forceB->getGeometryInContext(*both.context), alone = onlySecond.getGeometry();
+    ASSERT_EQUAL(n, (int) geometry.vertexAreas.size());
+    for (int i = 0; i < n; i++)
+        assertEqualRelative(alone.vertexAreas[i], geometry.vertexAreas[n-1-i], 1e-12);
+}
+
+void testTargetsAreContextParameters() {
+    Membrane blob = createBlob(2);
+    HelfrichParameters p = createParameters(blob, AllTerms), changed = p;
+    changed.targetArea = 6;
+    changed.targetVolume = 1.1;
+    changed.targetAreaDifference = -3;
+    MembraneContext context(blob, p), other(blob, changed);
+    ASSERT(fabs(context.getEnergy()-other.getEnergy()) > 1);
+    const HelfrichForce& force = *context.forces[0];
+    ASSERT_EQUAL(p.targetVolume, context.context->getParameter("HelfrichForceTargetVolume"));
+    context.context->setParameter(force.getTargetAreaParameter(), 6);
+    context.context->setParameter(force.getTargetVolumeParameter(), 1.1);
+    context.context->setParameter(force.getTargetAreaDifferenceParameter(), -3);
+    ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
+    assertEqualVectors(other.getForces(), context.getForces(), 0);
+}
+
+void testUpdateParameters() {
+    Membrane blob = createBlob(2);
+    HelfrichParameters p = createParameters(blob, AllTerms, 1);
+    MembraneContext context(blob, p);
+    HelfrichForce& force = *context.forces[0];
+    double before = context.getEnergy();
+    p.bendingModulus = 0;
+    p.areaModulus = 11;
+    p.leafletSeparation = 0.13;
+    p.tetherExponent = 2;
+    p.tetherMinLength *= 0.9;
+    p.repulsionOnset *= 1.2;
+    p.repulsionExclusionLevel = 2;
+    force.setBendingModulus(p.bendingModulus);
+    force.setAreaModulus(p.areaModulus);
+    force.setLeafletSeparation(p.leafletSeparation);
+    force.setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force.setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    ASSERT_EQUAL(before, context.getEnergy());
+    force.updateParametersInContext(*context.context);
+    MembraneContext fresh(blob, p);
+    ASSERT_EQUAL(fresh.getEnergy(), context.getEnergy());
+    assertEqualVectors(fresh.getForces(), context.getForces(), 1e-13);
+}
+
+void testChangingTriangles() {
+    // Many flips at once, by hand, and back: the forces follow, exclusions of the repulsion included.
+
+    Membrane blob = createBlob(2), flipped = blob;
+    HelfrichMesh mesh(blob.triangles, blob.positions.size());
+    TestRandom random(8);
+    for (int i = 0; i < 200; i++) {
+        int h = random.index(mesh.getNumHalfedges());
+        if (mesh.canFlip(h))
+            mesh.flip(h);
+    }
+    flipped.triangles = mesh.getTriangles();
+    for (int level = 0; level < 3; level++) {
+        HelfrichParameters p = createParameters(blob, AllTerms, level);
+        MembraneContext context(blob, p), fresh(flipped, p);
+        double before = context.getEnergy();
+        context.forces[0]->setTrianglesInContext(*context.context, flipped.triangles);
+        vector<array<int, 3> > live;
+        context.forces[0]->getTrianglesInContext(*context.context, live);
+        ASSERT_EQUAL_CONTAINERS(flipped.triangles, live);
+        assertEqualRelative(fresh.getEnergy(), context.getEnergy(), 1e-12);
+        assertEqualVectors(fresh.getForces(), context.getForces(), 1e-11);
+        context.forces[0]->setTrianglesInContext(*context.context, blob.triangles);
+        ASSERT_EQUAL(before, context.getEnergy());
+    }
+}
+
+void testRepulsionOfMovingVertices() {
+    // Vertices that creep, jump and fly away: a platform's list of neighbors must never miss a pair.
+
+    Membrane blob = createBlob(2);
+    TestRandom random(4);
+    HelfrichParameters p = createParameters(blob, Repulsion, 1);
+    MembraneContext context(blob, p);
+    double skin = p.repulsionOnset;
+    for (double amplitude : {0.01, 0.01, 0.02, 0.02, 0.05, 0.05, 0.1, 0.1, 0.2, 0.5}) {
+        for (auto& x : blob.positions)
+            x += random.vector(amplitude*skin);
+        blob.positions[random.index(blob.positions.size())] += random.vector(10);
+        if (amplitude == 0.1)
+            for (auto& x : blob.positions)
+                x += Vec3(1e4, -1e5, 0);
+        auto exact = computeExactly(blob, p);
+        assertEqualRelative(exact.repulsion, context.getEnergy(blob.positions), 1e-9);
+        // Forces at positions moved since the energy was last computed, which may need a new list themselves.
+        for (auto& x : blob.positions)
+            x += random.vector(0.1*skin);
+        context.context->setPositions(blob.positions);
+        vector<int> some = {0, 10, 20, 30, 40, 50, 60};
+        vector<Vec3> forces = context.getForces(), found;
+        for (int i : some)
+            found.push_back(forces[i]);
+        assertEqualVectors(computeForcesExactly(blob, p, some), found, 1e-8);
+    }
+}
+
+void testPositionsThatAreNotFinite() {
+    Membrane blob = createBlob(2);
+    MembraneContext context(blob, createParameters(blob, AllTerms));
+    double energy = context.getEnergy();
+    for (double bad : {NAN, INFINITY}) {
+        vector<Vec3> positions = blob.positions;
+        positions[7][1] = bad;
+        try {
+            context.getEnergy(positions);
+        }
+        catch (const OpenMMException& error) {
+            ASSERT(string(error.what()).find("particle 7") != string::npos);
+            ASSERT_EQUAL(energy, context.getEnergy(blob.positions));
+            continue;
+        }
+        throwException(__FILE__, __LINE__, "positions that are not finite were accepted");
+    }
+}
+
+int main() {
+    try {
+        platform = &initializeTests();
+        testEnergyAgainstEquations();
+        testEveryTermIsAtWork();
+        testGeometryAgainstEquations();
+        testForcesAgainstEquations();
+        testForcesAgainstCentralDifferences();
+        testSmallAndLargeAngles();
+        testScaling();
+        testNoNetForceOrTorque();
+        testTermsAddUp();
+        testInvariance();
+        testSphere();
+        testTwoMembranesAndOtherParticles();
+        testTargetsAreContextParameters();
+        testUpdateParameters();
+        testChangingTriangles();
+        testRepulsionOfMovingVertices();
+        testPositionsThatAreNotFinite();
+        runPlatformTests();
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
+}

@@ -1,0 +1,32 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import openmmhelfrich as mh
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def sphere():
+    return mh.Mesh.icosphere(2)
+
+
+@pytest.fixture
+def inFolder(tmp_path, monkeypatch):
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def examples():
+    return ROOT/"examples"
+
+
+def together(*meshes):
+    """Return several meshes as one."""
+    start = np.cumsum([0]+[len(mesh.vertices) for mesh in meshes])
+    return mh.Mesh(np.concatenate([mesh.vertices for mesh in meshes]),
+                   np.concatenate([mesh.triangles+first for mesh, first in zip(meshes, start)]))

@@ -1,0 +1,198 @@
+// How methods appear in Python: exceptions, the interpreter's lock, units, ownership, and documentation where it differs from that in C++.
+
+%ignore HelfrichPlugin::HelfrichEnergyTerms;
+%ignore HelfrichPlugin::HelfrichGeometry;
+
+%fragment("HelfrichExceptions", "header") {
+static void setOpenMMException(const char* message) {
+    PyObject* type = PyObject_GetAttrString(PyImport_AddModule("openmm"), "OpenMMException");
+    if (type != NULL)
+        PyErr_SetString(type, message);
+    Py_XDECREF(type);
+}
+
+/**
+ * Lets other Python threads run for as long as it exists.
+ */
+class GilRelease {
+public:
+    GilRelease() : state(PyEval_SaveThread()) {
+    }
+    ~GilRelease() {
+        PyEval_RestoreThread(state);
+    }
+private:
+    PyThreadState* state;
+};
+}
+%fragment("HelfrichExceptions");
+
+%exception {
+    try {
+        $action
+    }
+    catch (std::exception& e) {
+        setOpenMMException(e.what());
+        SWIG_fail;
+    }
+}
+
+%define HELFRICH_LONG_CALL(method)
+%exception method {
+    try {
+        GilRelease release;
+        $action
+    }
+    catch (std::exception& e) {
+        setOpenMMException(e.what());
+        SWIG_fail;
+    }
+}
+%enddef
+HELFRICH_LONG_CALL(*::step)
+HELFRICH_LONG_CALL(*::getEnergyTermsInContext)
+HELFRICH_LONG_CALL(*::getGeometryInContext)
+HELFRICH_LONG_CALL(*::setTrianglesInContext)
+
+%define HELFRICH_UNIT(method, quantity)
+%pythonappend HelfrichPlugin::method %{
+        val = unit.Quantity(val, quantity)
+%}
+%enddef
+HELFRICH_UNIT(HelfrichForce::getBendingModulus, unit.kilojoule_per_mole)
+HELFRICH_UNIT(HelfrichForce::getAreaModulus, unit.kilojoule_per_mole)
+HELFRICH_UNIT(HelfrichForce::getTargetArea, unit.nanometer**2)
+HELFRICH_UNIT(HelfrichForce::getVolumeModulus, unit.kilojoule_per_mole)
+HELFRICH_UNIT(HelfrichForce::getTargetVolume, unit.nanometer**3)
+HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
+HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
+HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
+HELFRICH_UNIT(EdgeFlipIntegrator::getTemperature, unit.kelvin)
+HELFRICH_UNIT(HybridMonteCarloIntegrator::getTemperature, unit.kelvin)
+HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
+
+%pythonappend HelfrichPlugin::HelfrichForce::getTether %{
+        val[0] = unit.Quantity(val[0], unit.kilojoule_per_mole)
+        val[1] = unit.Quantity(val[1], unit.nanometer)
+        val[2] = unit.Quantity(val[2], unit.nanometer)
+%}
+%pythonappend HelfrichPlugin::HelfrichForce::getRepulsion %{
+        val[0] = unit.Quantity(val[0], unit.kilojoule_per_mole)
+        val[1] = unit.Quantity(val[1], unit.nanometer)
+%}
+%pythonappend HelfrichPlugin::HelfrichForce::getEnergyTermsInContext %{
+        val = {term: unit.Quantity(energy, unit.kilojoule_per_mole) for term, energy in val.items()}
+%}
+%pythonappend HelfrichPlugin::HelfrichForce::getGeometryInContext %{
+        val = HelfrichGeometry._fromNumbers(*val)
+%}
+
+// The documentation comes from the headers, by SWIG's option -doxygen: this replaces what is different in Python, and formulas, which it garbles.
+%typemap(doctype) OpenMM::Context& "openmm.Context"
+%typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
+%feature("docstring") HelfrichPlugin::HelfrichForce "
+This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
+Each vertex is a particle of the System.  The energy is the sum of six terms, each present only when its modulus
+is not zero:
+
+ - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretisation: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its
+   edges, of length l and dihedral angle phi, and as A_i a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
+ - area, kappa_A (A/A_0-1)^2
+ - volume, kappa_V (V/V_0-1)^2
+ - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
+ - tether, kappa_T sum_e T(l_e), which keeps every edge between a minimum and a maximum length: see setTether()
+ - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps the surface from crossing itself: see setRepulsion()
+
+The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+
+To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
+and add it to a System.  The three targets are parameters of the Context: change them there with
+Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+
+The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
+changes those of a Context: getTrianglesInContext() returns the live ones.
+
+The System's periodic boundary conditions do not apply to this force.
+
+Arguments are numbers in nm, kJ/mol and the units that these make up, or Quantities.
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::setTether "
+Set the parameters of the tether term: T(l) = exp(l/(l-l_c1)) l^(-r) for l <= l_c1, r^(r+1) (l-l_c0)^r for l >= l_c0, and 0 between.
+By default the term is off.
+
+:type modulus: float
+:param modulus: the modulus kappa_T, measured in kJ/mol; 0 turns the term off
+:type minLength: float
+:param minLength: the length l_c1, measured in nm, below which an edge is pushed apart
+:type maxLength: float
+:param maxLength: the length l_c0, measured in nm, above which an edge is pulled together
+:type exponent: int
+:param exponent: the exponent r, at least 1
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsion "
+Set the parameters of the repulsion term: R(r) = exp(r/(r-onset)) r^(-n) below the onset and 0 above it.
+The sum runs over both orders of a pair.  By default the term is off.
+
+:type modulus: float
+:param modulus: the modulus kappa_R, measured in kJ/mol; 0 turns the term off
+:type onset: float
+:param onset: the distance, measured in nm, below which two vertices repel each other
+:type exponent: int
+:param exponent: the exponent n, at least 1
+:type exclusionLevel: int, optional
+:param exclusionLevel: which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1, the default), or bonded
+    vertices and those that share a bonded vertex (2)
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getTriangleParameters "
+Get the particles of a triangle.
+
+:type index: int
+:param index: the index of the triangle
+:rtype: list
+:return: the indices of its three particles
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getTriangles "
+Get all triangles.
+
+:rtype: array of int32, shape (T, 3)
+:return: the particles of each triangle, a copy
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getTether "
+Get the parameters of the tether term.
+
+:rtype: list
+:return: the modulus kappa_T (a Quantity, in kJ/mol), the lengths l_c1 below which an edge is pushed apart and l_c0 above which it is pulled
+    together (Quantities, in nm), and the exponent r: the arguments of setTether()
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getRepulsion "
+Get the parameters of the repulsion term.
+
+:rtype: list
+:return: the modulus kappa_R (a Quantity, in kJ/mol), the onset (a Quantity, in nm) below which two vertices repel each other, the exponent, and
+    the exclusion level (0, 1 or 2): the arguments of setRepulsion()
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getTrianglesInContext "
+Get the live triangles of a Context, which edge flips change.
+
+:type context: Context
+:param context: the Context to query
+:rtype: array of int32, shape (T, 3)
+:return: the particles of each triangle, a copy
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getEnergyTermsInContext "
+Compute the energy of each term for the present positions of a Context.
+
+:type context: Context
+:param context: the Context to query
+:rtype: dict
+:return: the energies of 'bending', 'area', 'volume', 'areaDifference', 'tether' and 'repulsion' (Quantities, in kJ/mol): their sum is the
+    potential energy of this force
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getGeometryInContext "
+Compute the geometry of the membrane for the present positions of a Context.
+
+:type context: Context
+:param context: the Context to query
+:rtype: HelfrichGeometry
+:return: areas, volume and curvatures, of the whole and of each vertex
+";

@@ -1,0 +1,183 @@
+// What the classes have in Python only.
+
+%pythonbegin %{
+import copy
+import dataclasses
+import os
+
+import numpy
+import openmm
+from openmm import unit
+%}
+
+%pythoncode %{
+@dataclasses.dataclass(frozen=True, eq=False)
+class HelfrichGeometry:
+    """The geometry of a membrane.
+
+    The arrays have one element a vertex, in ascending order of the particles' indices.
+
+    Attributes
+    ----------
+    area : Quantity
+        total area A, in nm^2
+    volume : Quantity
+        enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside
+    areaDifference : Quantity
+        area difference between the leaflets, 2hM, in nm^2
+    integratedMeanCurvature : Quantity
+        integrated mean curvature M, in nm: 4 pi R on a sphere
+    vertexAreas : Quantity
+        array of the vertices' areas, a third of that of their triangles, in nm^2; they add up to the total area
+    vertexMeanCurvatures : Quantity
+        array of the vertices' integrated mean curvatures, in nm; they add up to the integrated mean curvature
+    """
+    area: unit.Quantity
+    volume: unit.Quantity
+    areaDifference: unit.Quantity
+    integratedMeanCurvature: unit.Quantity
+    vertexAreas: unit.Quantity
+    vertexMeanCurvatures: unit.Quantity
+
+    @classmethod
+    def _fromNumbers(cls, *numbers):
+        units = (unit.nanometer**2, unit.nanometer**3, unit.nanometer**2, unit.nanometer, unit.nanometer**2, unit.nanometer)
+        return cls(*map(unit.Quantity, numbers, units))
+
+
+def _cast(cls, object):
+    if isinstance(object, cls):
+        return object
+    result = cls._downcast(object)
+    if result is None:
+        raise TypeError(f"{cls.__name__}.cast: the object, a {type(object).__name__}, is not a {cls.__name__}")
+    result.thisown = object.thisown
+    object.thisown = False
+    return result
+
+
+def _duplicate(cls, original):
+    duplicate = cls.cast(openmm.XmlSerializer.clone(original))
+    duplicate.__class__ = original.__class__
+    duplicate.__dict__.update(copy.deepcopy({key: value for key, value in original.__dict__.items() if key != 'this'}))
+    return duplicate
+
+
+def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5):
+    return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability
+
+
+def _integratorArguments(trajectory, flips, flipProbability=0.5):
+    for integrator in (trajectory, flips):
+        if trajectory is flips or not getattr(integrator, 'thisown', True):
+            raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator already")
+    return trajectory, flips, flipProbability
+
+
+def _loadPlugins():
+    """Load the kernels, unless OpenMM did it when it was imported: it does not where OPENMM_PLUGIN_DIR names another folder."""
+    if openmm.Platform.getPlatform('Reference').supportsKernels(['CalcHelfrichForce']):
+        return
+    folder = os.path.join(os.path.dirname(__file__), os.pardir, 'OpenMM.libs', 'lib', 'plugins')
+    for name in sorted(os.listdir(folder)):
+        if 'OpenMMHelfrich' in name:
+            openmm.Platform.loadPluginLibrary(os.path.join(folder, name))
+
+_loadPlugins()
+%}
+
+// Plugin classes come back from OpenMM as their base class: cast() gives the object its own.
+%define HELFRICH_CLASS(Class, Base)
+%extend HelfrichPlugin::Class {
+    static HelfrichPlugin::Class* _downcast(OpenMM::Base* object) {
+        return dynamic_cast<HelfrichPlugin::Class*>(object);
+    }
+%pythoncode {
+    @staticmethod
+    def cast(object):
+        """Get the Class that an openmm.Base is.
+
+        Methods of OpenMM itself, such as System.getForce() and XmlSerializer.deserialize(), return objects of this class
+        as an openmm.Base.  If the argument owns the underlying object, the result takes over its ownership.
+
+        Parameters
+        ----------
+        object : openmm.Base
+            the object to cast
+
+        Returns
+        -------
+        Class
+            the same object; a TypeError is raised if it is of another class
+        """
+        return _cast(Class, object)
+
+    @staticmethod
+    def isinstance(object):
+        """Get whether an object is a Class, whatever the type that Python gives it, so that cast() can be used.
+
+        Parameters
+        ----------
+        object : object
+            the object to test
+        """
+        return isinstance(object, openmm.Base) and Class._downcast(object) is not None
+
+    def __setstate__(self, xml):
+        self.this = Class.cast(openmm.XmlSerializer.deserialize(xml)).this
+
+    def __copy__(self):
+        return _duplicate(Class, self)
+}
+}
+%enddef
+HELFRICH_CLASS(HelfrichForce, Force)
+HELFRICH_CLASS(EdgeFlipIntegrator, Integrator)
+HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
+
+%extend HelfrichPlugin::HybridMonteCarloIntegrator {
+%pythoncode %{
+    def getIntegrator(self, index):
+        """Get one of the two integrators.
+
+        Parameters
+        ----------
+        index : int
+            0 for the one that makes the trajectories, 1 for the EdgeFlipIntegrator
+        """
+        integrator = super().getIntegrator(index)
+        return EdgeFlipIntegrator.cast(integrator) if EdgeFlipIntegrator.isinstance(integrator) else integrator
+%}
+}
+
+%feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
+    def __init__(self, *args, **kwargs):
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5)
+        __init__(self, trajectory, flips, flipProbability=0.5)
+
+        Create a HybridMonteCarloIntegrator, either with Hybrid Monte Carlo trajectories or with those of another integrator.
+
+        Parameters
+        ----------
+        temperature : float or Quantity
+            the temperature of trajectories and flips, in Kelvin
+        stepSize : float or Quantity
+            the size of a leapfrog step, in ps
+        stepsPerTrajectory : int
+            the number of leapfrog steps in a trajectory
+        flipFraction : float
+            the number of attempts in a sweep, as a fraction of the number of edges
+        flipProbability : float
+            the probability that a step is a sweep of flips and not a trajectory
+        trajectory : openmm.Integrator
+            the integrator that makes the trajectories; this object takes over its ownership
+        flips : EdgeFlipIntegrator
+            the integrator that flips edges; this object takes over its ownership
+        """
+        ownsIntegrators = ('trajectory' in kwargs or any(isinstance(arg, openmm.Integrator) for arg in args))
+        arguments = (_integratorArguments if ownsIntegrators else _trajectoryArguments)(*args, **kwargs)
+        _helfrich.HybridMonteCarloIntegrator_swiginit(self, _helfrich.new_HybridMonteCarloIntegrator(*arguments))
+        if ownsIntegrators:
+            for integrator in arguments[:2]:
+                integrator.thisown = False
+%}

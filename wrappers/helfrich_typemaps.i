@@ -1,0 +1,137 @@
+// Triangles are numpy arrays of shape (T, 3), energies and geometry plain Python objects, to which helfrich_features.i adds the units.
+
+%fragment("HelfrichTriangles", "header") {
+
+/**
+ * Report what is wrong with an array of triangles, as a ValueError.
+ */
+static bool rejectTriangles(const char* caller, const std::string& problem) {
+    PyErr_Format(PyExc_ValueError, "%s: triangles must be an array of integers of shape (T, 3), not %s", caller, problem.c_str());
+    return false;
+}
+
+static std::string describeShape(PyArrayObject* array) {
+    std::string shape;
+    for (int i = 0; i < PyArray_NDIM(array); i++)
+        shape += (i == 0 ? "" : ", ")+std::to_string((long long) PyArray_DIM(array, i));
+    return "one of shape ("+shape+(PyArray_NDIM(array) == 1 ? ",)" : ")");
+}
+
+static std::string describeType(PyArrayObject* array) {
+    PyObject* text = PyObject_Str((PyObject*) PyArray_DESCR(array));
+    const char* name = (text == NULL ? NULL : PyUnicode_AsUTF8(text));
+    std::string result = std::string("one of ")+(name == NULL ? "an unknown type" : name);
+    Py_XDECREF(text);
+    PyErr_Clear();
+    return result;
+}
+
+/**
+ * Copy 64 bit integers to triangles, unless one does not fit into an int.
+ */
+static bool copyTriangles(const char* caller, const npy_int64* values, bool wereUnsigned, std::vector<std::array<int, 3> >& triangles) {
+    for (size_t i = 0; i < 3*triangles.size(); i++) {
+        npy_int64 value = values[i];
+        if (value != (npy_int64) (int) value || (wereUnsigned && value < 0)) {
+            std::string number = (wereUnsigned ? std::to_string((unsigned long long) value) : std::to_string((long long) value));
+            return rejectTriangles(caller, "one with the value "+number+" (triangle "+std::to_string(i/3)+"), which does not fit into 32 bits");
+        }
+        triangles[i/3][i%3] = (int) value;
+    }
+    return true;
+}
+
+/**
+ * Copy an array of shape (T, 3) and any type of integer to triangles.  Only an array of another type than int32 and int64, or one that is not
+ * contiguous, is copied twice.
+ */
+static bool arrayToTriangles(const char* caller, PyArrayObject* array, std::vector<std::array<int, 3> >& triangles) {
+    bool isEmptyList = (PyArray_NDIM(array) == 1 && PyArray_DIM(array, 0) == 0);
+    if (!isEmptyList && (PyArray_NDIM(array) != 2 || PyArray_DIM(array, 1) != 3))
+        return rejectTriangles(caller, describeShape(array));
+    triangles.resize(PyArray_DIM(array, 0));
+    if (triangles.empty())
+        return true;
+    if (!PyArray_ISINTEGER(array))
+        return rejectTriangles(caller, describeType(array));
+    bool isInt32 = (PyArray_ISSIGNED(array) && PyArray_ITEMSIZE(array) == sizeof(npy_int32));
+    PyArrayObject* plain = (PyArrayObject*) PyArray_FROM_OTF((PyObject*) array, isInt32 ? NPY_INT32 : NPY_INT64, NPY_ARRAY_CARRAY_RO | NPY_ARRAY_FORCECAST);
+    if (plain == NULL)
+        return false;
+    bool success = true;
+    if (isInt32)
+        memcpy(triangles[0].data(), PyArray_DATA(plain), 3*sizeof(npy_int32)*triangles.size());
+    else
+        success = copyTriangles(caller, (const npy_int64*) PyArray_DATA(plain), PyArray_ISUNSIGNED(array), triangles);
+    Py_DECREF(plain);
+    return success;
+}
+
+/**
+ * Convert an array, or a sequence of triples, to triangles.  If that is not possible, a Python error is set.
+ */
+static bool objectToTriangles(const char* caller, PyObject* object, std::vector<std::array<int, 3> >& triangles) {
+    PyArrayObject* array = (PyArrayObject*) PyArray_FROM_O(object);
+    if (array == NULL) {
+        PyErr_Clear();
+        return rejectTriangles(caller, "a ragged sequence");
+    }
+    bool success = arrayToTriangles(caller, array, triangles);
+    Py_DECREF(array);
+    return success;
+}
+
+/**
+ * Copy triangles to a new array of type int32.
+ */
+static PyObject* trianglesToArray(const std::vector<std::array<int, 3> >& triangles) {
+    npy_intp shape[] = {(npy_intp) triangles.size(), 3};
+    PyObject* array = PyArray_SimpleNew(2, shape, NPY_INT32);
+    if (array != NULL && !triangles.empty())
+        memcpy(PyArray_DATA((PyArrayObject*) array), triangles[0].data(), 3*sizeof(npy_int32)*triangles.size());
+    return array;
+}
+}
+
+%typemap(in, fragment="HelfrichTriangles") const std::vector<std::array<int, 3> >& (std::vector<std::array<int, 3> > triangles) {
+    if (!objectToTriangles("$symname", $input, triangles))
+        SWIG_fail;
+    $1 = &triangles;
+}
+%typemap(out, fragment="HelfrichTriangles") const std::vector<std::array<int, 3> >& {
+    $result = trianglesToArray(*$1);
+}
+%typemap(in, numinputs=0) std::vector<std::array<int, 3> >& triangles (std::vector<std::array<int, 3> > found) {
+    $1 = &found;
+}
+%typemap(argout, fragment="HelfrichTriangles") std::vector<std::array<int, 3> >& triangles {
+    Py_XDECREF($result);
+    $result = trianglesToArray(*$1);
+}
+%typemap(argout) const std::vector<std::array<int, 3> >& triangles {
+}
+
+// Numbers that come back through references make a list, as in OpenMM.
+%apply int& OUTPUT { int& particle1, int& particle2, int& particle3, int& exponent, int& exclusionLevel };
+%apply double& OUTPUT { double& modulus, double& minLength, double& maxLength, double& onset };
+
+%typemap(out) HelfrichPlugin::HelfrichEnergyTerms {
+    const HelfrichPlugin::HelfrichEnergyTerms& terms = $1;
+    $result = Py_BuildValue("{s:d,s:d,s:d,s:d,s:d,s:d}", "bending", terms.bending, "area", terms.area, "volume", terms.volume,
+            "areaDifference", terms.areaDifference, "tether", terms.tether, "repulsion", terms.repulsion);
+}
+
+%fragment("HelfrichVector", "header") {
+static PyObject* vectorToArray(const std::vector<double>& values) {
+    npy_intp size = values.size();
+    PyObject* array = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
+    if (array != NULL && size > 0)
+        memcpy(PyArray_DATA((PyArrayObject*) array), values.data(), sizeof(double)*size);
+    return array;
+}
+}
+%typemap(out, fragment="HelfrichVector") HelfrichPlugin::HelfrichGeometry {
+    const HelfrichPlugin::HelfrichGeometry& geometry = $1;
+    $result = Py_BuildValue("(d,d,d,d,N,N)", geometry.area, geometry.volume, geometry.areaDifference, geometry.integratedMeanCurvature,
+            vectorToArray(geometry.vertexAreas), vectorToArray(geometry.vertexMeanCurvatures));
+}
