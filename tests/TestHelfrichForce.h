@@ -503,7 +503,9 @@ void testPositionsThatAreNotFinite() {
             context.getEnergy(positions);
         }
         catch (const OpenMMException& error) {
-            ASSERT(string(error.what()).find("particle 7") != string::npos);
+            // OpenMM's CPU platform looks at the coordinates before we do.
+            string message = error.what();
+            ASSERT(message.find("particle 7") != string::npos || message.find("coordinate is NaN") != string::npos);
             ASSERT_EQUAL(energy, context.getEnergy(blob.positions));
             continue;
         }

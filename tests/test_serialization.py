@@ -30,8 +30,8 @@ def completeForce():
     return force
 
 
-def hybridIntegrator():
-    integrator = mh.HybridMonteCarloIntegrator(310.5, 0.003, 42, 0.2, 0.3)
+def hybridIntegrator(engine='native'):
+    integrator = mh.HybridMonteCarloIntegrator(310.5, 0.003, 42, 0.2, 0.3, engine)
     integrator.setRandomNumberSeed(17)
     return integrator
 
@@ -40,7 +40,8 @@ def otherIntegrator():
     return mh.HybridMonteCarloIntegrator(mm.LangevinMiddleIntegrator(300, 1, 0.002), mh.EdgeFlipIntegrator(290, 0.5), 0.7)
 
 
-MAKERS = [completeForce, mh.HelfrichForce, lambda: mh.EdgeFlipIntegrator(300.1, 0.15), hybridIntegrator, otherIntegrator]
+MAKERS = [completeForce, mh.HelfrichForce, lambda: mh.EdgeFlipIntegrator(300.1, 0.15),
+          lambda: mh.HamiltonianTrajectoryIntegrator(300.1, 0.02, 11), hybridIntegrator, lambda: hybridIntegrator('custom'), otherIntegrator]
 
 
 def properties(object):
@@ -134,7 +135,8 @@ def test_many_triangles():
     assert np.array_equal(throughXml(force).getTriangles(), triangles)
 
 
-@pytest.mark.parametrize('make', [completeForce, lambda: mh.EdgeFlipIntegrator(300, 0.1), hybridIntegrator])
+@pytest.mark.parametrize('make', [completeForce, lambda: mh.EdgeFlipIntegrator(300, 0.1),
+                                  lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), hybridIntegrator])
 def test_other_versions_are_refused(make):
     original = make()
     lines = mm.XmlSerializer.serialize(original).splitlines()

@@ -208,7 +208,8 @@ def test_cast_borrows_from_its_owner():
 
 
 def test_cast_takes_over_ownership():
-    for original in (octahedronForce(), mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1)):
+    for original in (octahedronForce(), mh.EdgeFlipIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1),
+                     mh.HybridMonteCarloIntegrator(300, 0.1)):
         base = mm.XmlSerializer.clone(original)
         result = type(original).cast(base)
         assert result.thisown and not base.thisown
@@ -236,8 +237,9 @@ def test_hybrid_integrator_is_a_compound_integrator():
     integrator = mh.HybridMonteCarloIntegrator(300, 0.01, stepsPerTrajectory=20, flipProbability=0.25)
     assert isinstance(integrator, mm.CompoundIntegrator)
     assert integrator.getNumIntegrators() == 2
-    assert isinstance(integrator.getIntegrator(0), mm.CustomIntegrator)
+    assert isinstance(integrator.getIntegrator(0), mh.HamiltonianTrajectoryIntegrator)
     assert isinstance(integrator.getIntegrator(1), mh.EdgeFlipIntegrator)
+    assert isinstance(mh.HybridMonteCarloIntegrator(300, 0.01, engine='custom').getIntegrator(0), mm.CustomIntegrator)
     assert integrator.getFlipIntegrator().getFraction() == 0.1
     assert integrator.getStepsPerTrajectory() == 20
     assert integrator.getFlipProbability() == 0.25
@@ -293,7 +295,8 @@ def test_other_threads_run_during_a_step():
     assert ticks > 10
 
 
-@pytest.mark.parametrize('class_', [mh.HelfrichForce, mh.EdgeFlipIntegrator, mh.HybridMonteCarloIntegrator])
+@pytest.mark.parametrize('class_', [mh.HelfrichForce, mh.EdgeFlipIntegrator, mh.HamiltonianTrajectoryIntegrator,
+                                    mh.HybridMonteCarloIntegrator])
 def test_everything_public_is_documented(class_):
     assert class_.__doc__
     public = [name for name in vars(class_) if not name.startswith('_') and name != 'thisown']

@@ -8,6 +8,7 @@
 %{
 #define SWIG_FILE_WITH_INIT
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "OpenMM.h"
@@ -43,4 +44,5 @@ import_array();
 #define OPENMM_EXPORT_HELFRICH
 %include "openmmhelfrich/HelfrichForce.h"
 %include "openmmhelfrich/EdgeFlipIntegrator.h"
+%include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 %include "openmmhelfrich/HybridMonteCarloIntegrator.h"

@@ -68,6 +68,8 @@ HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
 HELFRICH_UNIT(EdgeFlipIntegrator::getTemperature, unit.kelvin)
+HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getTemperature, unit.kelvin)
+HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HybridMonteCarloIntegrator::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 

@@ -63,8 +63,8 @@ def _duplicate(cls, original):
     return duplicate
 
 
-def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5):
-    return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability
+def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5, engine='native'):
+    return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability, engine
 
 
 def _integratorArguments(trajectory, flips, flipProbability=0.5):
@@ -133,6 +133,7 @@ _loadPlugins()
 %enddef
 HELFRICH_CLASS(HelfrichForce, Force)
 HELFRICH_CLASS(EdgeFlipIntegrator, Integrator)
+HELFRICH_CLASS(HamiltonianTrajectoryIntegrator, Integrator)
 HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
 
 %extend HelfrichPlugin::HybridMonteCarloIntegrator {
@@ -146,13 +147,16 @@ HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
             0 for the one that makes the trajectories, 1 for the EdgeFlipIntegrator
         """
         integrator = super().getIntegrator(index)
-        return EdgeFlipIntegrator.cast(integrator) if EdgeFlipIntegrator.isinstance(integrator) else integrator
+        for kind in (EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator):
+            if kind.isinstance(integrator):
+                return kind.cast(integrator)
+        return integrator
 %}
 }
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
-        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5)
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5, engine='native')
         __init__(self, trajectory, flips, flipProbability=0.5)
 
         Create a HybridMonteCarloIntegrator, either with Hybrid Monte Carlo trajectories or with those of another integrator.
@@ -169,6 +173,8 @@ HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
             the number of attempts in a sweep, as a fraction of the number of edges
         flipProbability : float
             the probability that a step is a sweep of flips and not a trajectory
+        engine : str
+            'native' for a HamiltonianTrajectoryIntegrator, 'custom' for the same algorithm as an openmm.CustomIntegrator
         trajectory : openmm.Integrator
             the integrator that makes the trajectories; this object takes over its ownership
         flips : EdgeFlipIntegrator

@@ -1,18 +1,16 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
-#include "openmm/OpenMMException.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/OSRngSeed.h"
 #include "openmm/serialization/SerializationNode.h"
 #include <cmath>
-#include <sstream>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
-
-static const double BOLTZMANN = 8.31446261815324e-3;
 
 EdgeFlipIntegrator::EdgeFlipIntegrator(double temperature, double fraction) {
     setTemperature(temperature);
@@ -21,14 +19,12 @@ EdgeFlipIntegrator::EdgeFlipIntegrator(double temperature, double fraction) {
 }
 
 void EdgeFlipIntegrator::setTemperature(double temperature) {
-    if (!(temperature >= 0 && isfinite(temperature)))
-        throw OpenMMException("EdgeFlipIntegrator: the temperature is "+to_string(temperature)+" K; it must be finite and not negative");
+    requirePositive("EdgeFlipIntegrator: the temperature in K", temperature, true);
     this->temperature = temperature;
 }
 
 void EdgeFlipIntegrator::setFraction(double fraction) {
-    if (!(fraction >= 0 && isfinite(fraction)))
-        throw OpenMMException("EdgeFlipIntegrator: the fraction is "+to_string(fraction)+"; it must be finite and not negative");
+    requirePositive("EdgeFlipIntegrator: the fraction", fraction, true);
     this->fraction = fraction;
 }
 
@@ -94,43 +90,32 @@ bool EdgeFlipIntegrator::kineticEnergyRequiresForce() const {
     return false;
 }
 
-template <class T>
-static void write(ostream& stream, const T& value) {
-    stream.write((const char*) &value, sizeof(T));
-}
-
-template <class T>
-static T read(istream& stream) {
-    T value;
-    if (!stream.read((char*) &value, sizeof(T)))
-        throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
-    return value;
-}
-
 void EdgeFlipIntegrator::createCheckpoint(ostream& stream) const {
-    write(stream, activeSeed);
-    write(stream, numSweeps);
-    write(stream, numAttempted);
-    write(stream, numAccepted);
-    write(stream, numForbidden);
-    write(stream, (long long) membranes.size());
+    writeBinary(stream, activeSeed);
+    writeBinary(stream, numSweeps);
+    writeBinary(stream, numAttempted);
+    writeBinary(stream, numAccepted);
+    writeBinary(stream, numForbidden);
+    writeBinary(stream, (long long) membranes.size());
     for (auto membrane : membranes) {
         auto triangles = membrane->getMesh().getTriangles();
-        write(stream, (long long) triangles.size());
+        writeBinary(stream, (long long) triangles.size());
         stream.write((const char*) triangles.data(), sizeof(triangles[0])*triangles.size());
     }
 }
 
 void EdgeFlipIntegrator::loadCheckpoint(istream& stream) {
-    activeSeed = read<unsigned int>(stream);
-    numSweeps = read<long long>(stream);
-    numAttempted = read<long long>(stream);
-    numAccepted = read<long long>(stream);
-    numForbidden = read<long long>(stream);
-    if (read<long long>(stream) != (long long) membranes.size())
+    long long numMembranes, numTriangles;
+    readBinary(stream, activeSeed);
+    readBinary(stream, numSweeps);
+    readBinary(stream, numAttempted);
+    readBinary(stream, numAccepted);
+    readBinary(stream, numForbidden);
+    readBinary(stream, numMembranes);
+    if (numMembranes != (long long) membranes.size())
         throw OpenMMException("EdgeFlipIntegrator: the checkpoint is of a System with another number of HelfrichForces");
     for (auto membrane : membranes) {
-        long long numTriangles = read<long long>(stream);
+        readBinary(stream, numTriangles);
         if (numTriangles != membrane->getMesh().getNumTriangles())
             throw OpenMMException("EdgeFlipIntegrator: the checkpoint is of a membrane with "+to_string(numTriangles)+" triangles, and "+
                                   membrane->getOwner().getName()+" has "+to_string(membrane->getMesh().getNumTriangles()));
@@ -148,34 +133,18 @@ void EdgeFlipIntegrator::serializeParameters(SerializationNode& node) const {
     node.setLongProperty("numAttempted", numAttempted);
     node.setLongProperty("numAccepted", numAccepted);
     node.setLongProperty("numForbidden", numForbidden);
-    for (auto membrane : membranes) {
-        stringstream indices;
-        for (auto& t : membrane->getMesh().getTriangles())
-            indices << t[0] << ' ' << t[1] << ' ' << t[2] << ' ';
-        node.createChildNode("Triangles").setStringProperty("particles", indices.str());
-    }
-}
-
-static vector<array<int, 3> > parseTriangles(const string& text) {
-    vector<array<int, 3> > triangles;
-    stringstream stream(text);
-    array<int, 3> t;
-    while (stream >> t[0] >> t[1] >> t[2])
-        triangles.push_back(t);
-    if (!stream.eof())
-        throw OpenMMException("EdgeFlipIntegrator: the triangles of the State are damaged after number "+to_string(triangles.size()));
-    return triangles;
+    for (auto membrane : membranes)
+        storeTriangles(membrane->getMesh().getTriangles(), node.createChildNode("Triangles"));
 }
 
 void EdgeFlipIntegrator::deserializeParameters(const SerializationNode& node) {
-    if (node.getIntProperty("version") != 1)
-        throw OpenMMException("EdgeFlipIntegrator: unsupported version "+to_string(node.getIntProperty("version"))+" of the State's integrator parameters");
+    requireVersion(node, 1, "EdgeFlipIntegrator");
     const vector<SerializationNode>& children = node.getChildren();
     if (children.size() != membranes.size())
         throw OpenMMException("EdgeFlipIntegrator: the State is of a System with "+to_string(children.size())+" HelfrichForces, and this one has "+
                               to_string(membranes.size()));
     for (size_t i = 0; i < membranes.size(); i++)
-        membranes[i]->setTriangles(*context, parseTriangles(children[i].getStringProperty("particles")));
+        membranes[i]->setTriangles(*context, loadTriangles(children[i]));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
     numSweeps = node.getLongProperty("numSweeps");
     numAttempted = node.getLongProperty("numAttempted");

@@ -1,34 +1,16 @@
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
-#include "openmmhelfrich/internal/HelfrichForceImpl.h"
-#include "openmm/OpenMMException.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/OSRngSeed.h"
 #include "openmm/serialization/SerializationNode.h"
 #include <cmath>
-#include <istream>
-#include <ostream>
+#include <memory>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
-
-static const double BOLTZMANN = 8.31446261815324e-3;
-
-static void checkTemperature(double temperature) {
-    if (!(temperature > 0 && isfinite(temperature)))
-        throw OpenMMException("HybridMonteCarloIntegrator: the temperature is "+to_string(temperature)+" K; it must be finite and positive");
-}
-
-static void checkStepSize(double size) {
-    if (!(size > 0 && isfinite(size)))
-        throw OpenMMException("HybridMonteCarloIntegrator: the step size is "+to_string(size)+" ps; it must be finite and positive");
-}
-
-static void checkStepsPerTrajectory(int steps) {
-    if (steps < 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: the number of steps per trajectory is "+to_string(steps)+"; it must be at least 1");
-}
 
 /**
  * The trajectory as a CustomIntegrator.  The test step(exp(-dH/kT)-u) is false when dH is not a number.
@@ -65,13 +47,15 @@ static CustomIntegrator* createLeapfrog(double temperature, double stepSize, int
     return leapfrog;
 }
 
-HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory, double flipFraction, double flipProbability) {
-    checkTemperature(temperature);
-    checkStepSize(stepSize);
-    checkStepsPerTrajectory(stepsPerTrajectory);
+HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory, double flipFraction, double flipProbability,
+                                                       const string& engine) {
+    if (engine != "native" && engine != "custom")
+        throw OpenMMException("HybridMonteCarloIntegrator: the engine is '"+engine+"'; it must be 'native' or 'custom'");
     setFlipProbability(flipProbability);
-    addIntegrator(createLeapfrog(temperature, stepSize, stepsPerTrajectory));
-    addIntegrator(new EdgeFlipIntegrator(temperature, flipFraction));
+    unique_ptr<Integrator> native(new HamiltonianTrajectoryIntegrator(temperature, stepSize, stepsPerTrajectory));
+    unique_ptr<Integrator> flips(new EdgeFlipIntegrator(temperature, flipFraction));
+    addIntegrator(engine == "native" ? native.release() : createLeapfrog(temperature, stepSize, stepsPerTrajectory));
+    addIntegrator(flips.release());
 }
 
 HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability) {
@@ -88,7 +72,11 @@ const EdgeFlipIntegrator& HybridMonteCarloIntegrator::getFlipIntegrator() const 
     return dynamic_cast<const EdgeFlipIntegrator&>(getIntegrator(1));
 }
 
-CustomIntegrator* HybridMonteCarloIntegrator::getLeapfrog() const {
+HamiltonianTrajectoryIntegrator* HybridMonteCarloIntegrator::getNative() const {
+    return const_cast<HamiltonianTrajectoryIntegrator*>(dynamic_cast<const HamiltonianTrajectoryIntegrator*>(&getIntegrator(0)));
+}
+
+CustomIntegrator* HybridMonteCarloIntegrator::getCustom() const {
     const CustomIntegrator* custom = dynamic_cast<const CustomIntegrator*>(&getIntegrator(0));
     if (custom == NULL || custom->getNumGlobalVariables() < 2 || custom->getGlobalVariableName(1) != "stepsPerTrajectory")
         return NULL;
@@ -100,10 +88,12 @@ double HybridMonteCarloIntegrator::getTemperature() const {
 }
 
 void HybridMonteCarloIntegrator::setTemperature(double temperature) {
-    checkTemperature(temperature);
+    requirePositive("HybridMonteCarloIntegrator: the temperature in K", temperature);
     getFlips().setTemperature(temperature);
-    if (CustomIntegrator* leapfrog = getLeapfrog())
-        leapfrog->setGlobalVariableByName("kT", BOLTZMANN*temperature);
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setTemperature(temperature);
+    if (CustomIntegrator* custom = getCustom())
+        custom->setGlobalVariableByName("kT", BOLTZMANN*temperature);
 }
 
 double HybridMonteCarloIntegrator::getStepSize() const {
@@ -111,21 +101,25 @@ double HybridMonteCarloIntegrator::getStepSize() const {
 }
 
 void HybridMonteCarloIntegrator::setStepSize(double size) {
-    checkStepSize(size);
+    requirePositive("HybridMonteCarloIntegrator: the step size in ps", size);
     getIntegrator(0).setStepSize(size);
 }
 
 int HybridMonteCarloIntegrator::getStepsPerTrajectory() const {
-    CustomIntegrator* leapfrog = getLeapfrog();
-    return leapfrog == NULL ? 1 : (int) leapfrog->getGlobalVariableByName("stepsPerTrajectory");
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        return native->getStepsPerTrajectory();
+    CustomIntegrator* custom = getCustom();
+    return custom == NULL ? 1 : (int) custom->getGlobalVariableByName("stepsPerTrajectory");
 }
 
 void HybridMonteCarloIntegrator::setStepsPerTrajectory(int steps) {
-    checkStepsPerTrajectory(steps);
-    CustomIntegrator* leapfrog = getLeapfrog();
-    if (leapfrog == NULL)
+    requirePositive("HybridMonteCarloIntegrator: the number of steps per trajectory", steps);
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setStepsPerTrajectory(steps);
+    else if (CustomIntegrator* custom = getCustom())
+        custom->setGlobalVariableByName("stepsPerTrajectory", steps);
+    else
         throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one whose number of steps can be set");
-    leapfrog->setGlobalVariableByName("stepsPerTrajectory", steps);
 }
 
 double HybridMonteCarloIntegrator::getFlipFraction() const {
@@ -142,17 +136,36 @@ void HybridMonteCarloIntegrator::setFlipProbability(double probability) {
     flipProbability = probability;
 }
 
-void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed) {
+void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed, bool alsoForIntegrators) {
     randomNumberSeed = seed;
     if (context != NULL)
         activeSeed = (seed == 0 ? osrngseed() : seed);
+    if (!alsoForIntegrators)
+        return;
     getFlips().setRandomNumberSeed(seed);
-    if (CustomIntegrator* leapfrog = getLeapfrog())
-        leapfrog->setRandomNumberSeed(seed);
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setRandomNumberSeed(seed);
+    if (CustomIntegrator* custom = getCustom())
+        custom->setRandomNumberSeed(seed);
+}
+
+long long HybridMonteCarloIntegrator::getNumTrajectories() const {
+    HamiltonianTrajectoryIntegrator* native = getNative();
+    return native == NULL ? numTrajectories : native->getNumTrajectories();
+}
+
+long long HybridMonteCarloIntegrator::getNumAcceptedTrajectories() const {
+    HamiltonianTrajectoryIntegrator* native = getNative();
+    return native == NULL ? numAccepted : native->getNumAccepted();
+}
+
+long long HybridMonteCarloIntegrator::getNumDivergedTrajectories() const {
+    HamiltonianTrajectoryIntegrator* native = getNative();
+    return native == NULL ? numDiverged : native->getNumDiverged();
 }
 
 double HybridMonteCarloIntegrator::getAcceptanceRate() const {
-    return numTrajectories == 0 ? 0 : numAcceptedTrajectories/(double) numTrajectories;
+    return getNumTrajectories() == 0 ? 0 : getNumAcceptedTrajectories()/(double) getNumTrajectories();
 }
 
 double HybridMonteCarloIntegrator::getFlipAcceptanceRate() const {
@@ -163,16 +176,12 @@ double HybridMonteCarloIntegrator::getFlipAcceptanceRate() const {
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     if (owner != NULL && &contextRef.getOwner() != owner)
         throw OpenMMException("This Integrator is already bound to a context");
-    const System& system = contextRef.getSystem();
-    if (getLeapfrog() != NULL && system.getNumConstraints() > 0)
-        throw OpenMMException("HybridMonteCarloIntegrator: the System has constraints, which its trajectories do not support");
-    for (int i = 0; i < system.getNumParticles(); i++)
-        if (getLeapfrog() != NULL && system.isVirtualSite(i))
-            throw OpenMMException("HybridMonteCarloIntegrator: particle "+to_string(i)+" is a virtual site, which its trajectories do not support");
+    if (getCustom() != NULL)
+        requireFreeParticles(contextRef.getSystem(), "HybridMonteCarloIntegrator");
     context = &contextRef;
     owner = &contextRef.getOwner();
     activeSeed = (randomNumberSeed == 0 ? osrngseed() : randomNumberSeed);
-    numTrajectories = numAcceptedTrajectories = numDivergedTrajectories = 0;
+    numTrajectories = numAccepted = numDiverged = 0;
     CompoundIntegrator::initialize(contextRef);
 }
 
@@ -193,32 +202,34 @@ void HybridMonteCarloIntegrator::step(int steps) {
 }
 
 void HybridMonteCarloIntegrator::makeTrajectory() {
-    CustomIntegrator* leapfrog = getLeapfrog();
-    if (leapfrog == NULL) {
+    CustomIntegrator* custom = getCustom();
+    if (custom == NULL) {
         getIntegrator(0).step(1);
         numTrajectories++;
-        numAcceptedTrajectories++;
+        numAccepted++;
         return;
     }
     try {
-        leapfrog->step(1);
+        custom->step(1);
         numTrajectories++;
-        if (leapfrog->getGlobalVariableByName("accepted") > 0.5)
-            numAcceptedTrajectories++;
-        else if (!isfinite(leapfrog->getGlobalVariableByName("endEnergy")))
-            numDivergedTrajectories++;
+        if (custom->getGlobalVariableByName("accepted") > 0.5)
+            numAccepted++;
+        else if (!isfinite(custom->getGlobalVariableByName("endEnergy")))
+            numDiverged++;
     }
     catch (const OpenMMException&) {
-        abandonTrajectory(*leapfrog);
+        abandonTrajectory(*custom);
+        numTrajectories++;
+        numDiverged++;
     }
 }
 
-void HybridMonteCarloIntegrator::abandonTrajectory(CustomIntegrator& leapfrog) {
+void HybridMonteCarloIntegrator::abandonTrajectory(CustomIntegrator& custom) {
     // Go back to the start.  If the energy cannot be computed there either, then the start is what is wrong, and not the step size.
 
     vector<Vec3> startX, startV;
-    leapfrog.getPerDofVariableByName("startX", startX);
-    leapfrog.getPerDofVariableByName("startV", startV);
+    custom.getPerDofVariableByName("startX", startX);
+    custom.getPerDofVariableByName("startV", startV);
     vector<Vec3> positions;
     context->getPositions(positions);
     for (int i = 0; i < context->getSystem().getNumParticles(); i++)
@@ -229,24 +240,21 @@ void HybridMonteCarloIntegrator::abandonTrajectory(CustomIntegrator& leapfrog) {
     context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     context->setStepCount(context->getStepCount()+1);
     context->setTime(context->getTime()+getStepSize());
-    numTrajectories++;
-    numDivergedTrajectories++;
 }
 
 void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
-    long long counters[4] = {(long long) activeSeed, numTrajectories, numAcceptedTrajectories, numDivergedTrajectories};
-    stream.write((const char*) counters, sizeof(counters));
+    writeBinary(stream, activeSeed);
+    writeBinary(stream, numTrajectories);
+    writeBinary(stream, numAccepted);
+    writeBinary(stream, numDiverged);
     CompoundIntegrator::createCheckpoint(stream);
 }
 
 void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
-    long long counters[4];
-    if (!stream.read((char*) counters, sizeof(counters)))
-        throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint ends too early");
-    activeSeed = (unsigned int) counters[0];
-    numTrajectories = counters[1];
-    numAcceptedTrajectories = counters[2];
-    numDivergedTrajectories = counters[3];
+    readBinary(stream, activeSeed);
+    readBinary(stream, numTrajectories);
+    readBinary(stream, numAccepted);
+    readBinary(stream, numDiverged);
     CompoundIntegrator::loadCheckpoint(stream);
 }
 
@@ -254,18 +262,16 @@ void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) co
     node.setIntProperty("version", 1);
     node.setIntProperty("activeSeed", (int) activeSeed);
     node.setLongProperty("numTrajectories", numTrajectories);
-    node.setLongProperty("numAcceptedTrajectories", numAcceptedTrajectories);
-    node.setLongProperty("numDivergedTrajectories", numDivergedTrajectories);
+    node.setLongProperty("numAccepted", numAccepted);
+    node.setLongProperty("numDiverged", numDiverged);
     CompoundIntegrator::serializeParameters(node.createChildNode("Integrators"));
 }
 
 void HybridMonteCarloIntegrator::deserializeParameters(const SerializationNode& node) {
-    if (node.getIntProperty("version") != 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: unsupported version "+to_string(node.getIntProperty("version"))+
-                              " of the State's integrator parameters");
+    requireVersion(node, 1, "HybridMonteCarloIntegrator");
     CompoundIntegrator::deserializeParameters(node.getChildNode("Integrators"));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
     numTrajectories = node.getLongProperty("numTrajectories");
-    numAcceptedTrajectories = node.getLongProperty("numAcceptedTrajectories");
-    numDivergedTrajectories = node.getLongProperty("numDivergedTrajectories");
+    numAccepted = node.getLongProperty("numAccepted");
+    numDiverged = node.getLongProperty("numDiverged");
 }

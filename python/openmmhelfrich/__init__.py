@@ -1,7 +1,7 @@
 """Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
 from importlib.metadata import PackageNotFoundError, version
 
-from .helfrich import EdgeFlipIntegrator, HelfrichForce, HybridMonteCarloIntegrator
+from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
 from .mesh import Mesh
 from .psf import writePSF
 from .reporters import ObservablesReporter, readObservables
@@ -11,4 +11,4 @@ try:
 except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "unknown"
 
-__all__ = ["EdgeFlipIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF"]
+__all__ = ["EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF"]

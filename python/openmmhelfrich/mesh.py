@@ -3,6 +3,7 @@ import contextlib
 import io
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from openmm import app, unit
 
 from . import connectivity
 
+# What the head of a file must hold, lest the mesh library searches for it beyond the end, for ever.
+_HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
 # The mesh library would take .msh for an Ansys file first, and STL for text.
 _FORMAT = {".msh": "gmsh", ".stl": "stl"}
 _WRITE_OPTIONS = {".stl": {"binary": True}}
@@ -336,12 +339,14 @@ def _readFile(path):
     if suffix not in meshio.extension_to_filetypes:
         raise ValueError(f"no mesh format has the suffix '{suffix}'; {_suffixes()}")
     try:
-        with _silence():
-            return meshio.read(path, file_format=_FORMAT.get(suffix))
+        if re.search(_HEAD.get(suffix, b""), path.read_bytes()):
+            with _silence():
+                return meshio.read(path, file_format=_FORMAT.get(suffix))
     except PermissionError:
         raise
     except (Exception, SystemExit):  # a damaged file raises anything from IndexError to an exit of the interpreter
-        raise ValueError(f"this is not a complete {suffix[1:].upper()} file") from None
+        pass
+    raise ValueError(f"this is not a complete {suffix[1:].upper()} file")
 
 
 def _trianglesOf(data):

@@ -1,5 +1,7 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/EdgeFlipIntegratorProxy.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegratorProxy.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
@@ -24,5 +26,6 @@ using namespace OpenMM;
 extern "C" OPENMM_EXPORT_HELFRICH void registerHelfrichSerializationProxies() {
     SerializationProxy::registerProxy(typeid(HelfrichForce), new HelfrichForceProxy());
     SerializationProxy::registerProxy(typeid(EdgeFlipIntegrator), new EdgeFlipIntegratorProxy());
+    SerializationProxy::registerProxy(typeid(HamiltonianTrajectoryIntegrator), new HamiltonianTrajectoryIntegratorProxy());
     SerializationProxy::registerProxy(typeid(HybridMonteCarloIntegrator), new HybridMonteCarloIntegratorProxy());
 }

@@ -29,18 +29,9 @@ void* HybridMonteCarloIntegratorProxy::deserialize(const SerializationNode& node
     EdgeFlipIntegrator* flips = dynamic_cast<EdgeFlipIntegrator*>(second.get());
     if (flips == nullptr)
         throw OpenMMException(getTypeName()+": the node 'Flips' does not describe an EdgeFlipIntegrator");
-    CustomIntegrator* leapfrog = dynamic_cast<CustomIntegrator*>(trajectory.get());
-    int flipSeed = flips->getRandomNumberSeed();
-    int leapfrogSeed = (leapfrog == nullptr ? 0 : leapfrog->getRandomNumberSeed());
     unique_ptr<HybridMonteCarloIntegrator> integrator(new HybridMonteCarloIntegrator(trajectory.get(), flips, node.getDoubleProperty("flipProbability")));
     trajectory.release();
     second.release();
-
-    // Setting the seed sets those of the two Integrators, which may have had others.
-
-    integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
-    flips->setRandomNumberSeed(flipSeed);
-    if (leapfrog != nullptr)
-        leapfrog->setRandomNumberSeed(leapfrogSeed);
+    integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"), false);
     return integrator.release();
 }

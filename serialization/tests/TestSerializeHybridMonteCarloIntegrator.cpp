@@ -21,8 +21,8 @@ static unique_ptr<Integrator> fromXml(const string& xml) {
     return unique_ptr<Integrator>(XmlSerializer::deserialize<Integrator>(stream));
 }
 
-void testRoundTrip() {
-    HybridMonteCarloIntegrator integrator(310.5, 0.003, 42, 0.2, 0.3);
+void testRoundTrip(const string& engine) {
+    HybridMonteCarloIntegrator integrator(310.5, 0.003, 42, 0.2, 0.3, engine);
     integrator.setRandomNumberSeed(17);
     string xml = toXml(integrator);
     unique_ptr<Integrator> deserialized = fromXml(xml);
@@ -43,10 +43,11 @@ void testRoundTrip() {
     ASSERT_EQUAL(7, copy.getStepsPerTrajectory());
 }
 
-void testOwnSeeds() {
-    HybridMonteCarloIntegrator integrator(310.5, 0.003);
+template <class Trajectory>
+void testOwnSeeds(const string& engine) {
+    HybridMonteCarloIntegrator integrator(310.5, 0.003, 100, 0.1, 0.5, engine);
     integrator.setRandomNumberSeed(17);
-    dynamic_cast<CustomIntegrator&>(integrator.getIntegrator(0)).setRandomNumberSeed(18);
+    dynamic_cast<Trajectory&>(integrator.getIntegrator(0)).setRandomNumberSeed(18);
     dynamic_cast<EdgeFlipIntegrator&>(integrator.getIntegrator(1)).setRandomNumberSeed(19);
     string xml = toXml(integrator);
     ASSERT_EQUAL(xml, toXml(*fromXml(xml)));
@@ -95,8 +96,10 @@ void testDamagedText() {
 
 int main() {
     try {
-        testRoundTrip();
-        testOwnSeeds();
+        testRoundTrip("native");
+        testRoundTrip("custom");
+        testOwnSeeds<HamiltonianTrajectoryIntegrator>("native");
+        testOwnSeeds<CustomIntegrator>("custom");
         testOtherTrajectories();
         testDamagedText();
     }

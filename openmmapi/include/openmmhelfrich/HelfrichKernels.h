@@ -4,6 +4,7 @@
 #include "HelfrichForce.h"
 #include "internal/HelfrichMesh.h"
 #include "internal/HelfrichParameters.h"
+#include "internal/Philox.h"
 #include "openmm/KernelImpl.h"
 #include "openmm/Platform.h"
 #include <string>
@@ -43,6 +44,50 @@ public:
      * @return the geometry, without the area difference
      */
     virtual HelfrichGeometry computeGeometry(OpenMM::ContextImpl& context) = 0;
+};
+
+/**
+ * This kernel is invoked by HamiltonianTrajectoryIntegrator to move the particles.
+ */
+class IntegrateHamiltonianTrajectoryKernel : public OpenMM::KernelImpl {
+public:
+    static std::string Name() {
+        return "IntegrateHamiltonianTrajectory";
+    }
+    IntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : OpenMM::KernelImpl(name, platform) {
+    }
+    /**
+     * Initialize the kernel.
+     *
+     * @param system  the System this kernel will be applied to
+     */
+    virtual void initialize(const OpenMM::System& system) = 0;
+    /**
+     * Keep a copy of the positions, and draw the velocities.
+     *
+     * @param context     the Context in which to execute the kernel
+     * @param kT          the temperature, measured in kJ/mol
+     * @param random      the source of random numbers
+     * @param trajectory  the number of the trajectory, which with that of the particle is the counter of the random numbers
+     * @return the kinetic energy
+     */
+    virtual double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory) = 0;
+    /**
+     * Change the velocities by the forces of the Context, and then move the particles.
+     *
+     * @param context       the Context in which to execute the kernel
+     * @param velocityStep  the time for which the forces act, measured in ps
+     * @param positionStep  the time for which the particles move, measured in ps; 0 leaves them where they are
+     */
+    virtual void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep) = 0;
+    /**
+     * Compute the kinetic energy.
+     */
+    virtual double computeKineticEnergy(OpenMM::ContextImpl& context) = 0;
+    /**
+     * Restore the positions and velocities with which begin() left the Context.
+     */
+    virtual void restore(OpenMM::ContextImpl& context) = 0;
 };
 
 } // namespace HelfrichPlugin

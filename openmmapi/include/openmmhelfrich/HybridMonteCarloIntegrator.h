@@ -2,6 +2,7 @@
 #define OPENMM_HYBRIDMONTECARLOINTEGRATOR_H_
 
 #include "EdgeFlipIntegrator.h"
+#include "HamiltonianTrajectoryIntegrator.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/CompoundIntegrator.h"
 #include "openmm/CustomIntegrator.h"
@@ -10,11 +11,11 @@ namespace HelfrichPlugin {
 
 /**
  * This Integrator samples a System with fluid membranes at constant temperature.  Each step is one Monte Carlo step: at random, with a given probability, a sweep of
- * edge flips, and otherwise a Hybrid Monte Carlo trajectory of the particles: draw velocities from the Maxwell-Boltzmann distribution, make leapfrog steps, and accept
- * the end point with probability min(1, exp(-dH/kT)) (Duane et al., Phys. Lett. B 195, 216, 1987).
+ * edge flips, and otherwise a Hybrid Monte Carlo trajectory of the particles.
  *
- * It is a CompoundIntegrator of two: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator.  Any other Integrator can take the place of number 0:
- * with a LangevinMiddleIntegrator, for instance, steps of dynamics alternate with sweeps.
+ * It is a CompoundIntegrator of two: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator.  Number 0 is a HamiltonianTrajectoryIntegrator, or the same algorithm as a
+ * CustomIntegrator, which is slower and draws its random numbers from OpenMM's own generator.  Any other Integrator can take its place: with a LangevinMiddleIntegrator, for instance,
+ * steps of dynamics alternate with sweeps.
  *
  * A trajectory that diverges, so that an energy or a position is not finite any more, is a rejected move.
  *
@@ -30,8 +31,10 @@ public:
      * @param stepsPerTrajectory  the number of leapfrog steps in a trajectory
      * @param flipFraction        the number of attempts in a sweep, as a fraction of the number of edges
      * @param flipProbability     the probability that a step is a sweep of flips and not a trajectory
+     * @param engine              "native" for a HamiltonianTrajectoryIntegrator, "custom" for a CustomIntegrator
      */
-    HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100, double flipFraction=0.1, double flipProbability=0.5);
+    HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100, double flipFraction=0.1, double flipProbability=0.5,
+                               const std::string& engine="native");
     /**
      * Create a HybridMonteCarloIntegrator whose trajectories another Integrator makes.
      *
@@ -92,28 +95,25 @@ public:
     /**
      * Set the random number seed of the choice of moves, of the trajectories and of the flips.  If it is 0 (the default), a unique seed is chosen when a
      * Context is created.
+     *
+     * @param seed                the seed
+     * @param alsoForIntegrators  whether to set the seeds of the two Integrators too
      */
-    void setRandomNumberSeed(int seed);
+    void setRandomNumberSeed(int seed, bool alsoForIntegrators=true);
     /**
      * Get the number of trajectories made since the Context was created.
      */
-    long long getNumTrajectories() const {
-        return numTrajectories;
-    }
+    long long getNumTrajectories() const;
     /**
      * Get the number of trajectories accepted since the Context was created.
      */
-    long long getNumAcceptedTrajectories() const {
-        return numAcceptedTrajectories;
-    }
+    long long getNumAcceptedTrajectories() const;
     /**
      * Get the number of trajectories since the Context was created that diverged, and were rejected.
      */
-    long long getNumDivergedTrajectories() const {
-        return numDivergedTrajectories;
-    }
+    long long getNumDivergedTrajectories() const;
     /**
-     * Get the fraction of trajectories that were accepted, or 0 if there was none.
+     * Get the fraction of trajectories that were accepted, or 0 if there was none.  An Integrator of another kind than this class creates accepts every step.
      */
     double getAcceptanceRate() const;
     /**
@@ -138,14 +138,15 @@ protected:
     void deserializeParameters(const OpenMM::SerializationNode& node);
 private:
     EdgeFlipIntegrator& getFlips();
-    OpenMM::CustomIntegrator* getLeapfrog() const;
+    HamiltonianTrajectoryIntegrator* getNative() const;
+    OpenMM::CustomIntegrator* getCustom() const;
     bool isNextStepSweep() const;
     void makeTrajectory();
-    void abandonTrajectory(OpenMM::CustomIntegrator& leapfrog);
+    void abandonTrajectory(OpenMM::CustomIntegrator& custom);
     double flipProbability;
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
-    long long numTrajectories = 0, numAcceptedTrajectories = 0, numDivergedTrajectories = 0;
+    long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
 };
 
 } // namespace HelfrichPlugin

@@ -53,11 +53,16 @@ private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();
     void resizeArrays(const HelfrichParameters& parameters, bool needsCurvature);
-    void loadPositions(const std::vector<OpenMM::Vec3>& positions, int firstSlot, int lastSlot);
-    void computeEnergies(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature);
-    void addForces(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes);
+    void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces);
+    void loadPositions(const std::vector<OpenMM::Vec3>& positions, int chunk);
+    void addUpTotals();
+    void computeForces(const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, int chunk, std::vector<OpenMM::Vec3>& forces);
+    void computeRepulsion(const HelfrichParameters& parameters, int chunk, double* gradients);
     int getNumChunks() const;
+    int getFirstGroup(int chunk) const;
     int getLastGroup(int chunk) const;
+    int getFirstSlot(int chunk) const;
+    int getLastSlot(int chunk) const;
     const CpuHelfrichPasses& passes;
     const HelfrichMesh* mesh;
     long long revision;
@@ -67,7 +72,29 @@ private:
     Array positions, bendingSlopes, areas, curvatures, inverseNormals, anglesPerLength, tetherSlopes;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
-    CpuHelfrichSums totals;
+    HelfrichTotals totals;
+    double bendingEnergy, tetherEnergy, repulsionEnergy;
+};
+
+/**
+ * This kernel is invoked by HamiltonianTrajectoryIntegrator to move the particles.
+ */
+class CpuIntegrateHamiltonianTrajectoryKernel : public IntegrateHamiltonianTrajectoryKernel {
+public:
+    CpuIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system);
+    double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
+    void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep);
+    double computeKineticEnergy(OpenMM::ContextImpl& context);
+    void restore(OpenMM::ContextImpl& context);
+private:
+    void drawVelocities(OpenMM::ContextImpl& context);
+    std::vector<double> masses, inverseMasses, chunkEnergies;
+    std::vector<OpenMM::Vec3> startPositions;
+    Philox random = Philox(0, 0);
+    double kT;
+    long long trajectory;
 };
 
 } // namespace HelfrichPlugin

@@ -24,7 +24,7 @@ struct CpuHelfrichArrays {
  * Sums over some of the vertices.
  */
 struct CpuHelfrichSums {
-    double area = 0, volume = 0, curvature = 0, bending = 0, tether = 0;
+    double area = 0, volume = 0, curvature = 0, bending = 0, tether = 0, repulsion = 0;
 };
 
 /**

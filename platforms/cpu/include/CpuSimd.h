@@ -42,10 +42,16 @@ inline Simd select(SimdMask condition, Simd ifTrue, Simd ifFalse) {
 }
 
 inline bool any(SimdMask condition) {
+#if defined(__AVX512F__)
+    return _mm512_test_epi64_mask((__m512i) condition, (__m512i) condition) != 0;
+#elif defined(__AVX2__)
+    return _mm256_movemask_pd((__m256d) condition) != 0;
+#else
     int64_t bits = 0;
     for (int lane = 0; lane < WIDTH; lane++)
         bits |= condition[lane];
     return bits != 0;
+#endif
 }
 
 inline double sum(Simd value) {
@@ -126,6 +132,21 @@ inline Simd angleOf(Simd y, Simd x) {
     angle = select(steep, 1.5707963267948966-angle, angle);
     angle = select(x < 0.0, 3.1415926535897931-angle, angle);
     return copySign(angle, y);
+}
+
+/**
+ * exp(x) for x <= 0: 2^n times a Taylor polynomial of degree 13 of the rest, which is at most ln(2)/2 and leaves an error of 4e-18.
+ */
+inline Simd exponential(Simd x) {
+    const double roundingShift = 6755399441055744.0;
+    Simd shifted = x*1.4426950408889634+roundingShift, n = shifted-roundingShift;
+    Simd rest = x-n*6.93147180369123816490e-01-n*1.90821492927058770002e-10;
+    const double c[] = {1, 1, 1/2.0, 1/6.0, 1/24.0, 1/120.0, 1/720.0, 1/5040.0, 1/40320.0, 1/362880.0, 1/3628800.0, 1/39916800.0, 1/479001600.0, 1/6227020800.0};
+    Simd value = broadcast(c[13]);
+    for (int i = 12; i >= 0; i--)
+        value = value*rest+c[i];
+    SimdMask bits = reinterpret_cast<SimdMask>(value)+(reinterpret_cast<SimdMask>(shifted)<<52);
+    return select(x > -700.0, reinterpret_cast<Simd>(bits), Simd{});
 }
 
 /**

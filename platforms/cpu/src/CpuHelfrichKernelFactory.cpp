@@ -17,8 +17,11 @@ extern "C" OPENMM_EXPORT void registerPlatforms() {
 extern "C" OPENMM_EXPORT void registerKernelFactories() {
     for (int i = 0; i < Platform::getNumPlatforms(); i++) {
         Platform& platform = Platform::getPlatform(i);
-        if (platform.getName() == "CPU")
-            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), new CpuHelfrichKernelFactory());
+        if (platform.getName() == "CPU") {
+            KernelFactory* factory = new CpuHelfrichKernelFactory();
+            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
+            platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
+        }
     }
 }
 
@@ -29,6 +32,8 @@ extern "C" OPENMM_EXPORT void registerHelfrichCpuKernelFactories() {
 KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platform& platform, ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new CpuCalcHelfrichForceKernel(name, platform);
+    if (name == IntegrateHamiltonianTrajectoryKernel::Name())
+        return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '"+name+"'");
 }
 

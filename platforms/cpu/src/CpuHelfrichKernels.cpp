@@ -1,5 +1,6 @@
 #include "CpuHelfrichKernels.h"
-#include "openmm/OpenMMException.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
 #include <algorithm>
@@ -10,7 +11,7 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static const int GROUPS_PER_CHUNK = 8;
+static const int GROUPS_PER_CHUNK = 8, MAX_WIDTH = 8;
 
 static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
@@ -53,12 +54,24 @@ int CpuCalcHelfrichForceKernel::getNumChunks() const {
     return (layout.getNumGroups()+GROUPS_PER_CHUNK-1)/GROUPS_PER_CHUNK;
 }
 
+int CpuCalcHelfrichForceKernel::getFirstGroup(int chunk) const {
+    return chunk*GROUPS_PER_CHUNK;
+}
+
 int CpuCalcHelfrichForceKernel::getLastGroup(int chunk) const {
     return min((chunk+1)*GROUPS_PER_CHUNK, layout.getNumGroups());
 }
 
-void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int firstSlot, int lastSlot) {
-    for (int slot = firstSlot; slot < lastSlot; slot++) {
+int CpuCalcHelfrichForceKernel::getFirstSlot(int chunk) const {
+    return getFirstGroup(chunk)*layout.width;
+}
+
+int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
+    return min(getLastGroup(chunk)*layout.width, mesh->getNumVertices());
+}
+
+void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
+    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk)*layout.width; slot++) {
         const Vec3& x = source[particles[slot]];
         positions[4*slot] = x[0];
         positions[4*slot+1] = x[1];
@@ -83,6 +96,13 @@ private:
     double sum = 0, error = 0;
 };
 
+static double addUp(const vector<double>& terms) {
+    CompensatedSum total;
+    for (double term : terms)
+        total.add(term);
+    return total.get();
+}
+
 static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::*member) {
     CompensatedSum total;
     for (auto& chunk : sums)
@@ -90,72 +110,79 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
     return total.get();
 }
 
-void CpuCalcHelfrichForceKernel::computeEnergies(ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature) {
+void CpuCalcHelfrichForceKernel::addUpTotals() {
+    totals.area = addUp(chunkSums, &CpuHelfrichSums::area);
+    totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume);
+    totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature);
+    bendingEnergy = addUp(chunkSums, &CpuHelfrichSums::bending);
+    tetherEnergy = addUp(chunkSums, &CpuHelfrichSums::tether);
+}
+
+void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, int chunk, double* gradients) {
+    chunkSums[chunk].repulsion = repulsion.compute(positions.data(), parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
+}
+
+void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, int chunk, vector<Vec3>& forces) {
+    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    passes.computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
+    if (parameters.repulsionModulus != 0)
+        computeRepulsion(parameters, chunk, gradients);
+    const double* gradient = gradients;
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4)
+        forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
+}
+
+void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces) {
     updateLayout();
     resizeArrays(parameters, needsCurvature);
     const vector<Vec3>& source = *getData(context).positions;
+    vector<Vec3>& forces = *getData(context).forces;
+    CpuHelfrichSlopes slopes;
+    bool hasRepulsion = (parameters.repulsionModulus != 0), arePositionsFinite = true;
     int numChunks = getNumChunks(), numThreads = getData(context).threads.getNumThreads();
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
-            loadPositions(source, chunk*GROUPS_PER_CHUNK*layout.width, getLastGroup(chunk)*layout.width);
+            loadPositions(source, chunk);
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
-            passes.computeEnergy(layout, parameters, needsCurvature, arrays, chunk*GROUPS_PER_CHUNK, getLastGroup(chunk), chunkSums[chunk]);
-    }
-    for (auto member : {&CpuHelfrichSums::area, &CpuHelfrichSums::volume, &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending, &CpuHelfrichSums::tether})
-        totals.*member = addUp(chunkSums, member);
-}
-
-void CpuCalcHelfrichForceKernel::addForces(ContextImpl& context, const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes) {
-    vector<Vec3>& forces = *getData(context).forces;
-    int numChunks = getNumChunks(), numThreads = getData(context).threads.getNumThreads();
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int chunk = 0; chunk < numChunks; chunk++) {
-        alignas(64) double gradients[4*GROUPS_PER_CHUNK*8];
-        int firstGroup = chunk*GROUPS_PER_CHUNK, firstSlot = firstGroup*layout.width;
-        int lastGroup = getLastGroup(chunk), lastSlot = min(lastGroup*layout.width, mesh->getNumVertices());
-        passes.computeGradient(layout, parameters, slopes, arrays, firstGroup, lastGroup, gradients);
-        if (parameters.repulsionModulus != 0)
-            repulsion.compute(positions.data(), parameters, firstSlot, lastSlot, gradients);
-        for (int slot = firstSlot; slot < lastSlot; slot++) {
-            const double* gradient = gradients+4*(slot-firstSlot);
-            forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
+            passes.computeEnergy(layout, parameters, needsCurvature, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        #pragma omp single
+        {
+            addUpTotals();
+            HelfrichTotals byTotals = penaltySlopes(parameters, totals);
+            slopes = {byTotals.area, byTotals.volume, byTotals.curvature};
+            if (hasRepulsion)
+                arePositionsFinite = repulsion.update(*mesh, layout, positions.data(), parameters);
+        }
+        if (arePositionsFinite && includeForces) {
+            #pragma omp for schedule(static)
+            for (int chunk = 0; chunk < numChunks; chunk++)
+                computeForces(parameters, slopes, chunk, forces);
+        }
+        else if (arePositionsFinite && hasRepulsion) {
+            #pragma omp for schedule(static)
+            for (int chunk = 0; chunk < numChunks; chunk++)
+                computeRepulsion(parameters, chunk, NULL);
         }
     }
+    repulsionEnergy = arePositionsFinite ? addUp(chunkSums, &CpuHelfrichSums::repulsion) : numeric_limits<double>::quiet_NaN();
 }
 
-HelfrichEnergyTerms CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& p, bool includeForces) {
-    computeEnergies(context, p, p.needsCurvature());
-    HelfrichTotals sums;
-    sums.area = totals.area;
-    sums.volume = totals.volume;
-    sums.curvature = totals.curvature;
+HelfrichEnergyTerms CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces) {
+    compute(context, parameters, parameters.needsCurvature(), includeForces);
     HelfrichEnergyTerms terms;
-    terms.bending = totals.bending;
-    terms.tether = totals.tether;
-    addPenalties(p, sums, terms);
-    if (p.repulsionModulus != 0) {
-        if (!repulsion.update(*mesh, layout, positions.data(), p)) {
-            terms.repulsion = numeric_limits<double>::quiet_NaN();
-            return terms;
-        }
-        terms.repulsion = repulsion.compute(positions.data(), p, 0, mesh->getNumVertices(), NULL);
-    }
-    if (includeForces) {
-        HelfrichTotals slopes = penaltySlopes(p, sums);
-        CpuHelfrichSlopes byTotals;
-        byTotals.area = slopes.area;
-        byTotals.volume = slopes.volume;
-        byTotals.curvature = slopes.curvature;
-        addForces(context, p, byTotals);
-    }
+    terms.bending = bendingEnergy;
+    terms.tether = tetherEnergy;
+    addPenalties(parameters, totals, terms);
+    if (parameters.repulsionModulus != 0)
+        terms.repulsion = repulsionEnergy;
     return terms;
 }
 
 HelfrichGeometry CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context) {
-    computeEnergies(context, HelfrichParameters(), true);
+    compute(context, HelfrichParameters(), true, false);
     HelfrichGeometry geometry;
     geometry.area = totals.area;
     geometry.volume = totals.volume;
@@ -165,4 +192,78 @@ HelfrichGeometry CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& contex
         geometry.vertexMeanCurvatures.push_back(curvatures[slot]);
     }
     return geometry;
+}
+
+static const int PARTICLES_PER_CHUNK = 1024;
+
+/**
+ * Call a function with the first and last particle of each chunk, on all threads of a Context.
+ */
+template <class Function>
+static void forEachChunk(ContextImpl& context, int numParticles, Function function) {
+    int numChunks = (numParticles+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK, numThreads = getData(context).threads.getNumThreads();
+    #pragma omp parallel for schedule(static) num_threads(numThreads)
+    for (int chunk = 0; chunk < numChunks; chunk++)
+        function(chunk, chunk*PARTICLES_PER_CHUNK, min((chunk+1)*PARTICLES_PER_CHUNK, numParticles));
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
+    for (int i = 0; i < system.getNumParticles(); i++) {
+        double mass = system.getParticleMass(i);
+        masses.push_back(mass);
+        inverseMasses.push_back(mass == 0 ? 0 : 1/mass);
+    }
+    startPositions.resize(masses.size());
+    chunkEnergies.resize((masses.size()+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK);
+}
+
+double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, const Philox& random, long long trajectory) {
+    this->kT = kT;
+    this->random = random;
+    this->trajectory = trajectory;
+    startPositions = *getData(context).positions;
+    drawVelocities(context);
+    return computeKineticEnergy(context);
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::drawVelocities(ContextImpl& context) {
+    vector<Vec3>& velocities = *getData(context).velocities;
+    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+        for (int i = first; i < last; i++)
+            if (masses[i] != 0)
+                velocities[i] = drawNormals(random, trajectory, i)*sqrt(kT*inverseMasses[i]);
+    });
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
+    vector<Vec3>& positions = *getData(context).positions;
+    vector<Vec3>& velocities = *getData(context).velocities;
+    const vector<Vec3>& forces = *getData(context).forces;
+    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+        for (int i = first; i < last; i++) {
+            if (inverseMasses[i] == 0)
+                continue;
+            double scale = velocityStep*inverseMasses[i];
+            for (int j = 0; j < 3; j++) {
+                velocities[i][j] += scale*forces[i][j];
+                positions[i][j] += positionStep*velocities[i][j];
+            }
+        }
+    });
+}
+
+double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {
+    const vector<Vec3>& velocities = *getData(context).velocities;
+    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+        double energy = 0;
+        for (int i = first; i < last; i++)
+            energy += 0.5*masses[i]*velocities[i].dot(velocities[i]);
+        chunkEnergies[chunk] = energy;
+    });
+    return addUp(chunkEnergies);
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
+    *getData(context).positions = startPositions;
+    drawVelocities(context);
 }

@@ -50,18 +50,21 @@ private:
  * The tether's energy of edges, and its slope over their length.
  */
 inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters& p, Simd& slopeOverLength) {
-    Simd energy = Simd{};
-    slopeOverLength = Simd{};
-    SimdMask active = exists & ((length < p.tetherMinLength) | (length > p.tetherMaxLength));
-    if (!any(active))
-        return energy;
-    for (int lane = 0; lane < WIDTH; lane++)
-        if (active[lane]) {
-            double slope;
-            energy[lane] = p.tetherModulus*tetherPotential<double>(length[lane], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
-            slopeOverLength[lane] = p.tetherModulus*slope/length[lane];
-        }
-    return energy;
+    Simd energy = {}, slope = {}, branchSlope;
+    SimdMask isShort = exists & (length < p.tetherMinLength), isLong = exists & (length > p.tetherMaxLength);
+    if (any(isShort)) {
+        Simd minLength = broadcast(p.tetherMinLength), inverse = divide(broadcast(1), length-minLength);
+        Simd value = contactPotential(length, minLength, p.tetherExponent, inverse, exponential(length*inverse), branchSlope);
+        energy = select(isShort, value, energy);
+        slope = select(isShort, branchSlope, slope);
+    }
+    if (any(isLong)) {
+        Simd value = stretchPotential(length, broadcast(p.tetherMaxLength), p.tetherExponent, branchSlope);
+        energy = select(isLong, value, energy);
+        slope = select(isLong, branchSlope, slope);
+    }
+    slopeOverLength = p.tetherModulus*slope/length;
+    return p.tetherModulus*energy;
 }
 
 /**
@@ -90,7 +93,7 @@ inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& p
     if (HasTether) {
         Simd slope;
         sums.tether += tetherEnergy(length, ring.has(i), p, slope);
-        store(arrays.tetherSlopes+corner, slope);
+        store(arrays.tetherSlopes+corner, select(ring.has(i), slope, Simd{}));
     }
 }
 

@@ -103,6 +103,8 @@ void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {
                 candidates.push_back(other);
         }
     }
+    // In an order that does not depend on where the list was made: the sums over it must not either, or a restart would change their last bits.
+    sort(candidates.begin()+candidateStarts[vertex], candidates.end());
 }
 
 void CpuHelfrichRepulsion::markExclusions(const HelfrichMesh& mesh, int vertex, int level) {

@@ -21,6 +21,23 @@ private:
     const HelfrichMesh* mesh;
 };
 
+/**
+ * This kernel is invoked by HamiltonianTrajectoryIntegrator to move the particles.
+ */
+class ReferenceIntegrateHamiltonianTrajectoryKernel : public IntegrateHamiltonianTrajectoryKernel {
+public:
+    ReferenceIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system);
+    double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
+    void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep);
+    double computeKineticEnergy(OpenMM::ContextImpl& context);
+    void restore(OpenMM::ContextImpl& context);
+private:
+    std::vector<double> masses;
+    std::vector<OpenMM::Vec3> startPositions, startVelocities;
+};
+
 } // namespace HelfrichPlugin
 
 #endif /*OPENMM_REFERENCEHELFRICHKERNELS_H_*/

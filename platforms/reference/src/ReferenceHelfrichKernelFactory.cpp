@@ -15,8 +15,11 @@ extern "C" OPENMM_EXPORT void registerKernelFactories() {
 
     for (int i = 0; i < Platform::getNumPlatforms(); i++) {
         Platform& platform = Platform::getPlatform(i);
-        if (platform.getName() == "Reference")
-            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), new ReferenceHelfrichKernelFactory());
+        if (platform.getName() == "Reference") {
+            KernelFactory* factory = new ReferenceHelfrichKernelFactory();
+            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
+            platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
+        }
     }
 }
 
@@ -27,5 +30,7 @@ extern "C" OPENMM_EXPORT void registerHelfrichReferenceKernelFactories() {
 KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, const Platform& platform, ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new ReferenceCalcHelfrichForceKernel(name, platform);
+    if (name == IntegrateHamiltonianTrajectoryKernel::Name())
+        return new ReferenceIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '"+name+"'");
 }

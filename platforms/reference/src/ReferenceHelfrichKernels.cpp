@@ -1,4 +1,6 @@
 #include "ReferenceHelfrichKernels.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
 
@@ -37,4 +39,43 @@ HelfrichEnergyTerms ReferenceCalcHelfrichForceKernel::execute(ContextImpl& conte
 HelfrichGeometry ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context) {
     auto x = getVertexPositions(context);
     return ReferenceHelfrichEnergy(*mesh, x).getGeometry();
+}
+
+void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
+    for (int i = 0; i < system.getNumParticles(); i++)
+        masses.push_back(system.getParticleMass(i));
+}
+
+double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, const Philox& random, long long trajectory) {
+    vector<Vec3>& velocities = *getData(context).velocities;
+    startPositions = *getData(context).positions;
+    for (size_t i = 0; i < masses.size(); i++)
+        if (masses[i] != 0)
+            velocities[i] = drawNormals(random, trajectory, i)*sqrt(kT/masses[i]);
+    startVelocities = velocities;
+    return computeKineticEnergy(context);
+}
+
+void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
+    vector<Vec3>& positions = *getData(context).positions;
+    vector<Vec3>& velocities = *getData(context).velocities;
+    const vector<Vec3>& forces = *getData(context).forces;
+    for (size_t i = 0; i < masses.size(); i++)
+        if (masses[i] != 0) {
+            velocities[i] += forces[i]*(velocityStep/masses[i]);
+            positions[i] += velocities[i]*positionStep;
+        }
+}
+
+double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {
+    const vector<Vec3>& velocities = *getData(context).velocities;
+    double energy = 0;
+    for (size_t i = 0; i < masses.size(); i++)
+        energy += 0.5*masses[i]*velocities[i].dot(velocities[i]);
+    return energy;
+}
+
+void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
+    *getData(context).positions = startPositions;
+    *getData(context).velocities = startVelocities;
 }

@@ -74,31 +74,49 @@ inline Real integerPower(Real x, int n) {
 /**
  * The potential exp(r/(r-onset)) r^-n that keeps two points apart, for 0 < r < onset: it and all its derivatives vanish at the onset.
  *
- * @param[out] slope  its derivative by r
+ * @param inverse      1/(r-onset)
+ * @param exponential  exp(r/(r-onset))
+ * @param[out] slope   its derivative by r
  */
 template <class Real>
-inline Real contactPotential(Real r, Real onset, int exponent, Real& slope) {
-    using std::exp;
-    Real inverse = 1/(r-onset), value = exp(r*inverse)/integerPower(r, exponent);
+inline Real contactPotential(Real r, Real onset, int exponent, Real inverse, Real exponential, Real& slope) {
+    Real value = exponential/integerPower(r, exponent);
     slope = -value*(onset*inverse*inverse+exponent/r);
     return value;
 }
 
+template <class Real>
+inline Real contactPotential(Real r, Real onset, int exponent, Real& slope) {
+    using std::exp;
+    Real inverse = 1/(r-onset);
+    return contactPotential(r, onset, exponent, inverse, exp(r*inverse), slope);
+}
+
 /**
- * The potential of an edge of length l: contactPotential() below minLength, n^(n+1) (l-maxLength)^n above maxLength, 0 between.
+ * The potential n^(n+1) (l-maxLength)^n that holds two points together, for l > maxLength.
+ *
+ * @param[out] slope  its derivative by l
+ */
+template <class Real>
+inline Real stretchPotential(Real l, Real maxLength, int exponent, Real& slope) {
+    Real excess = l-maxLength, power = integerPower(excess, exponent-1)*integerPower(double(exponent), exponent+1);
+    slope = exponent*power;
+    return power*excess;
+}
+
+/**
+ * The potential of an edge of length l: contactPotential() below minLength, stretchPotential() above maxLength, 0 between.
  *
  * @param[out] slope  its derivative by l
  */
 template <class Real>
 inline Real tetherPotential(Real l, Real minLength, Real maxLength, int exponent, Real& slope) {
-    slope = 0;
     if (l < minLength)
         return contactPotential(l, minLength, exponent, slope);
-    if (l <= maxLength)
-        return 0;
-    Real excess = l-maxLength, power = integerPower(excess, exponent-1)*integerPower(Real(exponent), exponent+1);
-    slope = exponent*power;
-    return power*excess;
+    if (l > maxLength)
+        return stretchPotential(l, maxLength, exponent, slope);
+    slope = 0;
+    return 0;
 }
 
 /**

@@ -1,0 +1,121 @@
+#ifndef OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_
+#define OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_
+
+#include "internal/windowsExportHelfrich.h"
+#include "openmm/Integrator.h"
+#include "openmm/Kernel.h"
+#include <string>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
+ * trajectory: draw velocities from the Maxwell-Boltzmann distribution, make leapfrog steps, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
+ * go back to the start.  A trajectory on which an energy or a position stops being finite is rejected.
+ *
+ * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
+ *
+ * The random numbers come from a counter-based generator whose whole state is the seed and the number of trajectories made.  Both are part of the checkpoint and of the State
+ * (as integrator parameters), so that a simulation continued from either repeats exactly what an uninterrupted one does.
+ */
+class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public OpenMM::Integrator {
+public:
+    /**
+     * Create a HamiltonianTrajectoryIntegrator.
+     *
+     * @param temperature         the temperature, in Kelvin
+     * @param stepSize            the size of a leapfrog step, in ps
+     * @param stepsPerTrajectory  the number of leapfrog steps in a trajectory
+     */
+    HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100);
+    /**
+     * Get the temperature, in Kelvin.
+     */
+    double getTemperature() const {
+        return temperature;
+    }
+    /**
+     * Set the temperature, in Kelvin.
+     */
+    void setTemperature(double temperature);
+    /**
+     * Set the size of a leapfrog step, in ps.
+     */
+    void setStepSize(double size);
+    /**
+     * Get the number of leapfrog steps in a trajectory.
+     */
+    int getStepsPerTrajectory() const {
+        return stepsPerTrajectory;
+    }
+    /**
+     * Set the number of leapfrog steps in a trajectory.
+     */
+    void setStepsPerTrajectory(int steps);
+    /**
+     * Get the random number seed.  See setRandomNumberSeed() for details.
+     */
+    int getRandomNumberSeed() const {
+        return randomNumberSeed;
+    }
+    /**
+     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the platform and the number of threads.  If the seed is 0 (the
+     * default), a unique one is chosen when a Context is created.
+     */
+    void setRandomNumberSeed(int seed);
+    /**
+     * Get the number of trajectories made since the Context was created.
+     */
+    long long getNumTrajectories() const {
+        return numTrajectories;
+    }
+    /**
+     * Get the number of trajectories accepted since the Context was created.
+     */
+    long long getNumAccepted() const {
+        return numAccepted;
+    }
+    /**
+     * Get the number of trajectories since the Context was created that were rejected because they diverged.
+     */
+    long long getNumDiverged() const {
+        return numDiverged;
+    }
+    /**
+     * Get the change dH of the total energy along the last trajectory, accepted or not, in kJ/mol.  It is infinite if the trajectory diverged.
+     */
+    double getLastEnergyChange() const {
+        return lastEnergyChange;
+    }
+    /**
+     * Make trajectories.
+     *
+     * @param steps  the number of trajectories
+     */
+    void step(int steps);
+protected:
+    void initialize(OpenMM::ContextImpl& context);
+    void cleanup();
+    std::vector<std::string> getKernelNames();
+    double computeKineticEnergy();
+    bool kineticEnergyRequiresForce() const;
+    void createCheckpoint(std::ostream& stream) const;
+    void loadCheckpoint(std::istream& stream);
+    void serializeParameters(OpenMM::SerializationNode& node) const;
+    void deserializeParameters(const OpenMM::SerializationNode& node);
+private:
+    void makeTrajectory();
+    double moveToEnd();
+    double temperature;
+    int stepsPerTrajectory;
+    int randomNumberSeed = 0;
+    unsigned int activeSeed = 0;
+    long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
+    double lastEnergyChange = 0;
+    OpenMM::Kernel kernel;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_*/

@@ -1,0 +1,148 @@
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
+#include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmm/internal/ContextImpl.h"
+#include "openmm/internal/OSRngSeed.h"
+#include "openmm/serialization/SerializationNode.h"
+#include <limits>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory) {
+    setTemperature(temperature);
+    setStepSize(stepSize);
+    setStepsPerTrajectory(stepsPerTrajectory);
+}
+
+void HamiltonianTrajectoryIntegrator::setTemperature(double temperature) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the temperature in K", temperature);
+    this->temperature = temperature;
+}
+
+void HamiltonianTrajectoryIntegrator::setStepSize(double size) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the step size in ps", size);
+    Integrator::setStepSize(size);
+}
+
+void HamiltonianTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the number of steps per trajectory", steps);
+    stepsPerTrajectory = steps;
+}
+
+void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
+    randomNumberSeed = seed;
+    if (context != NULL)
+        activeSeed = (seed == 0 ? osrngseed() : seed);
+}
+
+void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
+    if (owner != NULL && &contextRef.getOwner() != owner)
+        throw OpenMMException("This Integrator is already bound to a context");
+    requireFreeParticles(contextRef.getSystem(), "HamiltonianTrajectoryIntegrator");
+    context = &contextRef;
+    owner = &contextRef.getOwner();
+    activeSeed = (randomNumberSeed == 0 ? osrngseed() : randomNumberSeed);
+    numTrajectories = numAccepted = numDiverged = 0;
+    kernel = context->getPlatform().createKernel(IntegrateHamiltonianTrajectoryKernel::Name(), contextRef);
+    kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().initialize(context->getSystem());
+}
+
+void HamiltonianTrajectoryIntegrator::cleanup() {
+    kernel = Kernel();
+}
+
+vector<string> HamiltonianTrajectoryIntegrator::getKernelNames() {
+    return {IntegrateHamiltonianTrajectoryKernel::Name()};
+}
+
+void HamiltonianTrajectoryIntegrator::step(int steps) {
+    if (context == NULL)
+        throw OpenMMException("This Integrator is not bound to a context!");
+    for (int i = 0; i < steps; i++) {
+        makeTrajectory();
+        context->setStepCount(context->getStepCount()+1);
+        context->setTime(context->getTime()+getStepSize());
+    }
+}
+
+void HamiltonianTrajectoryIntegrator::makeTrajectory() {
+    // The energy at the start is that of a valid state: an error there is the user's to see, and not a divergence.
+
+    auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
+    double kT = BOLTZMANN*temperature;
+    double startEnergy = context->calcForcesAndEnergy(true, true, getIntegrationForceGroups());
+    startEnergy += trajectory.begin(*context, kT, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
+    if (!isfinite(startEnergy))
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; see the forces of the System");
+    try {
+        lastEnergyChange = moveToEnd()-startEnergy;
+    }
+    catch (const OpenMMException&) {
+        lastEnergyChange = numeric_limits<double>::infinity();
+    }
+    auto words = Philox(activeSeed, RandomStream::TrajectoryTest)(0, numTrajectories);
+    numTrajectories++;
+    if (!isfinite(lastEnergyChange)) {
+        lastEnergyChange = numeric_limits<double>::infinity();
+        numDiverged++;
+    }
+    if (Philox::uniform(words[0], words[1]) < exp(-lastEnergyChange/kT))
+        numAccepted++;
+    else
+        trajectory.restore(*context);
+    context->systemChanged();
+}
+
+double HamiltonianTrajectoryIntegrator::moveToEnd() {
+    auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
+    double dt = getStepSize();
+    trajectory.move(*context, 0.5*dt, dt);
+    for (int i = 1; i < stepsPerTrajectory; i++) {
+        context->calcForcesAndEnergy(true, false, getIntegrationForceGroups());
+        trajectory.move(*context, dt, dt);
+    }
+    double potentialEnergy = context->calcForcesAndEnergy(true, true, getIntegrationForceGroups());
+    trajectory.move(*context, 0.5*dt, 0);
+    return potentialEnergy+trajectory.computeKineticEnergy(*context);
+}
+
+double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {
+    return kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().computeKineticEnergy(*context);
+}
+
+bool HamiltonianTrajectoryIntegrator::kineticEnergyRequiresForce() const {
+    return false;
+}
+
+void HamiltonianTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
+    writeBinary(stream, activeSeed);
+    writeBinary(stream, numTrajectories);
+    writeBinary(stream, numAccepted);
+    writeBinary(stream, numDiverged);
+}
+
+void HamiltonianTrajectoryIntegrator::loadCheckpoint(istream& stream) {
+    readBinary(stream, activeSeed);
+    readBinary(stream, numTrajectories);
+    readBinary(stream, numAccepted);
+    readBinary(stream, numDiverged);
+}
+
+void HamiltonianTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {
+    node.setIntProperty("version", 1);
+    node.setIntProperty("activeSeed", (int) activeSeed);
+    node.setLongProperty("numTrajectories", numTrajectories);
+    node.setLongProperty("numAccepted", numAccepted);
+    node.setLongProperty("numDiverged", numDiverged);
+}
+
+void HamiltonianTrajectoryIntegrator::deserializeParameters(const SerializationNode& node) {
+    requireVersion(node, 1, "HamiltonianTrajectoryIntegrator");
+    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
+    numTrajectories = node.getLongProperty("numTrajectories");
+    numAccepted = node.getLongProperty("numAccepted");
+    numDiverged = node.getLongProperty("numDiverged");
+}

@@ -1,0 +1,222 @@
+#include "Membranes.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/internal/AssertionUtilities.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include <algorithm>
+#include <functional>
+#include <iostream>
+#include <set>
+#include <string>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+typedef vector<array<int, 3> > Triangles;
+
+/**
+ * The triangles, each from its smallest particle, in ascending order: what does not depend on how they are stored.
+ */
+Triangles normalize(Triangles triangles) {
+    for (auto& t : triangles)
+        rotate(t.begin(), min_element(t.begin(), t.end()), t.end());
+    sort(triangles.begin(), triangles.end());
+    return triangles;
+}
+
+void testConnectivity() {
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    ASSERT_EQUAL(66, mesh.getNumVertices());
+    ASSERT_EQUAL(128, mesh.getNumTriangles());
+    ASSERT_EQUAL(192, mesh.getNumEdges());
+    ASSERT_EQUAL(384, mesh.getNumHalfedges());
+    ASSERT_EQUAL_CONTAINERS(sphere.triangles, mesh.getTriangles());
+    mesh.validate();
+    for (int h = 0; h < mesh.getNumHalfedges(); h++) {
+        ASSERT_EQUAL(mesh.origin(h), sphere.triangles[h/3][h%3]);
+        ASSERT_EQUAL(mesh.tip(h), mesh.origin(mesh.next(h)));
+        ASSERT_EQUAL(mesh.apex(h), mesh.origin(mesh.previous(h)));
+        ASSERT_EQUAL(h, mesh.opposite(mesh.opposite(h)));
+        ASSERT_EQUAL(mesh.tip(h), mesh.origin(mesh.opposite(h)));
+        ASSERT_EQUAL(mesh.origin(h), mesh.origin(mesh.rotate(h)));
+        ASSERT_EQUAL(mesh.apex(h), mesh.tip(mesh.rotate(h)));
+    }
+    for (int v = 0; v < 66; v++)
+        ASSERT_EQUAL(v < 6 ? 4 : 6, mesh.valence(v));
+}
+
+void testParticlesOfSeveralMembranes() {
+    // Two tetrahedra on some of twelve particles: vertices are numbered in ascending order of the particles.
+
+    Triangles triangles = {{9, 7, 5}, {9, 5, 2}, {9, 2, 7}, {5, 7, 2}, {0, 3, 4}, {0, 4, 8}, {0, 8, 3}, {4, 3, 8}};
+    HelfrichMesh mesh(triangles, 12);
+    ASSERT_EQUAL_CONTAINERS((vector<int>{0, 2, 3, 4, 5, 7, 8, 9}), mesh.getParticles());
+    ASSERT_EQUAL_CONTAINERS(triangles, mesh.getTriangles());
+    ASSERT(mesh.areBonded(0, 2));
+    ASSERT(!mesh.areBonded(0, 1));
+    for (int h = 0; h < mesh.getNumHalfedges(); h++)
+        ASSERT(!mesh.canFlip(h));
+    mesh.validate();
+}
+
+void testExclusions() {
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    vector<set<int> > bonded(66);
+    for (auto& t : sphere.triangles)
+        for (int c = 0; c < 3; c++)
+            bonded[t[c]].insert({t[(c+1)%3], t[(c+2)%3]});
+    int numExcluded = 0;
+    for (int i = 0; i < 66; i++)
+        for (int j = 0; j < 66; j++) {
+            if (i == j)
+                continue;
+            bool shareNeighbor = any_of(bonded[i].begin(), bonded[i].end(), [&] (int n) { return bonded[n].count(j) > 0; });
+            ASSERT_EQUAL(bonded[i].count(j) > 0, mesh.areBonded(i, j));
+            ASSERT(!mesh.areExcluded(i, j, 0));
+            ASSERT_EQUAL(mesh.areBonded(i, j), mesh.areExcluded(i, j, 1));
+            ASSERT_EQUAL(mesh.areBonded(i, j) || shareNeighbor, mesh.areExcluded(i, j, 2));
+            numExcluded += mesh.areExcluded(i, j, 2);
+        }
+    ASSERT(numExcluded > 384 && numExcluded < 66*65);
+}
+
+void testFlip() {
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    int h = 0;
+    while (!mesh.canFlip(h))
+        h++;
+    int o = mesh.opposite(h), i = mesh.origin(h), j = mesh.tip(h), k = mesh.apex(h), l = mesh.apex(o);
+    int edge = mesh.previous(h), otherSide = mesh.previous(o);
+    mesh.flip(h);
+    ASSERT(!mesh.areBonded(i, j));
+    ASSERT(mesh.areBonded(k, l));
+    ASSERT_EQUAL(otherSide, mesh.opposite(edge));
+    ASSERT_EQUAL_CONTAINERS((set<int>{k, l}), (set<int>{mesh.origin(edge), mesh.tip(edge)}));
+    mesh.validate();
+
+    // The flip back restores the surface, though not where its triangles are stored.
+
+    mesh.flip(edge);
+    mesh.validate();
+    ASSERT_EQUAL_CONTAINERS(normalize(sphere.triangles), normalize(mesh.getTriangles()));
+}
+
+void testManyFlips() {
+    // Whatever flips are made, the surface stays closed, with Euler characteristic 2 and no vertex of fewer than three neighbors.
+
+    TestRandom random(3);
+    for (int subdivisions : {0, 1, 2}) {
+        Membrane sphere = createSphere(subdivisions);
+        HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+        int numFlips = 0, numDoubled = 0, numTooFew = 0;
+        for (int attempt = 0; attempt < 5000; attempt++) {
+            int h = random.index(mesh.getNumHalfedges());
+            if (!mesh.canFlip(h)) {
+                (mesh.areBonded(mesh.apex(h), mesh.apex(mesh.opposite(h))) ? numDoubled : numTooFew)++;
+                continue;
+            }
+            mesh.flip(h);
+            mesh.validate();
+            numFlips++;
+            set<pair<int, int> > edges;
+            for (auto& t : mesh.getTriangles())
+                for (int c = 0; c < 3; c++)
+                    edges.insert(minmax(t[c], t[(c+1)%3]));
+            ASSERT_EQUAL(mesh.getNumEdges(), (int) edges.size());
+            ASSERT_EQUAL(2, mesh.getNumVertices()-(int) edges.size()+mesh.getNumTriangles());
+        }
+        ASSERT(numFlips > 1000);
+        ASSERT(numDoubled > 100);
+        ASSERT(numTooFew > 10);
+    }
+}
+
+void testSetTriangles() {
+    Membrane sphere = createSphere(1), blob = sphere;
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size()), flipped = mesh;
+    for (int h = 0; h < flipped.getNumHalfedges(); h++)
+        if (flipped.canFlip(h))
+            flipped.flip(h);
+    long long revision = mesh.getRevision();
+    mesh.setTriangles(flipped.getTriangles());
+    ASSERT(mesh.getRevision() > revision);
+    ASSERT_EQUAL_CONTAINERS(flipped.getTriangles(), mesh.getTriangles());
+    for (int h = 0; h < mesh.getNumHalfedges(); h++)
+        ASSERT_EQUAL(flipped.opposite(h), mesh.opposite(h));
+    mesh.validate();
+}
+
+/**
+ * Assert that something throws an OpenMMException that says all of the given things.
+ */
+void assertThrows(function<void()> action, const vector<string>& details) {
+    try {
+        action();
+    }
+    catch (const OpenMMException& error) {
+        for (auto& detail : details)
+            if (string(error.what()).find(detail) == string::npos)
+                throwException(__FILE__, __LINE__, "'"+string(error.what())+"' does not say '"+detail+"'");
+        return;
+    }
+    throwException(__FILE__, __LINE__, "no error that says '"+details[0]+"'");
+}
+
+void testInvalidTriangles() {
+    const Triangles octahedron = createSphere(0).triangles;
+    auto check = [&] (function<void(Triangles&)> damage, const vector<string>& details) {
+        Triangles triangles = octahedron;
+        damage(triangles);
+        assertThrows([&] { HelfrichMesh(triangles, 7); }, details);
+    };
+    check([] (Triangles& t) { t.clear(); }, {"no triangles"});
+    check([] (Triangles& t) { t[3][1] = 7; }, {"triangle 3 (4, 7, 2)", "index 7", "0 to 6"});
+    check([] (Triangles& t) { t[0][0] = -1; }, {"triangle 0", "-1", "0 to 6"});
+    check([] (Triangles& t) { t[2][1] = t[2][0]; }, {"triangle 2 (3, 3, 2)", "repeats"});
+    check([] (Triangles& t) { t.pop_back(); }, {"edge", "only", "closed"});
+    check([] (Triangles& t) { swap(t[4][0], t[4][1]); }, {"triangles", " 4", "counter-clockwise"});
+    check([] (Triangles& t) { t.push_back(t[5]); }, {"edge", "5", "8", "two"});
+    check([] (Triangles& t) { t.push_back({0, 1, 6}); }, {"edge 0-1", "3 triangles", "two"});
+
+    // A pillow of two triangles, back to back, has two neighbors a vertex.
+    assertThrows([] { HelfrichMesh({{0, 1, 2}, {2, 1, 0}}, 3); }, {"particle 0", "2 neighbors", "three"});
+    // Two tetrahedra that share particle 3.
+    assertThrows([] { HelfrichMesh({{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}, {4, 5, 6}, {4, 3, 5}, {5, 3, 6}, {6, 3, 4}}, 7); }, {"particle 3", "fan"});
+}
+
+void testInvalidNewTriangles() {
+    const Triangles octahedron = createSphere(0).triangles;
+    HelfrichMesh mesh(octahedron, 8);
+    Triangles moved = octahedron, tetrahedron = {{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}}, open = octahedron;
+    for (auto& t : moved)
+        for (int& i : t)
+            i++;
+    open.pop_back();
+    for (auto& invalid : {moved, tetrahedron, open}) {
+        assertThrows([&] { mesh.setTriangles(invalid); }, {"HelfrichForce"});
+        ASSERT_EQUAL_CONTAINERS(octahedron, mesh.getTriangles());
+        mesh.validate();
+    }
+}
+
+int main() {
+    try {
+        testConnectivity();
+        testParticlesOfSeveralMembranes();
+        testExclusions();
+        testFlip();
+        testManyFlips();
+        testSetTriangles();
+        testInvalidTriangles();
+        testInvalidNewTriangles();
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
+}

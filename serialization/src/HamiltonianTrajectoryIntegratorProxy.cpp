@@ -1,0 +1,32 @@
+#include "openmmhelfrich/HamiltonianTrajectoryIntegratorProxy.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
+#include <memory>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+static const int VERSION = 1;
+
+HamiltonianTrajectoryIntegratorProxy::HamiltonianTrajectoryIntegratorProxy() : SerializationProxy("HamiltonianTrajectoryIntegrator") {
+}
+
+void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
+    node.setIntProperty("version", VERSION);
+    const HamiltonianTrajectoryIntegrator& integrator = *reinterpret_cast<const HamiltonianTrajectoryIntegrator*>(object);
+    node.setDoubleProperty("temperature", integrator.getTemperature());
+    node.setDoubleProperty("stepSize", integrator.getStepSize());
+    node.setIntProperty("stepsPerTrajectory", integrator.getStepsPerTrajectory());
+    node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
+    node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
+}
+
+void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode& node) const {
+    requireVersion(node, VERSION, getTypeName());
+    unique_ptr<HamiltonianTrajectoryIntegrator> integrator(new HamiltonianTrajectoryIntegrator(node.getDoubleProperty("temperature"),
+            node.getDoubleProperty("stepSize"), node.getIntProperty("stepsPerTrajectory")));
+    integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
+    integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
+    return integrator.release();
+}
