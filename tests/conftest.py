@@ -1,4 +1,8 @@
+import os
 from pathlib import Path
+
+# Tests have small meshes, which one thread serves best, also beside other work.
+os.environ.setdefault("OPENMM_CPU_THREADS", "1")
 
 import numpy as np
 import pytest

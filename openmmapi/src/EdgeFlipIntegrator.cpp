@@ -16,6 +16,7 @@ EdgeFlipIntegrator::EdgeFlipIntegrator(double temperature, double fraction) {
     setTemperature(temperature);
     setFraction(fraction);
     setStepSize(0);
+    setConstraintTolerance(1e-5);
 }
 
 void EdgeFlipIntegrator::setTemperature(double temperature) {

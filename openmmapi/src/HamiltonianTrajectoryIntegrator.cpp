@@ -15,6 +15,7 @@ HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperat
     setTemperature(temperature);
     setStepSize(stepSize);
     setStepsPerTrajectory(stepsPerTrajectory);
+    setConstraintTolerance(1e-5);
 }
 
 void HamiltonianTrajectoryIntegrator::setTemperature(double temperature) {

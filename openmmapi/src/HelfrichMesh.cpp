@@ -83,12 +83,16 @@ void HelfrichMesh::connect() {
             string edge = "HelfrichForce: the edge "+describeEdge(v, upper(h1));
             if (last-first == 1)
                 throw OpenMMException(edge+" belongs to triangle "+to_string(h1/3)+" only; the surface must be closed, with two triangles at each edge");
+            for (int i = first; i < last; i++)
+                for (int j = first; j < i; j++)
+                    if (origin(bucket[i]) == origin(bucket[j]) && apex(bucket[i]) == apex(bucket[j]))
+                        throw OpenMMException("HelfrichForce: triangle "+to_string(bucket[i]/3)+" repeats triangle "+to_string(bucket[j]/3)+"; each triangle may appear once");
             if (last-first > 2)
                 throw OpenMMException(edge+" belongs to "+to_string(last-first)+" triangles, among them "+to_string(h1/3)+" and "+to_string(h2/3)+
                                       "; an edge belongs to exactly two");
             if (origin(h1) == origin(h2))
                 throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
-                                      (apex(h1) == apex(h2) ? "; the triangle is repeated" : "; all triangles must be counter-clockwise seen from outside"));
+                                      "; all triangles must be counter-clockwise seen from outside");
             pairs[h1] = h2;
             pairs[h2] = h1;
         }

@@ -129,7 +129,7 @@ public:
     Ensemble(const Membrane& membrane, const HelfrichParameters& p, double kT) : membrane(membrane) {
         HelfrichMesh start(membrane.triangles, membrane.positions.size());
         add(start);
-        double limit = getExactEnergy(membrane, start, p)+40*kT;
+        double limit = getExactEnergy(membrane, start, p)+30*kT;
         for (size_t i = 0; i < triangulations.size(); i++) {
             HelfrichMesh mesh(triangulations[i], membrane.positions.size());
             if (getExactEnergy(membrane, mesh, p) > limit)
@@ -155,16 +155,11 @@ public:
         }
         return counts;
     }
-    vector<double> getProbabilities(const HelfrichParameters& p, double kT) const {
-        vector<double> energies, probabilities;
+    vector<double> getEnergies(const HelfrichParameters& p) const {
+        vector<double> energies;
         for (auto& triangles : triangulations)
             energies.push_back(computeExactly({membrane.positions, triangles}, p).getTotal());
-        double lowest = *min_element(energies.begin(), energies.end()), sum = 0;
-        for (double energy : energies)
-            sum += exp((lowest-energy)/kT);
-        for (double energy : energies)
-            probabilities.push_back(exp((lowest-energy)/kT)/sum);
-        return probabilities;
+        return energies;
     }
 private:
     void add(const HelfrichMesh& mesh) {
@@ -175,6 +170,18 @@ private:
     map<uint64_t, int> indices;
     vector<vector<array<int, 3> > > triangulations;
 };
+
+vector<double> getProbabilities(const vector<double>& energies, double kT) {
+    double lowest = *min_element(energies.begin(), energies.end()), sum = 0;
+    vector<double> probabilities;
+    for (double energy : energies) {
+        probabilities.push_back(exp((lowest-energy)/kT));
+        sum += probabilities.back();
+    }
+    for (double& probability : probabilities)
+        probability /= sum;
+    return probabilities;
+}
 
 /**
  * By how many standard deviations chi square is too large for counts drawn with the given probabilities (Wilson and Hilferty's approximation).  Rare
@@ -199,7 +206,104 @@ double getDeviation(const vector<int>& counts, const vector<double>& probabiliti
     }
     if (rareExpected > 0)
         addBin(rareCount, rareExpected);
-    ASSERT(numBins > 20);
+    ASSERT(numBins > 100);
     double freedom = numBins-1, variance = 2/(9*freedom);
     return (cbrt(chiSquare/freedom)-(1-variance))/sqrt(variance);
+}
+
+/**
+ * Assert that a run visits triangulations as often as their Boltzmann weights say, at two temperatures, with and without repulsion; and that this test would see the wrong
+ * temperature, or a run without repulsion.
+ */
+void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& repelling) {
+    const int numSamples = 20000, attemptsPerSample = 100;
+    HelfrichParameters plain = repelling;
+    plain.repulsionModulus = 0;
+    Ensemble ensemble(membrane, plain, 1);
+    vector<double> energies = ensemble.getEnergies(plain), repellingEnergies = ensemble.getEnergies(repelling);
+    auto check = [&] (const HelfrichParameters& p, double kT, const vector<double>& right, const vector<double>& wrong) {
+        vector<int> counts = ensemble.sample(p, kT, numSamples, attemptsPerSample, 11);
+        // A deviation of 2.33 is p = 0.01.
+        ASSERT(getDeviation(counts, getProbabilities(right, kT)) < 2.33);
+        ASSERT(getDeviation(counts, getProbabilities(right, 1.5-kT)) > 6);
+        ASSERT(getDeviation(counts, getProbabilities(wrong, kT)) > 6);
+    };
+    for (double kT : {1.0, 0.5}) {
+        check(plain, kT, energies, repellingEnergies);
+        check(repelling, kT, repellingEnergies, energies);
+    }
+}
+
+/**
+ * Parameters with which energies differ by a few kJ/mol among triangulations of few vertices.
+ */
+HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, int exclusionLevel) {
+    HelfrichParameters p = createParameters(membrane, AllTerms, exclusionLevel);
+    auto geometry = computeExactly(membrane, p);
+    p.bendingModulus = 0.3*scale;
+    p.areaModulus = 3*scale;
+    p.targetArea = geometry.area;
+    p.volumeModulus = scale;
+    p.targetVolume = geometry.volume;
+    p.areaDifferenceModulus = scale;
+    p.leafletSeparation = 1;
+    p.targetAreaDifference = 2*geometry.curvature;
+    p.repulsionOnset = 3*getMeanEdge(membrane);
+    return p;
+}
+
+void testDetailedBalance() {
+    // All 390 triangulations of six vertices.  An exclusion of level 2 leaves no pair of so few.
+
+    Membrane blob = createBlob(0, 0.3);
+    HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
+    p.tetherModulus = 0.01;
+    p.tetherMinLength = 0.8*getMeanEdge(blob);
+    p.tetherMaxLength = 1.2*getMeanEdge(blob);
+    p.tetherExponent = 2;
+    p.repulsionModulus = 0.3;
+    checkDetailedBalance(blob, p);
+}
+
+void testDetailedBalanceOfSecondNeighbors() {
+    // Eight vertices, a tip, two rings of three and a tip, are the fewest among which some are three edges apart.  A tether with a steep wall leaves a few hundred of their
+    // triangulations.
+
+    Membrane rod;
+    rod.positions.push_back(Vec3(0, 0, 1.5));
+    for (int n = 0; n < 6; n++)
+        rod.positions.push_back(Vec3(cos((2*n+n/3)*M_PI/3), sin((2*n+n/3)*M_PI/3), n < 3 ? 0.5 : -0.5));
+    rod.positions.push_back(Vec3(0, 0, -1.5));
+    for (int i = 1; i <= 3; i++) {
+        int j = i%3+1;
+        for (array<int, 3> t : {array<int, 3>{0, i, j}, {j+3, i+3, 7}, {i, i+3, j}, {j, i+3, j+3}})
+            rod.triangles.push_back(t);
+    }
+    TestRandom random(7);
+    for (auto& x : rod.positions)
+        x += random.vector(0.15);
+    HelfrichParameters p = createSoftParameters(rod, 0.2, 2);
+    p.tetherModulus = 10;
+    p.tetherMinLength = 0.8*getMeanEdge(rod);
+    p.tetherMaxLength = 1.45*getMeanEdge(rod);
+    p.tetherExponent = 6;
+    p.repulsionModulus = 20;
+    checkDetailedBalance(rod, p);
+}
+
+int main() {
+    try {
+        testEnergyChanges();
+        testRunningTotals();
+        testStatisticsAndRandomNumbers();
+        testSweepThatChangesNothing();
+        testDetailedBalance();
+        testDetailedBalanceOfSecondNeighbors();
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
 }

@@ -365,8 +365,9 @@ def _suffixes():
 
 
 def _silence():
-    """Keep the mesh library from printing what the exceptions say."""
+    """Keep the mesh library from printing what the exceptions say, and from warning that text is no number."""
     stack = contextlib.ExitStack()
+    stack.enter_context(np.errstate(all="ignore"))
     stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
     stack.enter_context(contextlib.redirect_stderr(io.StringIO()))
     return stack

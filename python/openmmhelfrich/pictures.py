@@ -71,7 +71,7 @@ def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
     curvature = smoothMeanCurvature(mesh)
     bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
     norm = TwoSlopeNorm(0, -bound, bound)
-    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     colours = _colourMap()(norm(curvature[mesh.triangles].mean(axis=1)))
     # Edges of the triangles' own colour hide the seams between them.
@@ -104,10 +104,10 @@ def _frame(axes, vertices, elevation, azimuth, lengthUnit):
     middle, size = (vertices.max(axis=0)+vertices.min(axis=0))/2, np.ptp(vertices, axis=0).max()
     for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
         set_limits(centre-size/2, centre+size/2)
-    axes.set_box_aspect((1, 1, 1), zoom=1.25)
+    axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
-    axes.set_title(f"{size:.3g} {lengthUnit} across", y=0.02, fontsize="medium")
+    axes.set_title(f"{size:.3g} {lengthUnit} across", y=0, fontsize="medium")
 
 
 def _colourBar(figure, axes, norm, lengthUnit):

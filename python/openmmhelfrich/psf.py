@@ -31,7 +31,8 @@ def writePSF(file, topology, mass=1.0):
             out.write(f"{len(atoms):10d} !NATOM\n")
             for i, atom in enumerate(atoms):
                 residue = atom.residue
-                out.write(_ATOM.format(i+1, residue.chain.id, residue.id, residue.name, atom.name, atom.name, "0.000000", f"{mass:.6g}", 0))
+                names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))  # no field may be blank
+                out.write(_ATOM.format(i+1, *names, "0.000000", f"{mass:.6g}", 0))
             out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
             for first in range(0, len(bonds), 4):
                 out.write("".join(f"{a.index+1:10d}{b.index+1:10d}" for a, b, *_ in bonds[first:first+4])+"\n")

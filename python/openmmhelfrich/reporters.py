@@ -95,6 +95,8 @@ def readObservables(file):
     """Read a table that an :class:`ObservablesReporter` wrote: a dict from column names, without their units, to arrays."""
     with open(file, newline="") as table:
         rows = list(csv.reader(table))
+    if not rows:
+        raise ValueError(f"{file} is empty; it must hold a table of observables")
     columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
     return dict(zip((name.split(" (")[0] for name in rows[0]), columns))
 

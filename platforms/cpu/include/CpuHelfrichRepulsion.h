@@ -11,9 +11,10 @@ namespace HelfrichPlugin {
 
 /**
  * The repulsion between vertices, by a Verlet list: the pairs closer than the onset and a skin.  It is built in a time proportional to the number of vertices when one has moved
- * half the skin, so that no pair is ever missed.  The pairs that the live connectivity excludes are taken out whenever it changes.
+ * half the skin, so that no pair is ever missed.  The skin follows how fast the vertices move.  The pairs that the live connectivity excludes are taken out whenever it changes.
  *
- * Every pair is in the lists of both its vertices: a vertex's gradient does not depend on what other threads do.
+ * Every pair is in the lists of both its vertices, and a list is in the order of the vertices: a vertex's gradient depends neither on what other threads do nor on when the list
+ * was built.
  */
 class CpuHelfrichRepulsion {
 public:
@@ -33,6 +34,7 @@ public:
     double compute(const double* positions, const HelfrichParameters& parameters, int firstSlot, int lastSlot, double* gradients) const;
 private:
     typedef std::array<int, 3> Cell;
+    void adaptSkin();
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions) const;
     bool findCandidates(const CpuHelfrichLayout& layout, const double* positions);
     Cell findCell(int vertex) const;
@@ -42,7 +44,7 @@ private:
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
     void markExclusions(const HelfrichMesh& mesh, int vertex, int level);
     double onset = -1, skin = 0;
-    int exclusionLevel = -1;
+    int exclusionLevel = -1, numUpdates = 0;
     long long revision = -1;
     std::vector<std::array<double, 3> > reference;
     std::vector<Cell> cells;

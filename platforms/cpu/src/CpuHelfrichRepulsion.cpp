@@ -6,13 +6,14 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-static const double SKIN_PER_ONSET = 0.25;
-
 bool CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p) {
     bool isNew = (p.repulsionOnset != onset);
+    if (isNew)
+        skin = 0.5*p.repulsionOnset;
+    numUpdates++;
     if (isNew || hasMoved(layout, positions)) {
         onset = p.repulsionOnset;
-        skin = SKIN_PER_ONSET*onset;
+        adaptSkin();
         if (!findCandidates(layout, positions)) {
             onset = -1;
             return false;
@@ -25,6 +26,16 @@ bool CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLay
         exclusionLevel = p.repulsionExclusionLevel;
     }
     return true;
+}
+
+void CpuHelfrichRepulsion::adaptSkin() {
+    // A list costs as much as some 50 evaluations to build.
+
+    if (numUpdates < 50)
+        skin = min(1.25*skin, 1.2*onset);
+    else if (numUpdates > 300)
+        skin = max(0.8*skin, 0.1*onset);
+    numUpdates = 0;
 }
 
 bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions) const {

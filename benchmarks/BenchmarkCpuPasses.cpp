@@ -1,0 +1,100 @@
+// The CPU platform's passes over a noisy icosphere, one thread, by instruction set and number of vertices: a tool for work on them.  Time is per vertex.
+
+#include "CpuHelfrichLayout.h"
+#include "CpuHelfrichPasses.h"
+#include "Membranes.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include <benchmark/benchmark.h>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+using namespace HelfrichPlugin;
+using namespace std;
+
+/**
+ * A rough sphere whose connectivity random flips have melted, with every array that the passes need.
+ */
+struct Scene {
+    Scene(int subdivisions, bool hasTether) : membrane(createSphere(subdivisions)) {
+        int numVertices = membrane.positions.size();
+        double edge = sqrt(8*M_PI/sqrt(3)/numVertices);
+        TestRandom random(1);
+        for (auto& x : membrane.positions)
+            x += random.vector(0.05*edge);
+        mesh.reset(new HelfrichMesh(membrane.triangles, numVertices));
+        for (int i = 0; i < mesh->getNumEdges()/2; i++) {
+            int h = random.index(mesh->getNumHalfedges());
+            if (mesh->canFlip(h))
+                mesh->flip(h);
+        }
+        layout.initialize(HelfrichMesh(membrane.triangles, numVertices), getCpuHelfrichPasses().width);
+        layout.update(*mesh);
+        parameters.bendingModulus = 20;
+        if (hasTether) {
+            parameters.tetherModulus = 1;
+            parameters.tetherMinLength = 0.7*edge;
+            parameters.tetherMaxLength = 1.5*edge;
+            parameters.tetherExponent = 2;
+        }
+        for (size_t i = 0; i < data.size(); i++)
+            data[i].reset(static_cast<double*>(aligned_alloc(64, 64+sizeof(double)*max(4*layout.getNumSlots(), (int) layout.neighbors.size())/64*64+64)));
+        arrays = {data[0].get(), data[1].get(), data[2].get(), data[3].get(), data[4].get(), data[5].get(), data[6].get()};
+        for (int slot = 0; slot < layout.getNumSlots(); slot++)
+            for (int i = 0; i < 3; i++)
+                arrays.positions[4*slot+i] = membrane.positions[layout.vertices[slot]][i];
+    }
+    Membrane membrane;
+    unique_ptr<HelfrichMesh> mesh;
+    CpuHelfrichLayout layout;
+    HelfrichParameters parameters;
+    CpuHelfrichArrays arrays;
+    struct Free {
+        void operator()(double* pointer) const {
+            free(pointer);
+        }
+    };
+    array<unique_ptr<double, Free>, 7> data;
+};
+
+static void reportPerVertex(benchmark::State& state, const Scene& scene) {
+    state.counters["vertices"] = scene.mesh->getNumVertices();
+    state.counters["perVertex"] = benchmark::Counter(scene.mesh->getNumVertices(), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+
+static void energy(benchmark::State& state) {
+    Scene scene(state.range(0), state.range(1));
+    const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
+    CpuHelfrichSums sums;
+    for (auto _ : state)
+        passes.computeEnergy(scene.layout, scene.parameters, true, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+    reportPerVertex(state, scene);
+}
+
+static void gradient(benchmark::State& state) {
+    Scene scene(state.range(0), state.range(1));
+    const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
+    CpuHelfrichSums sums;
+    CpuHelfrichSlopes slopes;
+    slopes.area = slopes.volume = slopes.curvature = 1;
+    vector<double> gradients(4*scene.layout.getNumSlots());
+    passes.computeEnergy(scene.layout, scene.parameters, true, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+    for (auto _ : state)
+        for (int g = 0; g < scene.layout.getNumGroups(); g += 8)
+            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, min(g+8, scene.layout.getNumGroups()), gradients.data());
+    reportPerVertex(state, scene);
+}
+
+static void layout(benchmark::State& state) {
+    Scene scene(state.range(0), false);
+    for (auto _ : state)
+        scene.layout.update(*scene.mesh);
+    reportPerVertex(state, scene);
+}
+
+BENCHMARK(energy)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(gradient)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(layout)->ArgsProduct({{4, 6, 8}})->ArgNames({"subdivisions"});
+
+BENCHMARK_MAIN();

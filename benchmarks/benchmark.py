@@ -1,0 +1,255 @@
+"""Time the plugin on icospheres: the table of the method's paper (Siggel et al., J. Chem. Phys. 157, 174801 (2022)), and more.
+
+    python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
+    python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
+
+Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
+importable, it is timed on the same meshes and parameters, and the ratio is printed.
+"""
+import argparse
+import json
+import os
+import platform as machine
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+SIZES = {642: 3, 2562: 4, 10242: 5, 40962: 6, 163842: 7, 655362: 8, 2621442: 9, 10485762: 10}
+KT = 2.494338785445972                          # kJ/mol at 300 K
+COLUMNS = {
+    "energy": "ns/vertex", "gradient": "ns/vertex", "gradient+repulsion": "ns/vertex", "leapfrog step": "ns/vertex", "leapfrog+repulsion": "ns/vertex",
+    "flip attempt": "ns", "flip attempt+repulsion": "ns", "full step": "ms", "memory": "bytes/vertex"}
+
+
+def createMembrane(size):
+    """Return a Mesh of a rough unit icosphere of a number of vertices, and its mean edge length."""
+    import numpy as np
+    import openmmhelfrich as mh
+    mesh = mh.Mesh.icosphere(SIZES[size], 1.0)
+    edge = (8*np.pi/3**0.5/size)**0.5
+    vertices = mesh.vertices+np.random.default_rng(1).normal(scale=0.03*edge, size=mesh.vertices.shape)
+    return mh.Mesh(vertices, mesh.triangles), edge
+
+
+def createForce(mesh, edge, repulsion=False):
+    """Return a HelfrichForce with the moduli of the paper's benchmark: every term, at 20 kT."""
+    import openmmhelfrich as mh
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(20*KT)
+    force.setAreaModulus(1e4*KT)
+    force.setTargetArea(mesh.area)
+    force.setVolumeModulus(1e4*KT)
+    force.setTargetVolume(mesh.volume)
+    force.setAreaDifferenceModulus(1e2*KT)
+    force.setTargetAreaDifference(8*3.14159265)
+    force.setTether(1e2*KT, 0.7*edge, 1.5*edge, 2)
+    if repulsion:
+        force.setRepulsion(1e2*KT, edge, 2, 2)
+    return force
+
+
+def createContext(mesh, force, integrator, platform, threads):
+    """Return a Context, of as many threads if the platform has them."""
+    import openmm as mm
+    system = mesh.createSystem(mass=1.0)
+    system.addForce(force)
+    chosen = mm.Platform.getPlatformByName(platform)
+    context = mm.Context(system, integrator, chosen, {"Threads": str(threads)} if platform == "CPU" else {})
+    context.setPositions(mesh.vertices)
+    return context
+
+
+def timeCalls(call, seconds=1.0, repeats=7):
+    """Return the median and the spread (max-min)/median of the time of a call, in seconds."""
+    call()
+    start = time.perf_counter()
+    call()
+    count = max(1, int(seconds/repeats/max(time.perf_counter()-start, 1e-9)))
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        for _ in range(count):
+            call()
+        times.append((time.perf_counter()-start)/count)
+    median = statistics.median(times)
+    return median, (max(times)-min(times))/median
+
+
+def stepSize(size):
+    """A leapfrog step, in ps, that keeps the acceptance high: the fastest mode's period shrinks with the distance between vertices."""
+    return 2e-4*(642/size)**0.5
+
+
+def timeForces(results, size, platform, threads, repulsion):
+    """Time energy, gradient and the steps of a trajectory."""
+    import openmm as mm
+    import openmmhelfrich as mh
+    mesh, edge = createMembrane(size)
+    suffix = "+repulsion" if repulsion else ""
+    # A step of size 0 is a force evaluation and an integrator's pass over the particles, which a System without the force tells apart.
+    times = {}
+    for name in ("with", "without"):
+        integrator = mm.VerletIntegrator(1e-12)
+        force = createForce(mesh, edge, repulsion) if name == "with" else mm.CustomExternalForce("0*x")
+        context = createContext(mesh, force, integrator, platform, threads)
+        times[name] = timeCalls(lambda: integrator.step(1))
+        if name == "with" and not repulsion:
+            median, spread = timeCalls(lambda: force.getEnergyTermsInContext(context))
+            results["energy"] = (median/size*1e9, spread)
+        del context, integrator
+    results["gradient"+suffix] = ((times["with"][0]-times["without"][0])/size*1e9, times["with"][1])
+    integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(size), 100)
+    integrator.setRandomNumberSeed(1)
+    context = createContext(mesh, createForce(mesh, edge, repulsion), integrator, platform, threads)
+    median, spread = timeCalls(lambda: integrator.step(1), repeats=5)
+    results["leapfrog"+(suffix or " step")] = (median/size/101*1e9, spread)
+
+
+def timeSweeps(results, size, platform, threads, repulsion):
+    """Time sweeps of flips, and the paper's full step: a trajectory of 100 steps and a sweep over 10% of the edges."""
+    import openmmhelfrich as mh
+    mesh, edge = createMembrane(size)
+    suffix = "+repulsion" if repulsion else ""
+    integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 100, 0.1, 0.5)
+    integrator.setRandomNumberSeed(1)
+    context = createContext(mesh, createForce(mesh, edge, repulsion), integrator, platform, threads)
+    flips, trajectories = integrator.getIntegrator(1), integrator.getIntegrator(0)
+    trajectories.step(2)
+    median, spread = timeCalls(lambda: flips.step(1))
+    results["flip attempt"+suffix] = (median/(0.3*size)*1e9, spread)
+    if not repulsion:
+        def fullStep():
+            trajectories.step(1)
+            flips.step(1)
+        median, spread = timeCalls(fullStep, repeats=5)
+        results["full step"] = (median*1e3, spread)
+    del context
+
+
+def residentMemory():
+    """Return the resident memory of this process, in bytes."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1])*resource.getpagesize()
+
+
+def measureMemory(results, size, platform, threads):
+    """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
+    import openmm as mm
+    import openmmhelfrich as mh
+    mesh, edge = createMembrane(size)
+    sizes = []
+    for plain in (True, False):
+        before = residentMemory()
+        integrator = mm.VerletIntegrator(1e-12) if plain else mh.HybridMonteCarloIntegrator(300, stepSize(size), 10)
+        context = createContext(mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh, edge), integrator, platform, threads)
+        if plain:
+            integrator.step(2)
+        else:
+            integrator.getIntegrator(0).step(1)
+            integrator.getIntegrator(1).step(1)
+            integrator.getIntegrator(0).step(1)
+        sizes.append(residentMemory()-before)
+        del context, integrator
+    results["memory"] = ((sizes[1]-sizes[0])/size, 0)
+
+
+def measure(size, platform, threads):
+    """Return all figures of one case, each a pair of the median and its relative spread."""
+    results = {}
+    measureMemory(results, size, platform, threads)
+    for repulsion in (False, True):
+        timeForces(results, size, platform, threads, repulsion)
+        timeSweeps(results, size, platform, threads, repulsion)
+    results["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024
+    return results
+
+
+def measureTriMem(size):
+    """Return TriMem's energy and gradient times for the same mesh and moduli, or {} if it cannot be imported."""
+    try:
+        import trimem.core as core
+    except ImportError:
+        return {}
+    import numpy as np
+    mesh, edge = createMembrane(size)
+    triMesh = core.TriMesh(mesh.vertices, mesh.triangles)
+    parameters = core.EnergyParameters()
+    parameters.kappa_b, parameters.kappa_a, parameters.kappa_v, parameters.kappa_c, parameters.kappa_t, parameters.kappa_r = 20, 1e4, 1e4, 1e2, 1e2, 0
+    manager = core.EnergyManager(triMesh, parameters)
+    energy, spread = timeCalls(lambda: manager.energy(triMesh))
+    gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)))
+    return {"energy": (energy/size*1e9, spread), "gradient": (gradient/size*1e9, gradientSpread)}
+
+
+def describeMachine():
+    """Return what the figures depend on."""
+    import openmm as mm
+    import openmmhelfrich as mh
+    model = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), machine.processor())
+    return {"processor": model, "cores": os.cpu_count(), "OpenMM": mm.Platform.getOpenMMVersion(), "openmm-helfrich": mh.__version__,
+            "SIMD": os.environ.get("OPENMM_HELFRICH_SIMD", "best"), "load": os.getloadavg()[0]}
+
+
+def runCase(size, platform, threads):
+    """Measure a case in a process of its own."""
+    command = [sys.executable, __file__, "--case", str(size), platform, str(threads)]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+
+
+def printTable(cases):
+    """Print the figures, a line a case."""
+    print(f"{'vertices':>9} {'platform':>9} {'threads':>7} "+" ".join(f"{name:>{max(len(name), 8)}}" for name in COLUMNS)+f" {'peak':>8}")
+    print(" "*28+" ".join(f"{unit:>{max(len(name), 8)}}" for name, unit in COLUMNS.items())+f" {'MiB':>8}")
+    for case in cases:
+        figures = case["results"]
+        print(f"{case['size']:>9} {case['platform']:>9} {case['threads']:>7} "
+              + " ".join(f"{figures[name][0]:>{max(len(name), 8)}.1f}" for name in COLUMNS)+f" {figures['peak']:>8.0f}")
+        for name, (theirs, _) in case["TriMem"].items():
+            print(f"{'':>28}TriMem's {name}: {theirs:.0f} ns/vertex, {theirs/figures[name][0]:.0f} times as long")
+
+
+def plot(cases, path):
+    """Draw time per vertex against the number of vertices."""
+    import matplotlib
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for threads in sorted({case["threads"] for case in cases}):
+        for name in ("energy", "gradient", "leapfrog step", "leapfrog+repulsion"):
+            points = [(case["size"], case["results"][name][0]) for case in cases if case["threads"] == threads]
+            axes.plot(*zip(*points), marker="o", linestyle="-" if threads == 1 else "--", label=f"{name}, {threads} thread{'s'*(threads > 1)}")
+    axes.set(xscale="log", xlabel="vertices", ylabel="ns per vertex", ylim=(0, None))
+    axes.legend(fontsize="small")
+    figure.savefig(path, dpi=150)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES), default=sorted(SIZES)[:6])
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--platforms", nargs="+", default=["CPU"])
+    parser.add_argument("--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot")
+    parser.add_argument("--case", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case:
+        print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]))))
+        return
+    cases = []
+    for platform in options.platforms:
+        for threads in options.threads if platform == "CPU" else [1]:
+            for size in options.sizes:
+                cases.append({"size": size, "platform": platform, "threads": threads, "results": runCase(size, platform, threads),
+                              "TriMem": measureTriMem(size) if threads == 1 and platform == "CPU" else {}})
+                print(f"{size} vertices, {platform}, {threads} threads: done", file=sys.stderr)
+    printTable(cases)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    options.output.with_suffix(".json").write_text(json.dumps({"machine": describeMachine(), "units": COLUMNS, "cases": cases}, indent=1))
+    plot(cases, options.output.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import openmmhelfrich as mh
+from openmmhelfrich.cli import app
+from openmmhelfrich.config import Config, sections
+
+OUTPUTS = ["run.csv", "run.dcd", "run.ply", "run.psf", "run_observables.png", "run_shape.png"]
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+@pytest.fixture
+def folder(inFolder):
+    """A working folder with a mesh and a configuration of a short run."""
+    mh.Mesh.icosphere(2).write("sphere.ply")
+    configure()
+    return inFolder
+
+
+def configure(mesh='file = "sphere.ply"', sampling="steps = 10\nseed = 1", other=""):
+    with open("run.toml", "w") as file:
+        file.write(f"[mesh]\n{mesh}\n[sampling]\n{sampling}\n{other}\n")
+
+
+def results():
+    return sorted(set(os.listdir())-{"sphere.ply", "run.toml"})
+
+
+def testRun(folder):
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 0, result.output
+    assert results() == OUTPUTS
+    for word in ("162 vertices", "10 in", "area", "volume", "accepted", "E_B/8 pi kappa", "run.dcd", "step 10 of 10"):
+        assert word in result.output
+
+
+def testTheCommandIsInstalled(folder):
+    command = os.path.join(os.path.dirname(sys.executable), "openmm-helfrich")
+    done = subprocess.run([command, "run", "run.toml", "--quiet", "--output", "deep/folder/a"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert len(os.listdir("deep/folder")) == 6
+    failed = subprocess.run([command, "run", "nothing.toml"], capture_output=True, text=True)
+    assert (failed.returncode, failed.stdout, failed.stderr) == (1, "", "openmm-helfrich: there is no configuration file nothing.toml\n")
+
+
+def testOptionsTakeThePlaceOfTheConfiguration(folder):
+    result = invoke("run", "run.toml", "--platform", "Reference", "--seed", 7, "--steps", 4, "--output", "other")
+    assert result.exit_code == 0 and "4 in" in result.output and "seed 7" in result.output
+    assert mh.readObservables("other.csv")["step"][-1] == 4
+
+
+def testVersion():
+    result = invoke("--version")
+    assert result.exit_code == 0 and mh.__version__ in result.output
+
+
+def testMeshIsRelativeToTheConfiguration(folder):
+    os.mkdir("elsewhere")
+    os.chdir("elsewhere")
+    assert invoke("run", "../run.toml", "-q").exit_code == 0
+    assert sorted(os.listdir()) == OUTPUTS
+
+
+@pytest.mark.parametrize("text, message", [
+    (dict(other="[membrane]\nbending_modulos = 3"), "[membrane] has no key 'bending_modulos'; did you mean 'bending_modulus'?"),
+    (dict(other="[membrane]\nsteps = 3"), "[membrane] has no key 'steps'; it belongs in [sampling]"),
+    (dict(other="[membrain]\nbending_modulus = 3"), "there is no section or key 'membrain'; did you mean 'membrane'?"),
+    (dict(other="[output]\nxyzzy = 3"), "[output] has no key 'xyzzy'; it has prefix, trajectory_interval"),
+    (dict(mesh=""), "[mesh] file is missing"),
+    (dict(other="[membrane]\nbending_modulus = -3"), "[membrane] bending_modulus is -3"),
+    (dict(other='[membrane]\nbending_modulus = "20"'), "[membrane] bending_modulus is '20'; it must be a number"),
+    (dict(other="[membrane]\narea_modulus = nan"), "[membrane] area_modulus is nan; it must be a finite number"),
+    (dict(other="[membrane]\ntarget_volume = 0"), "[membrane] target_volume is 0"),
+    (dict(other="[membrane]\ntarget_volume = 1\nreduced_volume = 0.9"), "target_volume and reduced_volume are both given"),
+    (dict(other="[membrane]\nreduced_volume = 1.1"), "[membrane] reduced_volume is 1.1"),
+    (dict(other="[tether]\nmin_length = 0.3\nmax_length = 0.2"), "[tether] min_length is 0.3 and max_length 0.2"),
+    (dict(other="[repulsion]\nexclusion_level = 3"), "[repulsion] exclusion_level is 3; it must be 0, 1 or 2"),
+    (dict(sampling="steps = 0"), "[sampling] steps is 0"),
+    (dict(sampling="steps = 1.5"), "[sampling] steps is 1.5"),
+    (dict(sampling="temperature = 0"), "[sampling] temperature is 0"),
+    (dict(sampling="flip_probability = 1.5"), "[sampling] flip_probability is 1.5"),
+    (dict(sampling="steps = = 3"), "run.toml is not TOML"),
+    (dict(mesh='file = "nothing.stl"'), "there is no mesh file nothing.stl"),
+    (dict(mesh='file = "run.toml"'), "no mesh format has the suffix '.toml'"),
+    (dict(mesh='file = "sphere.ply"\nscale = 1000'), "the mean edge length is 2"),
+    (dict(other='[platform]\nname = "GPU"'), "[platform] name is 'GPU'; it must be one of Reference, CPU"),
+    (dict(other='[platform]\nname = "Reference"\nthreads = 2'), "[platform] threads is 2; only the CPU platform has threads"),
+])
+def testBadConfiguration(folder, text, message):
+    configure(**text)
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1
+    assert message in result.output and "Traceback" not in result.output
+    assert results() == []
+
+
+def testEveryMistakeIsReported(folder):
+    configure(other="[membrane]\na = 1\nbending_modulus = -1\n[output]\nb = 1")
+    assert len(invoke("run", "run.toml").output.splitlines()) == 3
+
+
+def testBadMesh(folder):
+    sphere = mh.Mesh.icosphere(2)
+    mh.Mesh(sphere.vertices, sphere.triangles[:, ::-1]).write("sphere.ply")
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1 and "sphere.ply: the membrane of vertex 0 is inside out" in result.output and results() == []
+
+
+@pytest.mark.parametrize("existing", OUTPUTS)
+def testNothingIsOverwritten(folder, existing):
+    with open(existing, "w") as file:
+        file.write("precious")
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1 and f"{existing} exists already" in result.output
+    assert results() == [existing] and open(existing).read() == "precious"
+
+
+def testOverwriteWhenAsked(folder):
+    assert invoke("run", "run.toml", "-q").exit_code == 0
+    assert invoke("run", "run.toml", "-q").exit_code == 1
+    assert invoke("run", "run.toml", "-q", "--overwrite", "--steps", 5).exit_code == 0
+    assert mh.readObservables("run.csv")["step"][-1] == 5
+    configure(other="[output]\noverwrite = true")
+    assert invoke("run", "run.toml", "-q").exit_code == 0
+
+
+def testFolderIsNeverOverwritten(folder):
+    os.mkdir("run.csv")
+    assert "run.csv exists already" in invoke("run", "run.toml", "--overwrite").output and results() == ["run.csv"]
+
+
+def testTheMeshThatIsReadIsNeverOverwritten(folder):
+    before = open("sphere.ply", "rb").read()
+    result = invoke("run", "run.toml", "--output", "sphere", "--overwrite")
+    assert result.exit_code == 1 and "would replace the mesh file" in result.output
+    assert open("sphere.ply", "rb").read() == before
+
+
+def testPlaceThatTakesNoFiles(folder):
+    open("file", "w").close()
+    result = invoke("run", "run.toml", "--output", "file/a")
+    assert result.exit_code == 1 and "file is not a folder" in result.output
+    result = invoke("run", "run.toml", "--output", "folder/")
+    assert result.exit_code == 1 and "prefix is 'folder/'" in result.output
+    os.mkdir("closed", 0o500)
+    if not os.access("closed", os.W_OK):  # the superuser may write anywhere
+        result = invoke("run", "run.toml", "--output", "closed/a")
+        assert result.exit_code == 1 and "closed is not writable" in result.output
+    assert results() == ["closed", "file"]
+
+
+def testEveryKeyIsDescribed():
+    for name, model in sections().items():
+        assert model.__doc__, name
+        assert all(field.description for field in model.model_fields.values()), name
+    assert list(sections()) == list(Config.model_fields)

@@ -1,0 +1,55 @@
+import re
+import subprocess
+import sys
+
+import mdtraj
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import openmmhelfrich as mh
+from openmmhelfrich.config import readConfig
+from openmmhelfrich.run import run
+
+
+def execute(folder, *arguments):
+    done = subprocess.run([sys.executable, *map(str, arguments)], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def testVesicle(tmp_path, examples):
+    script = examples/"vesicle.py"
+    assert len(script.read_text().splitlines()) <= 40
+    out = execute(tmp_path, script)
+    trajectory = mdtraj.load_dcd(str(tmp_path/"vesicle.dcd"), top=str(tmp_path/"vesicle.psf"))
+    assert trajectory.n_frames == 50 and trajectory.n_atoms == 642 and trajectory.topology.n_bonds == 1920
+    names, *rows = [line.split(",") for line in out.splitlines() if "," in line and not line.startswith("area")]
+    reducedVolume = [float(row[names.index("reducedVolume")]) for row in rows]
+    assert reducedVolume[-1] == pytest.approx(0.8, rel=0.02) and reducedVolume[0] > 0.9
+    assert 0.3 < float(rows[-1][names.index("acceptance")]) < 1
+
+
+def testRedBloodCell(tmp_path, examples):
+    config = readConfig(examples/"red_blood_cell.toml")
+    config.sampling.steps, config.sampling.seed, config.output.prefix = 60, 1, str(tmp_path/"cell")
+    summary = run(config)
+    assert summary.numVertices == 2562 and config.membrane.bending_modulus == 20
+    assert 134 < summary.mean("area") < 136 and 93 < summary.mean("volume") < 96
+    assert summary.drift("area") < 0.01 and summary.drift("volume") < 0.01
+    assert 0.3 < summary.acceptance <= 1 and 0.02 < summary.flipAcceptance < 1
+    trajectory = mdtraj.load_dcd(str(summary.outputs.trajectory), top=str(summary.outputs.topology))
+    assert trajectory.topology.n_bonds == 7680 and np.ptp(trajectory.xyz[-1], axis=0).max() == pytest.approx(7.9, abs=0.4)
+    mh.Mesh.read(summary.outputs.mesh).check()
+
+
+def testRedBloodCellScript(tmp_path, examples):
+    assert "2562 vertices, area 134.09 um^2" in execute(tmp_path, examples/"red_blood_cell.py", tmp_path/"cell.stl")
+    assert mh.Mesh.read(tmp_path/"cell.stl").area == pytest.approx(134.09, rel=1e-3)
+
+
+def testScriptOfTheReadme(tmp_path):
+    script, = re.findall(r"```python\n(.*?)```", (ROOT/"README.md").read_text(), re.DOTALL)
+    (tmp_path/"script.py").write_text(script)
+    execute(tmp_path, "script.py")
+    assert mdtraj.load_dcd(str(tmp_path/"vesicle.dcd"), top=str(tmp_path/"vesicle.psf")).n_frames > 1
