@@ -40,7 +40,7 @@ struct Scene {
         }
         for (size_t i = 0; i < data.size(); i++)
             data[i].reset(static_cast<double*>(aligned_alloc(64, 64+sizeof(double)*max(4*layout.getNumSlots(), (int) layout.neighbors.size())/64*64+64)));
-        arrays = {data[0].get(), data[1].get(), data[2].get(), data[3].get(), data[4].get(), data[5].get(), data[6].get()};
+        arrays = {data[0].get(), data[1].get(), data[2].get(), data[3].get(), data[4].get()};
         for (int slot = 0; slot < layout.getNumSlots(); slot++)
             for (int i = 0; i < 3; i++)
                 arrays.positions[4*slot+i] = membrane.positions[layout.vertices[slot]][i];
@@ -55,7 +55,7 @@ struct Scene {
             free(pointer);
         }
     };
-    array<unique_ptr<double, Free>, 7> data;
+    array<unique_ptr<double, Free>, 5> data;
 };
 
 static void reportPerVertex(benchmark::State& state, const Scene& scene) {

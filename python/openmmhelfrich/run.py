@@ -91,6 +91,7 @@ class Summary:
         u, kappa = self.config.mesh.length_unit, self.config.membrane.bending_modulus
         lines = [("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
                  ("steps", f"{self.steps} in {self.seconds:.1f} s, seed {self.config.sampling.seed}{', interrupted' if self.interrupted else ''}"),
+                 ("averages", "over the second half of the run:"),
                  ("area", self._mean("area", f"{u}^2")),
                  ("volume", self._mean("volume", f"{u}^3")),
                  ("reduced volume", f"{self.mean('reducedVolume'):.4f}")]

@@ -52,7 +52,7 @@ public:
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();
-    void resizeArrays(const HelfrichParameters& parameters, bool needsCurvature);
+    void resizeArrays(bool needsCurvature);
     void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces);
     void loadPositions(const std::vector<OpenMM::Vec3>& positions, int chunk);
     void addUpTotals();
@@ -69,7 +69,7 @@ private:
     CpuHelfrichLayout layout;
     CpuHelfrichRepulsion repulsion;
     CpuHelfrichArrays arrays;
-    Array positions, bendingSlopes, areas, curvatures, inverseNormals, anglesPerLength, tetherSlopes;
+    Array positions, bendingSlopes, areas, curvatures, anglesPerLength;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
     HelfrichTotals totals;
@@ -90,7 +90,7 @@ public:
     void restore(OpenMM::ContextImpl& context);
 private:
     void drawVelocities(OpenMM::ContextImpl& context);
-    std::vector<double> masses, inverseMasses, chunkEnergies;
+    std::vector<double> inverseMasses, chunkEnergies;
     std::vector<OpenMM::Vec3> startPositions;
     Philox random = Philox(0, 0);
     double kT;

@@ -10,8 +10,8 @@ namespace HelfrichPlugin {
  * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its neighbors, for a group of as many vertices at a time
  * as a SIMD vector has lanes.
  *
- * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it is breadth-first over the connectivity that a
- * Context starts with.  Within windows of that order the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
+ * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it goes through patches of the connectivity
+ * that a Context starts with.  Within a patch the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
  * group's longest is padded with its first neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes have no
  * area.
  *

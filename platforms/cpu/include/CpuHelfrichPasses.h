@@ -15,9 +15,7 @@ struct CpuHelfrichArrays {
     double* bendingSlopes;          ///< of each slot: 4 kappa_B M/A
     double* areas;                  ///< of each slot
     double* curvatures;             ///< of each slot
-    double* inverseNormals;         ///< of each corner: 1/|N| of the triangle that follows the neighbor
     double* anglesPerLength;        ///< of each corner: the dihedral angle of the edge over its length
-    double* tetherSlopes;           ///< of each corner: the derivative of the tether's energy by the edge's length, over its length
 };
 
 /**

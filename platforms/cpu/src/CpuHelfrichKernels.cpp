@@ -37,17 +37,13 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     revision = mesh->getRevision();
 }
 
-void CpuCalcHelfrichForceKernel::resizeArrays(const HelfrichParameters& parameters, bool needsCurvature) {
-    size_t numCorners = layout.neighbors.size();
-    inverseNormals.resize(numCorners);
+void CpuCalcHelfrichForceKernel::resizeArrays(bool needsCurvature) {
     if (needsCurvature) {
         bendingSlopes.resize(layout.getNumSlots());
         curvatures.resize(layout.getNumSlots());
-        anglesPerLength.resize(numCorners);
+        anglesPerLength.resize(layout.neighbors.size());
     }
-    if (parameters.tetherModulus != 0)
-        tetherSlopes.resize(numCorners);
-    arrays = {positions.data(), bendingSlopes.data(), areas.data(), curvatures.data(), inverseNormals.data(), anglesPerLength.data(), tetherSlopes.data()};
+    arrays = {positions.data(), bendingSlopes.data(), areas.data(), curvatures.data(), anglesPerLength.data()};
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -134,7 +130,7 @@ void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& paramet
 
 void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces) {
     updateLayout();
-    resizeArrays(parameters, needsCurvature);
+    resizeArrays(needsCurvature);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSlopes slopes;
@@ -210,11 +206,10 @@ static void forEachChunk(ContextImpl& context, int numParticles, Function functi
 void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
     for (int i = 0; i < system.getNumParticles(); i++) {
         double mass = system.getParticleMass(i);
-        masses.push_back(mass);
         inverseMasses.push_back(mass == 0 ? 0 : 1/mass);
     }
-    startPositions.resize(masses.size());
-    chunkEnergies.resize((masses.size()+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK);
+    startPositions.resize(inverseMasses.size());
+    chunkEnergies.resize((inverseMasses.size()+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK);
 }
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, const Philox& random, long long trajectory) {
@@ -228,9 +223,9 @@ double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, doub
 
 void CpuIntegrateHamiltonianTrajectoryKernel::drawVelocities(ContextImpl& context) {
     vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++)
-            if (masses[i] != 0)
+            if (inverseMasses[i] != 0)
                 velocities[i] = drawNormals(random, trajectory, i)*sqrt(kT*inverseMasses[i]);
     });
 }
@@ -239,7 +234,7 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double 
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     const vector<Vec3>& forces = *getData(context).forces;
-    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++) {
             if (inverseMasses[i] == 0)
                 continue;
@@ -254,10 +249,11 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double 
 
 double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {
     const vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, masses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         double energy = 0;
         for (int i = first; i < last; i++)
-            energy += 0.5*masses[i]*velocities[i].dot(velocities[i]);
+            if (inverseMasses[i] != 0)
+                energy += 0.5*velocities[i].dot(velocities[i])/inverseMasses[i];
         chunkEnergies[chunk] = energy;
     });
     return addUp(chunkEnergies);

@@ -4,39 +4,60 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-static const int WINDOW = 512;
+/**
+ * The number of vertices in a patch: their positions fit in the first-level cache.
+ */
+static const int PATCH = 512;
 
 /**
- * The vertices in breadth-first order.
+ * Collects the vertices patch by patch.  A patch grows breadth-first from a vertex beside an earlier one.
  */
-static vector<int> findBreadthFirstOrder(const HelfrichMesh& mesh) {
+class PatchOrder {
+public:
+    explicit PatchOrder(const HelfrichMesh& mesh) : mesh(mesh), isCollected(mesh.getNumVertices(), 0) {
+        order.reserve(mesh.getNumVertices());
+        for (int v = 0; v < mesh.getNumVertices(); v++) {
+            // Vertices that wait beside a patch come before those of other surfaces.
+
+            growPatch(v);
+            for (size_t next = 0; next < border.size(); next++)
+                growPatch(border[next]);
+            border.clear();
+        }
+    }
     vector<int> order;
-    order.reserve(mesh.getNumVertices());
-    vector<char> isQueued(mesh.getNumVertices(), 0);
-    for (int seed = 0; seed < mesh.getNumVertices(); seed++) {
-        if (isQueued[seed])
-            continue;
-        isQueued[seed] = 1;
-        size_t next = order.size();
-        order.push_back(seed);
+private:
+    void growPatch(int seed) {
+        if (isCollected[seed])
+            return;
+        size_t next = order.size(), end = next-next%PATCH+PATCH;
+        add(seed);
         for (; next < order.size(); next++) {
             int first = mesh.outgoing(order[next]), h = first;
             do {
                 int neighbor = mesh.tip(h);
-                if (!isQueued[neighbor]) {
-                    isQueued[neighbor] = 1;
-                    order.push_back(neighbor);
+                if (!isCollected[neighbor]) {
+                    if (order.size() < end)
+                        add(neighbor);
+                    else
+                        border.push_back(neighbor);
                 }
                 h = mesh.rotate(h);
             } while (h != first);
         }
     }
-    return order;
-}
+    void add(int vertex) {
+        isCollected[vertex] = 1;
+        order.push_back(vertex);
+    }
+    const HelfrichMesh& mesh;
+    vector<char> isCollected;
+    vector<int> border;
+};
 
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
-    order = findBreadthFirstOrder(mesh);
+    order = PatchOrder(mesh).order;
     int numGroups = (mesh.getNumVertices()+width-1)/width;
     groups.resize(numGroups);
     vertices.resize(numGroups*width);
@@ -55,10 +76,10 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh) {
     fill(vertices.begin(), vertices.end(), 0);
     fill(valences.begin(), valences.end(), 0.0);
     vector<int> start;
-    for (size_t begin = 0; begin < order.size(); begin += WINDOW) {
-        // Sort the window by valence, keeping the order of vertices with equal ones.
+    for (size_t begin = 0; begin < order.size(); begin += PATCH) {
+        // Sort the patch by valence, keeping the order of vertices with equal ones.
 
-        size_t end = min(begin+WINDOW, order.size());
+        size_t end = min(begin+PATCH, order.size());
         start.clear();
         for (size_t i = begin; i < end; i++) {
             size_t valence = mesh.valence(order[i]);

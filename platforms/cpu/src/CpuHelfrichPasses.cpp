@@ -34,6 +34,14 @@ public:
     Simd ofNeighbor(const double* values, int i) const {
         return loadScalars(values, neighbors+i*WIDTH);
     }
+    /// the normal of the triangles that follow a neighbor, u x w, and 0 where there is none
+    Point normal(int i, const Point& u, const Point& w) const {
+        Point n = cross(u, w);
+        if (!group.isPadded)
+            return n;
+        SimdMask exists = has(i);
+        return {select(exists, n.x, Simd{}), select(exists, n.y, Simd{}), select(exists, n.z, Simd{})};
+    }
     /// where the vertices have a neighbor of this number that is not padding
     SimdMask has(int i) const {
         return valences > broadcast(i);
@@ -45,6 +53,20 @@ private:
     const int* neighbors;
     Simd valences;
 };
+
+/**
+ * 1/sqrt(x), and 0 where x is 0: what has no length has no direction.
+ */
+inline Simd inverseLength(Simd x) {
+    return select(x > 0.0, inverseSqrt(x), Simd{});
+}
+
+/**
+ * Where edges of a squared length may not be slack.
+ */
+inline SimdMask isTetherTaut(Simd length2, const HelfrichParameters& p) {
+    return (length2 < p.tetherMinLength*p.tetherMinLength) | (length2 > p.tetherMaxLength*p.tetherMaxLength);
+}
 
 /**
  * The tether's energy of edges, and its slope over their length.
@@ -63,7 +85,7 @@ inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters&
         energy = select(isLong, value, energy);
         slope = select(isLong, branchSlope, slope);
     }
-    slopeOverLength = p.tetherModulus*slope/length;
+    slopeOverLength = select(isShort | isLong, divide(p.tetherModulus*slope, length), Simd{});
     return p.tetherModulus*energy;
 }
 
@@ -80,20 +102,18 @@ inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& p
                     const HelfrichParameters& p, const CpuHelfrichArrays& arrays, RingSums& sums) {
     if (!HasCurvature && !HasTether)
         return;
-    int corner = ring.group.start+i*WIDTH;
     Simd length2 = dot(toNeighbor, toNeighbor);
-    Simd inverse = select(length2 > 0.0, inverseSqrt(length2), Simd{}), length = length2*inverse;
+    Simd inverse = inverseLength(length2), length = length2*inverse;
     if (HasCurvature) {
         Simd sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
         Simd angle = angleOf(sine, cosine);
-        store(arrays.anglesPerLength+corner, angle*inverse);
+        store(arrays.anglesPerLength+ring.group.start+i*WIDTH, angle*inverse);
         sums.curvature += length*angle;
     }
-    if (HasTether) {
+    if (HasTether && any(isTetherTaut(length2, p))) {
         Simd slope;
         sums.tether += tetherEnergy(length, ring.has(i), p, slope);
-        store(arrays.tetherSlopes+corner, select(ring.has(i), slope, Simd{}));
     }
 }
 
@@ -105,20 +125,16 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
     Point firstNormal = {}, previous = {}, previousNormal = {}, last = {}, lastNormal = {};
     for (int i = 0; i < group.length; i++) {
         Point next = i+1 < group.length ? ring.toNeighbor(i+1) : first;
-        Point normal = cross(current, next);
-        SimdMask exists = ring.has(i);
-        if (group.isPadded)
-            normal = {select(exists, normal.x, Simd{}), select(exists, normal.y, Simd{}), select(exists, normal.z, Simd{})};
+        Point normal = ring.normal(i, current, next);
         Simd square = dot(normal, normal);
-        Simd inverse = select(square > 0.0, inverseSqrt(square), Simd{});
-        store(arrays.inverseNormals+group.start+i*WIDTH, inverse);
-        sums.doubleAreas += square*inverse;
+        sums.doubleAreas += square*inverseLength(square);
         sums.normals = sums.normals+normal;
         if (i == 0)
             firstNormal = normal;
         else
             addEdge<HasCurvature, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
         if (group.isPadded) {
+            SimdMask exists = ring.has(i);
             last = {select(exists, current.x, last.x), select(exists, current.y, last.y), select(exists, current.z, last.z)};
             lastNormal = {select(exists, normal.x, lastNormal.x), select(exists, normal.y, lastNormal.y), select(exists, normal.z, lastNormal.z)};
         }
@@ -196,22 +212,25 @@ void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& 
         }
         for (int i = 0; i < group.length; i++) {
             bool isLast = (i+1 == group.length);
-            int corner = group.start+i*WIDTH;
             Point w = isLast ? first : ring.toNeighbor(i+1);
             Simd w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
-            Simd inverse = load(arrays.inverseNormals+corner);
+            Point normal = ring.normal(i, u, w);
+            Simd inverse = inverseLength(dot(normal, normal));
             Simd byNormal = broadcast(slopes.volume*(1.0/6.0)), byArea = broadcast(slopes.area), byEdge = {};
             if (HasCurvature) {
                 Simd alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
                 byArea += byBendingSlope2*(alpha*alpha+alphaU*alphaU+alphaW*alphaW);
                 byNormal -= 0.25*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
-                byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+corner);
+                byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+group.start+i*WIDTH);
                 alphaU = alphaW;
             }
-            if (HasTether)
-                byEdge += load(arrays.tetherSlopes+corner);
+            if (HasTether && any(isTetherTaut(u2, p))) {
+                Simd slope;
+                tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
+                byEdge += slope;
+            }
             Simd byAreaHalf = 0.5*byArea*inverse;
-            gradient = gradient+cross(u, w)*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
+            gradient = gradient+normal*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
             u = w;
             u2 = w2;
         }

@@ -1,0 +1,73 @@
+"""Membranes, forces and contexts for tests."""
+import numpy as np
+import openmm as mm
+from openmm import unit
+
+import openmmhelfrich as mh
+
+PLATFORMS = ["Reference", "CPU"]
+TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion"]
+
+
+def createBlob(subdivisions=2, noise=0.1, seed=1):
+    """Return a rough, flat ellipsoid away from the origin, whose two faces are close enough to repel each other."""
+    mesh = mh.Mesh.icosphere(subdivisions)
+    random = np.random.default_rng(seed)
+    edge = mesh.edgeLengths.mean()
+    mesh.vertices = mesh.vertices*[1, 0.9, 0.4]+random.uniform(-noise*edge, noise*edge, mesh.vertices.shape)+[0.3, -0.2, 0.5]
+    return mesh
+
+
+def createForce(mesh, terms=TERMS, exclusionLevel=1):
+    """Return a force on a mesh with some terms, each far from its minimum, in an energy landscape of some hundred kJ/mol."""
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    edge = mesh.edgeLengths.mean()
+    if "bending" in terms:
+        force.setBendingModulus(20)
+    if "area" in terms:
+        force.setAreaModulus(3000)
+        force.setTargetArea(1.2*mesh.area)
+    if "volume" in terms:
+        force.setVolumeModulus(2000)
+        force.setTargetVolume(1.3*mesh.volume)
+    if "areaDifference" in terms:
+        force.setAreaDifferenceModulus(1500)
+        force.setLeafletSeparation(0.1)
+        force.setTargetAreaDifference(0.17*mesh.vertexMeanCurvatures.sum())
+    if "tether" in terms:
+        force.setTether(7, 0.9*edge, 1.1*edge, 3)
+    if "repulsion" in terms:
+        force.setRepulsion(0.5, 2.6*edge, 2, exclusionLevel)
+    return force
+
+
+def createContext(mesh, force, platform="Reference", integrator=None, properties=None, mass=1.0):
+    """Return a Context of a mesh's System, with a force or several, at the mesh's positions."""
+    system = mesh.createSystem(mass)
+    for f in force if isinstance(force, list) else [force]:
+        system.addForce(f)
+    context = mm.Context(system, integrator or mm.VerletIntegrator(0.001), mm.Platform.getPlatform(platform), properties or {})
+    context.setPositions(mesh.vertices)
+    return context
+
+
+def energyOf(context, groups=-1):
+    return context.getState(energy=True, groups=groups).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+
+
+def forcesOf(context, groups=-1):
+    return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole/unit.nanometer)
+
+
+def positionsOf(context):
+    return context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+
+
+def termsOf(force, context):
+    return {term: energy.value_in_unit(unit.kilojoule_per_mole) for term, energy in force.getEnergyTermsInContext(context).items()}
+
+
+def kelvin(kT):
+    """Return the temperature at which kT is so many kJ/mol."""
+    return kT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)

@@ -1,0 +1,269 @@
+"""Edge flips in a live Context: energies, connectivity, and the distribution that they sample."""
+import itertools
+
+import numpy as np
+import openmm as mm
+import pytest
+from scipy import stats
+
+import openmmhelfrich as mh
+from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, termsOf
+
+
+def oneAttempt(mesh, temperature):
+    """Return an integrator that attempts a single flip a step."""
+    flips = mh.EdgeFlipIntegrator(temperature, 1/len(mesh.edges))
+    flips.setRandomNumberSeed(5)
+    return flips
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("terms, exclusionLevel", [([term], 1) for term in TERMS]+[(TERMS, level) for level in (0, 1, 2)])
+def test_each_flip(platform, terms, exclusionLevel):
+    """After each flip the mesh is a closed manifold, and energy and forces are those of a new Context with its triangles."""
+    mesh = createBlob(1)
+    force = createForce(mesh, terms, exclusionLevel)
+    flips = oneAttempt(mesh, kelvin(500))
+    context = createContext(mesh, force, platform, flips)
+    energies = {energyOf(context)}
+    for attempt in range(1, 101):
+        accepted = flips.getNumAccepted()
+        flips.step(1)
+        assert flips.getNumAttempted() == attempt
+        if flips.getNumAccepted() == accepted:
+            continue
+        live = mh.Mesh(mesh.vertices, force.getTrianglesInContext(context))
+        assert len(live.vertices)-len(live.edges)+len(live.triangles) == 2
+        assert np.bincount(live.edges.ravel()).min() >= 3
+        fresh = createForce(mesh, terms, exclusionLevel)
+        fresh.setTriangles(live.triangles)
+        other = createContext(mesh, fresh, platform)
+        assert energyOf(context) == pytest.approx(energyOf(other), rel=1e-12)
+        assert np.abs(forcesOf(context)-forcesOf(other)).max() < 1e-11*np.abs(forcesOf(other)).max()
+        energies.add(energyOf(context))
+    assert flips.getNumAccepted() > 20
+    assert len(energies) > 15
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_at_zero_temperature_the_energy_only_falls(platform):
+    mesh = createBlob(2)
+    force = createForce(mesh)
+    flips = oneAttempt(mesh, 0)
+    context = createContext(mesh, force, platform, flips)
+    energy = start = energyOf(context)
+    for _ in range(300):
+        flips.step(1)
+        assert energyOf(context) <= energy*(1+1e-14)
+        energy = energyOf(context)
+    assert flips.getNumAccepted() > 10
+    assert energy < start
+
+
+def test_platforms_and_threads_make_the_same_flips():
+    mesh = createBlob(3)
+    results = []
+    for platform, properties in (("Reference", {}), ("CPU", {"Threads": "1"}), ("CPU", {"Threads": "2"})):
+        force = createForce(mesh, TERMS, 2)
+        flips = mh.EdgeFlipIntegrator(kelvin(5), 0.5)
+        flips.setRandomNumberSeed(3)
+        context = createContext(mesh, force, platform, flips, properties)
+        flips.step(3)
+        results.append((force.getTrianglesInContext(context), flips.getNumAccepted(), flips.getNumForbidden()))
+    for triangles, accepted, forbidden in results[1:]:
+        assert np.array_equal(triangles, results[0][0])
+        assert (accepted, forbidden) == results[0][1:]
+
+
+def test_seeds():
+    mesh = createBlob(2)
+
+    def flip(seed):
+        force = createForce(mesh)
+        flips = mh.EdgeFlipIntegrator(kelvin(50), 0.5)
+        flips.setRandomNumberSeed(seed)
+        context = createContext(mesh, force, integrator=flips)
+        flips.step(2)
+        return force.getTrianglesInContext(context).tolist()
+
+    assert flip(1) == flip(1)
+    assert flip(1) != flip(2)
+    assert flip(0) != flip(0)
+
+
+def test_counters():
+    mesh = createBlob(2)
+    flips = mh.EdgeFlipIntegrator(kelvin(5), 0.25)
+    context = createContext(mesh, createForce(mesh), integrator=flips)
+    flips.step(7)
+    assert flips.getNumSweeps() == 7
+    assert flips.getNumAttempted() == 7*round(0.25*len(mesh.edges))
+    assert 0 < flips.getNumAccepted() < flips.getNumAttempted()-flips.getNumForbidden()
+    assert context.getStepCount() == 7
+
+
+def test_a_force_group_that_is_not_integrated_is_left_alone():
+    mesh = createBlob(2)
+    force = createForce(mesh)
+    force.setForceGroup(2)
+    flips = mh.EdgeFlipIntegrator(kelvin(50), 1)
+    flips.setIntegrationForceGroups({0, 1})
+    context = createContext(mesh, force, integrator=flips)
+    flips.step(1)
+    assert np.array_equal(force.getTrianglesInContext(context), mesh.triangles)
+    flips.setIntegrationForceGroups({2})
+    flips.step(1)
+    assert not np.array_equal(force.getTrianglesInContext(context), mesh.triangles)
+
+
+def test_no_membrane_to_flip():
+    mesh = createBlob(1)
+    with pytest.raises(mm.OpenMMException, match="EdgeFlipIntegrator: the System has no HelfrichForce"):
+        createContext(mesh, [], integrator=mh.EdgeFlipIntegrator(300, 1))
+
+
+@pytest.mark.parametrize("terms", [TERMS[:5], TERMS], ids=["plain", "repulsion"])
+def test_flips_with_dynamics(terms):
+    """Sweeps between Langevin steps: the kinetic energy stays that of the temperature, and the surface a membrane."""
+    mesh = mh.Mesh.icosphere(2)
+    edge = mesh.edgeLengths.mean()
+    force = createForce(mesh, terms)
+    force.setTether(20, 0.6*edge, 1.4*edge, 2)
+    if "repulsion" in terms:
+        force.setRepulsion(1, edge, 2, 1)
+    flips = mh.EdgeFlipIntegrator(300, 0.1)
+    langevin = mm.LangevinMiddleIntegrator(300, 20, 0.0005)
+    langevin.setRandomNumberSeed(4)
+    flips.setRandomNumberSeed(4)
+    integrator = mh.HybridMonteCarloIntegrator(langevin, flips, 0.3)
+    context = createContext(mesh, force, integrator=integrator)
+    context.setVelocitiesToTemperature(300, 1)
+    integrator.step(500)
+    kinetic = []
+    for _ in range(300):
+        integrator.step(5)
+        kinetic.append(context.getState(energy=True).getKineticEnergy()._value)
+    assert np.mean(kinetic) == pytest.approx(1.5*len(mesh.vertices)/kelvin(1)*300, rel=0.05)
+    assert flips.getNumAccepted() > 100
+    mh.Mesh(context.getState(positions=True).getPositions(asNumpy=True), force.getTrianglesInContext(context)).check()
+
+
+# Detailed balance, seen: all triangulations of a few frozen vertices, and how often a run visits each.
+
+def stateOf(triangles):
+    """Return what tells two triangulations apart: the triangles, each from its first vertex."""
+    return frozenset(min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in triangles.tolist())
+
+
+def flipped(state):
+    """Return the triangulations that one flip makes."""
+    apex = {(t[n], t[(n+1)%3]): t[(n+2)%3] for t in state for n in range(3)}
+    valence = {v: sum(v in t for t in state) for v in range(6)}
+    for (i, j), k in apex.items():
+        l = apex[j, i]
+        if i < j and (k, l) not in apex and min(valence[i], valence[j]) > 3:
+            old = {t for t in state if i in t and j in t}
+            yield (state-old) | stateOf(np.array([(l, j, k), (k, i, l)]))
+
+
+def enumerateStates(start):
+    states, unexplored = {start: 0}, [start]
+    while unexplored:
+        for state in flipped(unexplored.pop()):
+            if state not in states:
+                states[state] = len(states)
+                unexplored.append(state)
+    return states
+
+
+def softForce(mesh, hasRepulsion):
+    """Return a force whose energy differs by a few kJ/mol among the triangulations of six vertices."""
+    force = mh.HelfrichForce()
+    edge = mesh.edgeLengths.mean()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(0.05)
+    force.setAreaModulus(0.5)
+    force.setTargetArea(mesh.area)
+    force.setVolumeModulus(0.15)
+    force.setTargetVolume(mesh.volume)
+    force.setAreaDifferenceModulus(0.15)
+    force.setTargetAreaDifference(2*mesh.vertexMeanCurvatures.sum())
+    force.setTether(0.01, 0.8*edge, 1.2*edge, 2)
+    if hasRepulsion:
+        force.setRepulsion(0.5, 3*edge, 2, 1)
+    return force
+
+
+def octahedron():
+    vertices = np.concatenate((np.eye(3), -np.eye(3)))*[1, 0.9, 0.8]
+    triangles = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
+    return mh.Mesh(vertices+np.random.default_rng(1).uniform(-0.1, 0.1, (6, 3)), triangles)
+
+
+def energiesOf(mesh, states, hasRepulsion):
+    force = softForce(mesh, hasRepulsion)
+    # Some triangulations are inside out, which is an error where a user sets triangles and a volume term is on.
+    force.setVolumeModulus(0)
+    context = createContext(mesh, force)
+    energies = []
+    for state in states:
+        force.setTrianglesInContext(context, sorted(state))
+        volume = mh.Mesh(mesh.vertices, sorted(state)).volume
+        energies.append(energyOf(context)+0.15*(volume/mesh.volume-1)**2)
+    return np.array(energies)
+
+
+ATTEMPTS_PER_SAMPLE = 250
+
+
+def pOf(counts, energies, kT):
+    """Return the p value of chi square for counts of Boltzmann distributed states, the rare ones in one bin."""
+    weights = np.exp((energies.min()-energies)/kT)
+    expected = counts.sum()*weights/weights.sum()
+    rare = expected < 10
+    bins = np.append(expected[~rare], expected[rare].sum()), np.append(counts[~rare], counts[rare].sum())
+    return stats.chisquare(bins[1], bins[0]).pvalue
+
+
+def test_enumeration():
+    """The 195 triangulations of six labelled vertices (OEIS A000109, labelled), each of either orientation."""
+    states = enumerateStates(stateOf(octahedron().triangles))
+    assert len(states) == 2*195
+
+
+@pytest.mark.parametrize("kT, hasRepulsion", list(itertools.product([1, 0.5], [False, True])))
+def test_detailed_balance(kT, hasRepulsion):
+    """Visits agree with Boltzmann weights, and would not agree with those of a wrong temperature or of another repulsion."""
+    mesh = octahedron()
+    states = enumerateStates(stateOf(mesh.triangles))
+    energies = {repulsion: energiesOf(mesh, states, repulsion) for repulsion in (False, True)}
+    force = softForce(mesh, hasRepulsion)
+    flips = mh.EdgeFlipIntegrator(kelvin(kT), ATTEMPTS_PER_SAMPLE/len(mesh.edges))
+    flips.setRandomNumberSeed(9)
+    context = createContext(mesh, force, "CPU", flips)
+    counts = np.zeros(len(states))
+    for _ in range(20000):
+        flips.step(1)
+        counts[states[stateOf(force.getTrianglesInContext(context))]] += 1
+    assert np.count_nonzero(counts) > 150
+    assert pOf(counts, energies[hasRepulsion], kT) > 0.01
+    assert pOf(counts, energies[hasRepulsion], 1.5-kT) < 1e-9
+    assert pOf(counts, energies[not hasRepulsion], kT) < 1e-9
+
+
+@pytest.mark.parametrize("kT, hasRepulsion", list(itertools.product([1, 0.5], [False, True])))
+def test_samples_are_independent(kT, hasRepulsion):
+    """The transition matrix of the test above leaves less than 5% of any correlation between samples."""
+    mesh = octahedron()
+    states = enumerateStates(stateOf(mesh.triangles))
+    energies = energiesOf(mesh, states, hasRepulsion)
+    matrix = np.zeros((len(states), len(states)))
+    for state, a in states.items():
+        for other in flipped(state):
+            b = states[other]
+            matrix[a, b] = min(1, np.exp((energies[a]-energies[b])/kT))/len(mesh.edges)
+        matrix[a, a] = 1-matrix[a].sum()
+    root = np.exp((energies.min()-energies)/(2*kT))
+    eigenvalues = np.linalg.eigvalsh(matrix*root[:, None]/root[None, :])
+    assert eigenvalues[-1] == pytest.approx(1)
+    assert eigenvalues[-2]**ATTEMPTS_PER_SAMPLE < 0.05
