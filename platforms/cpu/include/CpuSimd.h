@@ -37,7 +37,7 @@ inline void store(double* data, Simd value) {
     *reinterpret_cast<UnalignedSimd*>(data) = value;
 }
 
-inline Simd select(SimdMask condition, Simd ifTrue, Simd ifFalse) {
+inline Simd choose(SimdMask condition, Simd ifTrue, Simd ifFalse) {
     return condition ? ifTrue : ifFalse;
 }
 
@@ -109,30 +109,23 @@ inline Simd divide(Simd x, Simd y) {
 }
 
 /**
- * The angle of the point (x, y), and 0 if both are 0.  The ratio of the smaller to the larger coordinate is brought below tan(pi/8), where the Chebyshev
- * polynomial of degree 10 in its square is good to 6e-18; small angles keep their relative accuracy.
+ * These operations by the names that HelfrichStencils.h uses.
  */
-inline Simd angleOf(Simd y, Simd x) {
-    Simd ay = absolute(y), ax = absolute(x);
-    SimdMask steep = ay > ax;
-    Simd low = select(steep, ax, ay), high = select(steep, ay, ax);
-    SimdMask wide = low > 0.41421356237309503*high;
-    Simd numerator = select(wide, low-high, low), denominator = select(wide, low+high, high);
-    Simd z = select(denominator > 0.0, divide(numerator, denominator), Simd{});
-    Simd t = z*z;
-    const double c[] = {-0.3333333333333333, 0.19999999999995516, -0.14285714284665682, 0.11111111015187018, -0.0909090457530649, 0.07692183125376892,
-                        -0.06664510525508936, 0.05858140904866328, -0.050854078345894844, 0.03923044778479309, -0.019175404711104935};
-    Simd t2 = t*t, even = broadcast(c[10]), odd = broadcast(c[9]);
-    for (int i = 8; i >= 0; i -= 2)
-        even = even*t2+c[i];
-    for (int i = 7; i >= 0; i -= 2)
-        odd = odd*t2+c[i];
-    Simd angle = z+z*t*(even+t*odd);
-    angle = select(wide, 0.78539816339744828+angle, angle);
-    angle = select(steep, 1.5707963267948966-angle, angle);
-    angle = select(x < 0.0, 3.1415926535897931-angle, angle);
-    return copySign(angle, y);
-}
+struct SimdMath {
+    typedef Simd Real;
+    static Simd absolute(Simd x) {
+        return ::absolute(x);
+    }
+    static Simd select(SimdMask condition, Simd ifTrue, Simd ifFalse) {
+        return ::choose(condition, ifTrue, ifFalse);
+    }
+    static Simd divide(Simd x, Simd y) {
+        return ::divide(x, y);
+    }
+    static Simd copySign(Simd magnitude, Simd sign) {
+        return ::copySign(magnitude, sign);
+    }
+};
 
 /**
  * exp(x) for x <= 0: 2^n times a Taylor polynomial of degree 13 of the rest, which is at most ln(2)/2 and leaves an error of 4e-18.
@@ -146,7 +139,7 @@ inline Simd exponential(Simd x) {
     for (int i = 12; i >= 0; i--)
         value = value*rest+c[i];
     SimdMask bits = reinterpret_cast<SimdMask>(value)+(reinterpret_cast<SimdMask>(shifted)<<52);
-    return select(x > -700.0, reinterpret_cast<Simd>(bits), Simd{});
+    return choose(x > -700.0, reinterpret_cast<Simd>(bits), Simd{});
 }
 
 /**

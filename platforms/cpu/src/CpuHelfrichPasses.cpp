@@ -40,7 +40,7 @@ public:
         if (!group.isPadded)
             return n;
         SimdMask exists = has(i);
-        return {select(exists, n.x, Simd{}), select(exists, n.y, Simd{}), select(exists, n.z, Simd{})};
+        return {choose(exists, n.x, Simd{}), choose(exists, n.y, Simd{}), choose(exists, n.z, Simd{})};
     }
     /// where the vertices have a neighbor of this number that is not padding
     SimdMask has(int i) const {
@@ -58,7 +58,7 @@ private:
  * 1/sqrt(x), and 0 where x is 0: what has no length has no direction.
  */
 inline Simd inverseLength(Simd x) {
-    return select(x > 0.0, inverseSqrt(x), Simd{});
+    return choose(x > 0.0, inverseSqrt(x), Simd{});
 }
 
 /**
@@ -77,15 +77,15 @@ inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters&
     if (any(isShort)) {
         Simd minLength = broadcast(p.tetherMinLength), inverse = divide(broadcast(1), length-minLength);
         Simd value = contactPotential(length, minLength, p.tetherExponent, inverse, exponential(length*inverse), branchSlope);
-        energy = select(isShort, value, energy);
-        slope = select(isShort, branchSlope, slope);
+        energy = choose(isShort, value, energy);
+        slope = choose(isShort, branchSlope, slope);
     }
     if (any(isLong)) {
         Simd value = stretchPotential(length, broadcast(p.tetherMaxLength), p.tetherExponent, branchSlope);
-        energy = select(isLong, value, energy);
-        slope = select(isLong, branchSlope, slope);
+        energy = choose(isLong, value, energy);
+        slope = choose(isLong, branchSlope, slope);
     }
-    slopeOverLength = select(isShort | isLong, divide(p.tetherModulus*slope, length), Simd{});
+    slopeOverLength = choose(isShort | isLong, divide(p.tetherModulus*slope, length), Simd{});
     return p.tetherModulus*energy;
 }
 
@@ -107,7 +107,7 @@ inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& p
     if (HasCurvature) {
         Simd sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
-        Simd angle = angleOf(sine, cosine);
+        Simd angle = angleOf<SimdMath>(sine, cosine);
         store(arrays.anglesPerLength+ring.group.start+i*WIDTH, angle*inverse);
         sums.curvature += length*angle;
     }
@@ -135,8 +135,8 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
             addEdge<HasCurvature, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
         if (group.isPadded) {
             SimdMask exists = ring.has(i);
-            last = {select(exists, current.x, last.x), select(exists, current.y, last.y), select(exists, current.z, last.z)};
-            lastNormal = {select(exists, normal.x, lastNormal.x), select(exists, normal.y, lastNormal.y), select(exists, normal.z, lastNormal.z)};
+            last = {choose(exists, current.x, last.x), choose(exists, current.y, last.y), choose(exists, current.z, last.z)};
+            lastNormal = {choose(exists, normal.x, lastNormal.x), choose(exists, normal.y, lastNormal.y), choose(exists, normal.z, lastNormal.z)};
         }
         previous = current;
         previousNormal = normal;
@@ -163,7 +163,7 @@ void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
         store(arrays.areas+g*WIDTH, vertexArea);
         if (HasCurvature) {
             Simd vertexCurvature = 0.25*ringSums.curvature;
-            Simd meanCurvature = select(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
+            Simd meanCurvature = choose(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
             curvature += vertexCurvature;
             bending += vertexCurvature*meanCurvature;
             store(arrays.curvatures+g*WIDTH, vertexCurvature);

@@ -61,6 +61,48 @@ inline Real dihedralAngle(Real length, const Vector3<Real>& normalF, const Vecto
 }
 
 /**
+ * The operations of double that angleOf() needs.
+ */
+struct ScalarMath {
+    typedef double Real;
+    static double absolute(double x) {
+        return std::fabs(x);
+    }
+    static double select(bool condition, double ifTrue, double ifFalse) {
+        return condition ? ifTrue : ifFalse;
+    }
+    static double divide(double x, double y) {
+        return x/y;
+    }
+    static double copySign(double magnitude, double sign) {
+        return std::copysign(magnitude, sign);
+    }
+};
+
+/**
+ * The angle of the point (x, y), and 0 if both are 0: atan2() without branches, for several points at a time.  The ratio of the smaller to the larger coordinate
+ * is brought below tan(pi/8), where the Chebyshev polynomial of degree 10 in its square is good to 6e-18; small angles keep their relative accuracy.
+ */
+template <class Math>
+inline typename Math::Real angleOf(typename Math::Real y, typename Math::Real x) {
+    typedef typename Math::Real Real;
+    Real ay = Math::absolute(y), ax = Math::absolute(x);
+    auto steep = (ay > ax);
+    Real low = Math::select(steep, ax, ay), high = Math::select(steep, ay, ax);
+    auto wide = (low > 0.41421356237309503*high);
+    Real numerator = Math::select(wide, low-high, low), denominator = Math::select(wide, low+high, high);
+    Real z = Math::select(denominator > 0.0, Math::divide(numerator, denominator), denominator*0.0);
+    Real t = z*z, t2 = t*t;
+    Real odd = ((((0.03923044778479309*t2+0.05858140904866328)*t2+0.07692183125376892)*t2+0.11111111015187018)*t2+0.19999999999995516);
+    Real even = (((((-0.019175404711104935*t2-0.050854078345894844)*t2-0.06664510525508936)*t2-0.0909090457530649)*t2-0.14285714284665682)*t2-0.3333333333333333);
+    Real angle = z+z*t*(even+t*odd);
+    angle = Math::select(wide, 0.78539816339744828+angle, angle);
+    angle = Math::select(steep, 1.5707963267948966-angle, angle);
+    angle = Math::select(x < 0.0, 3.1415926535897931-angle, angle);
+    return Math::copySign(angle, y);
+}
+
+/**
  * x^n for a small n >= 0.
  */
 template <class Real>
