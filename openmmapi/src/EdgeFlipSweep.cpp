@@ -5,29 +5,74 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
+/**
+ * The number of attempts whose random numbers are drawn, and whose data is fetched, together.
+ */
+static const int DRAWS_AHEAD = 16;
+
+// A processor with wider vectors than the compiler may assume gets its own copy of a function.
+#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
+#define HELFRICH_CLONES __attribute__((flatten, target_clones("default", "arch=haswell", "arch=skylake-avx512")))
+#else
+#define HELFRICH_CLONES
+#endif
+
+/**
+ * The edges whose curvatures a flip needs, side by side: the flipped one before and after, and the four around it before and after.
+ */
+struct EdgeStencils {
+    static const int NUM_EDGES = 10;
+    double length2[NUM_EDGES], sine[NUM_EDGES], cosine[NUM_EDGES];
+    void set(int n, double edge2, const Vector3<double>& normalF, const Vector3<double>& normalG, const Vector3<double>& toL) {
+        length2[n] = edge2;
+        dihedralSineCosine(1.0, normalF, normalG, toL, sine[n], cosine[n]);
+    }
+};
+
+/**
+ * Length times dihedral angle of each edge.
+ */
+HELFRICH_CLONES
+static void computeCurvatures(const EdgeStencils& s, double* curvatures) {
+    for (int n = 0; n < EdgeStencils::NUM_EDGES; n++) {
+        double length = sqrt(s.length2[n]);
+        curvatures[n] = length*angleOf<ScalarMath>(length*s.sine[n], s.cosine[n]);
+    }
+}
+
 static double length(const Vector3<double>& v) {
     return sqrt(dot(v, v));
 }
 
 EdgeFlipStatistics EdgeFlipSweep::execute(const vector<Vec3>& positions, const HelfrichParameters& parameters, double kT, long long numAttempts,
                                           const Philox& random, long long sweep, const Observer& observer) {
-    prepare(positions, parameters);
+    this->positions = positions.data();
+    p = parameters;
     EdgeFlipStatistics statistics;
     Flip flip;
+    Draw draws[DRAWS_AHEAD];
     for (long long attempt = 0; attempt < numAttempts; attempt++) {
-        auto words = random(sweep, attempt);
-        int h = Philox::index(words[0], words[1], mesh.getNumHalfedges());
+        int n = attempt%DRAWS_AHEAD;
+        if (n == 0) {
+            for (int i = 0; i < DRAWS_AHEAD; i++) {
+                auto words = random(sweep, attempt+i);
+                draws[i] = {(int) Philox::index(words[0], words[1], mesh.getNumHalfedges()), Philox::uniform(words[2], words[3])};
+            }
+            prefetch(draws, DRAWS_AHEAD);
+        }
         statistics.attempted++;
-        if (!mesh.canFlip(h)) {
+        if (!mesh.canFlip(draws[n].halfedge)) {
             statistics.forbidden++;
             continue;
         }
-        evaluate(h, flip);
-        if (flip.energy <= 0 || Philox::uniform(words[2], words[3]) < exp(-flip.energy/kT)) {
+        findVertices(draws[n].halfedge, flip);
+        evaluate(flip);
+        double energy = flip.localEnergy+penaltyChange(flip);
+        if (energy <= 0 || draws[n].uniform < exp(-energy/kT)) {
             accept(flip);
             statistics.accepted++;
             if (observer)
-                observer(flip.energy);
+                observer(energy);
         }
     }
     if (statistics.accepted > 0)
@@ -35,116 +80,80 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const vector<Vec3>& positions, const H
     return statistics;
 }
 
-void EdgeFlipSweep::prepare(const vector<Vec3>& positions, const HelfrichParameters& parameters) {
-    p = parameters;
-    totals = HelfrichTotals();
-    const vector<int>& particles = mesh.getParticles();
-    x.resize(particles.size());
-    for (size_t v = 0; v < particles.size(); v++) {
-        const Vec3& position = positions[particles[v]];
-        x[v] = {position[0], position[1], position[2]};
-    }
-    prepareTriangles();
-    if (p.needsCurvature())
-        prepareEdges();
-}
-
-void EdgeFlipSweep::prepareTriangles() {
-    triangleAreas.resize(mesh.getNumTriangles());
-    vertexAreas.assign(x.size(), 0);
-    for (int t = 0; t < mesh.getNumTriangles(); t++) {
-        int a = mesh.origin(3*t), b = mesh.origin(3*t+1), c = mesh.origin(3*t+2);
-        Vector n = normal(a, b, c);
-        double area = 0.5*length(n);
-        triangleAreas[t] = area;
-        for (int v : {a, b, c})
-            vertexAreas[v] += area/3;
-        totals.area += area;
-        totals.volume += dot(n, x[a]-x[0])/6;
+void EdgeFlipSweep::prefetch(const Draw* draws, int numDraws) const {
+    for (int i = 0; i < numDraws; i++)
+        mesh.prefetch(draws[i].halfedge);
+    for (int i = 0; i < numDraws; i++)
+        mesh.prefetch(mesh.opposite(draws[i].halfedge));
+    for (int i = 0; i < numDraws; i++) {
+        int h = draws[i].halfedge, o = mesh.opposite(h);
+        for (int rim : {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)}) {
+            mesh.prefetch(mesh.opposite(rim));
+            __builtin_prefetch(&positions[mesh.getParticles()[mesh.origin(rim)]]);
+        }
     }
 }
 
-void EdgeFlipSweep::prepareEdges() {
-    edgeCurvatures.resize(mesh.getNumHalfedges());
-    vertexCurvatures.assign(x.size(), 0);
-    for (int h = 0; h < mesh.getNumHalfedges(); h++) {
-        int o = mesh.opposite(h);
-        if (h > o)
-            continue;
-        double curvature = curvatureOfEdge(h);
-        edgeCurvatures[h] = edgeCurvatures[o] = curvature;
-        vertexCurvatures[mesh.origin(h)] += 0.25*curvature;
-        vertexCurvatures[mesh.tip(h)] += 0.25*curvature;
-        totals.curvature += 0.5*curvature;
-    }
-}
-
-Vector3<double> EdgeFlipSweep::normal(int a, int b, int c) const {
-    return cross(x[b]-x[a], x[c]-x[a]);
-}
-
-double EdgeFlipSweep::curvatureOfEdge(int h) const {
-    int i = mesh.origin(h), j = mesh.tip(h), k = mesh.apex(h), l = mesh.apex(mesh.opposite(h));
-    double edge = length(x[j]-x[i]);
-    return edge*dihedralAngle(edge, normal(i, j, k), normal(i, l, j), x[l]-x[i]);
-}
-
-void EdgeFlipSweep::evaluate(int h, Flip& flip) const {
-    int o = mesh.opposite(h), hNext = mesh.next(h), hPrevious = mesh.previous(h), oNext = mesh.next(o), oPrevious = mesh.previous(o);
-    flip.halfedge[0] = h;
-    flip.halfedge[1] = o;
+void EdgeFlipSweep::findVertices(int h, Flip& flip) const {
+    int o = mesh.opposite(h);
+    flip.halfedge = h;
     flip.vertex[0] = mesh.origin(h);
     flip.vertex[1] = mesh.origin(o);
-    flip.vertex[2] = mesh.origin(hPrevious);
-    flip.vertex[3] = mesh.origin(oPrevious);
-    flip.rim[0] = hNext;
-    flip.rim[1] = hPrevious;
-    flip.rim[2] = oNext;
-    flip.rim[3] = oPrevious;
-    evaluateAreas(flip);
+    flip.vertex[2] = mesh.apex(h);
+    flip.vertex[3] = mesh.apex(o);
+}
+
+void EdgeFlipSweep::evaluate(Flip& flip) const {
+    Vector i = position(flip.vertex[0]), j = position(flip.vertex[1])-i, k = position(flip.vertex[2])-i, l = position(flip.vertex[3])-i;
+    Patch patch = {{i, j, k, l}, {cross(j, k), cross(l, j), cross(j-l, k-l), cross(l, k)}};
+    evaluateAreas(patch, flip);
     flip.totals.curvature = 0;
     if (p.needsCurvature())
-        evaluateCurvatures(flip);
-    flip.energy = bendingChange(flip)+penaltyChange(flip)+tetherChange(flip)+repulsionChange(flip);
+        evaluateCurvatures(patch, flip);
+    flip.localEnergy = bendingChange(flip)+tetherChange(patch)+repulsionChange(flip);
 }
 
-void EdgeFlipSweep::evaluateAreas(Flip& flip) const {
-    int i = flip.vertex[0], j = flip.vertex[1], k = flip.vertex[2], l = flip.vertex[3];
-    flip.normal[0] = normal(l, j, k);
-    flip.normal[1] = normal(k, i, l);
-    flip.area[0] = 0.5*length(flip.normal[0]);
-    flip.area[1] = 0.5*length(flip.normal[1]);
-    double before[2] = {triangleAreas[flip.halfedge[0]/3], triangleAreas[flip.halfedge[1]/3]};
-    double both = before[0]+before[1], bothAfter = flip.area[0]+flip.area[1];
-    flip.vertexArea[0] = (flip.area[1]-both)/3;
-    flip.vertexArea[1] = (flip.area[0]-both)/3;
-    flip.vertexArea[2] = (bothAfter-before[0])/3;
-    flip.vertexArea[3] = (bothAfter-before[1])/3;
-    flip.totals.area = bothAfter-both;
-    flip.totals.volume = dot(normal(i, j, k), x[l]-x[i])/6;
+void EdgeFlipSweep::evaluateAreas(const Patch& patch, Flip& flip) const {
+    double area[4];
+    for (int n = 0; n < 4; n++)
+        area[n] = 0.5*length(patch.normal[n]);
+    double before = area[0]+area[1], after = area[2]+area[3];
+    flip.vertexArea[0] = (area[3]-before)/3;
+    flip.vertexArea[1] = (area[2]-before)/3;
+    flip.vertexArea[2] = (after-area[0])/3;
+    flip.vertexArea[3] = (after-area[1])/3;
+    flip.totals.area = after-before;
+    flip.totals.volume = dot(patch.normal[0], patch.corner[3])/6;
 }
 
-double EdgeFlipSweep::rimCurvature(const Flip& flip, int side) const {
-    int h = flip.rim[side], a = mesh.origin(h), b = mesh.tip(h), outer = mesh.apex(mesh.opposite(h));
-    double edge = length(x[b]-x[a]);
-    const Vector& inner = flip.normal[side == 0 || side == 3 ? 0 : 1];
-    return edge*dihedralAngle(edge, inner, normal(a, outer, b), x[outer]-x[a]);
-}
+void EdgeFlipSweep::evaluateCurvatures(const Patch& patch, Flip& flip) const {
+    const Vector& j = patch.corner[1], &k = patch.corner[2], &l = patch.corner[3];
+    const Vector i = {0, 0, 0};
+    EdgeStencils stencils;
+    stencils.set(0, dot(j, j), patch.normal[0], patch.normal[1], l);
+    stencils.set(1, dot(l-k, l-k), patch.normal[2], patch.normal[3], i-k);
 
-void EdgeFlipSweep::evaluateCurvatures(Flip& flip) const {
-    int k = flip.vertex[2], l = flip.vertex[3];
-    double edge = length(x[l]-x[k]), change[4];
-    flip.edgeCurvature = edge*dihedralAngle(edge, flip.normal[0], flip.normal[1], x[flip.vertex[0]]-x[k]);
+    // Around the patch j-k, k-i, i-l and l-j belong to these triangles before and after the flip.
+
+    const Vector from[4] = {j, k, i, l}, to[4] = {k, i, l, j};
+    const int before[4] = {0, 0, 1, 1}, after[4] = {2, 3, 3, 2};
+    int h = flip.halfedge, o = mesh.opposite(h);
+    int rim[4] = {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)};
     for (int side = 0; side < 4; side++) {
-        flip.rimCurvature[side] = rimCurvature(flip, side);
-        change[side] = flip.rimCurvature[side]-edgeCurvatures[flip.rim[side]];
+        Vector edge = to[side]-from[side], outer = position(mesh.apex(mesh.opposite(rim[side])))-patch.corner[0]-from[side];
+        Vector outerNormal = cross(outer, edge);
+        double edge2 = dot(edge, edge);
+        stencils.set(2+side, edge2, patch.normal[before[side]], outerNormal, outer);
+        stencils.set(6+side, edge2, patch.normal[after[side]], outerNormal, outer);
     }
-    double removed = edgeCurvatures[flip.halfedge[0]];
-    flip.vertexCurvature[0] = 0.25*(change[1]+change[2]-removed);
-    flip.vertexCurvature[1] = 0.25*(change[0]+change[3]-removed);
-    flip.vertexCurvature[2] = 0.25*(change[0]+change[1]+flip.edgeCurvature);
-    flip.vertexCurvature[3] = 0.25*(change[2]+change[3]+flip.edgeCurvature);
-    flip.totals.curvature = flip.vertexCurvature[0]+flip.vertexCurvature[1]+flip.vertexCurvature[2]+flip.vertexCurvature[3];
+    double c[EdgeStencils::NUM_EDGES];
+    computeCurvatures(stencils, c);
+    double jk = c[6]-c[2], ki = c[7]-c[3], il = c[8]-c[4], lj = c[9]-c[5];
+    flip.vertexCurvature[0] = 0.25*(ki+il-c[0]);
+    flip.vertexCurvature[1] = 0.25*(jk+lj-c[0]);
+    flip.vertexCurvature[2] = 0.25*(jk+ki+c[1]);
+    flip.vertexCurvature[3] = 0.25*(il+lj+c[1]);
+    flip.totals.curvature = 0.5*(jk+ki+il+lj+c[1]-c[0]);
 }
 
 double EdgeFlipSweep::bendingChange(const Flip& flip) const {
@@ -152,7 +161,7 @@ double EdgeFlipSweep::bendingChange(const Flip& flip) const {
         return 0;
     double change = 0;
     for (int n = 0; n < 4; n++) {
-        double area = vertexAreas[flip.vertex[n]], curvature = vertexCurvatures[flip.vertex[n]];
+        double area = geometry.vertexAreas[flip.vertex[n]], curvature = geometry.vertexMeanCurvatures[flip.vertex[n]];
         double newArea = area+flip.vertexArea[n], newCurvature = curvature+flip.vertexCurvature[n];
         change += newCurvature*newCurvature/newArea-curvature*curvature/area;
     }
@@ -166,19 +175,19 @@ double EdgeFlipSweep::penaltyChange(const Flip& flip) const {
         return modulus == 0 ? 0 : modulus*(difference/target)*(2*(before/target-1)+difference/target);
     };
     double h = p.leafletSeparation;
-    return change(p.areaModulus, totals.area, flip.totals.area, p.targetArea)+
-           change(p.volumeModulus, totals.volume, flip.totals.volume, p.targetVolume)+
-           change(p.areaDifferenceModulus, 2*h*totals.curvature, 2*h*flip.totals.curvature, p.targetAreaDifference);
+    return change(p.areaModulus, geometry.area, flip.totals.area, p.targetArea)+
+           change(p.volumeModulus, geometry.volume, flip.totals.volume, p.targetVolume)+
+           change(p.areaDifferenceModulus, 2*h*geometry.integratedMeanCurvature, 2*h*flip.totals.curvature, p.targetAreaDifference);
 }
 
-double EdgeFlipSweep::tetherChange(const Flip& flip) const {
+double EdgeFlipSweep::tetherChange(const Patch& patch) const {
     if (p.tetherModulus == 0)
         return 0;
-    auto potential = [&] (int a, int b) {
+    auto potential = [&] (const Vector& edge) {
         double slope;
-        return tetherPotential(length(x[b]-x[a]), p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
+        return tetherPotential(length(edge), p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
     };
-    return p.tetherModulus*(potential(flip.vertex[2], flip.vertex[3])-potential(flip.vertex[0], flip.vertex[1]));
+    return p.tetherModulus*(potential(patch.corner[3]-patch.corner[2])-potential(patch.corner[1]));
 }
 
 double EdgeFlipSweep::repulsionChange(const Flip& flip) const {
@@ -187,8 +196,8 @@ double EdgeFlipSweep::repulsionChange(const Flip& flip) const {
     int i = flip.vertex[0], j = flip.vertex[1], k = flip.vertex[2], l = flip.vertex[3];
     if (p.repulsionExclusionLevel == 1)
         return pairEnergy(i, j)-pairEnergy(k, l);
-    return repulsionOfPairsSeparated(flip.halfedge[0])+repulsionOfPairsSeparated(flip.halfedge[1])-
-           repulsionOfPairsJoined(k, flip.rim[3])-repulsionOfPairsJoined(l, flip.rim[1]);
+    int h = flip.halfedge, o = mesh.opposite(h);
+    return repulsionOfPairsSeparated(h)+repulsionOfPairsSeparated(o)-repulsionOfPairsJoined(k, mesh.previous(o))-repulsionOfPairsJoined(l, mesh.previous(h));
 }
 
 double EdgeFlipSweep::repulsionOfPairsSeparated(int h) const {
@@ -235,7 +244,7 @@ bool EdgeFlipSweep::isExcludedWithout(int vertex, int other, int removedNeighbor
 }
 
 double EdgeFlipSweep::pairEnergy(int vertex1, int vertex2) const {
-    Vector d = x[vertex2]-x[vertex1];
+    Vector d = position(vertex2)-position(vertex1);
     double r2 = dot(d, d), slope;
     if (r2 >= p.repulsionOnset*p.repulsionOnset)
         return 0;
@@ -243,21 +252,13 @@ double EdgeFlipSweep::pairEnergy(int vertex1, int vertex2) const {
 }
 
 void EdgeFlipSweep::accept(const Flip& flip) {
-    int h = flip.halfedge[0], o = flip.halfedge[1];
-    triangleAreas[h/3] = flip.area[0];
-    triangleAreas[o/3] = flip.area[1];
     for (int n = 0; n < 4; n++)
-        vertexAreas[flip.vertex[n]] += flip.vertexArea[n];
-    totals += flip.totals;
-    mesh.flip(h);
-    if (!p.needsCurvature())
-        return;
-    for (int n = 0; n < 4; n++)
-        vertexCurvatures[flip.vertex[n]] += flip.vertexCurvature[n];
-    int inner[2] = {flip.rim[1], flip.rim[3]};
-    int rim[4] = {flip.rim[0], o, flip.rim[2], h};
-    for (int side : inner)
-        edgeCurvatures[side] = flip.edgeCurvature;
-    for (int side = 0; side < 4; side++)
-        edgeCurvatures[rim[side]] = edgeCurvatures[mesh.opposite(rim[side])] = flip.rimCurvature[side];
+        geometry.vertexAreas[flip.vertex[n]] += flip.vertexArea[n];
+    if (p.needsCurvature())
+        for (int n = 0; n < 4; n++)
+            geometry.vertexMeanCurvatures[flip.vertex[n]] += flip.vertexCurvature[n];
+    geometry.area += flip.totals.area;
+    geometry.volume += flip.totals.volume;
+    geometry.integratedMeanCurvature += flip.totals.curvature;
+    mesh.flip(flip.halfedge);
 }

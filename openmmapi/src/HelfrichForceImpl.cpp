@@ -72,7 +72,9 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
 
     if (isOrientationChecked || parameters.volumeModulus == 0)
         return;
-    double volume = kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context).volume;
+    HelfrichGeometry geometry;
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
+    double volume = geometry.volume;
     if (volume <= 0) {
         stringstream message;
         message << owner.getName() << ": the volume term is on, but the surface encloses a volume of " << volume
@@ -155,7 +157,8 @@ HelfrichEnergyTerms HelfrichForceImpl::getEnergyTerms(ContextImpl& context) {
 
 HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     requirePositions(context);
-    HelfrichGeometry geometry = kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context);
+    HelfrichGeometry geometry;
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
     geometry.areaDifference = 2*moduli.leafletSeparation*geometry.integratedMeanCurvature;
     return geometry;
 }
@@ -170,6 +173,7 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
                                                 const EdgeFlipSweep::Observer& observer) {
     HelfrichParameters parameters = getParameters(context);
     context.getPositions(positions);
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweep->getGeometry());
     EdgeFlipStatistics statistics = sweep->execute(positions, parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();
     return statistics;

@@ -30,7 +30,7 @@ static void checkTriangles(const vector<array<int, 3> >& triangles, int numParti
 HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) {
     checkTriangles(triangles, numParticles);
     findParticles(triangles, numParticles);
-    origins = findVertices(triangles);
+    findVertices(triangles);
     connect();
 }
 
@@ -44,14 +44,14 @@ void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles, int nu
             particles.push_back(i);
 }
 
-vector<int> HelfrichMesh::findVertices(const vector<array<int, 3> >& triangles) const {
-    vector<int> vertices;
-    vertices.reserve(3*triangles.size());
+void HelfrichMesh::findVertices(const vector<array<int, 3> >& triangles) {
     bool areContiguous = (particles.back() == (int) particles.size()-1);
+    halfedges.reserve(3*triangles.size());
     for (auto& triangle : triangles)
-        for (int particle : triangle)
-            vertices.push_back(areContiguous ? particle : lower_bound(particles.begin(), particles.end(), particle)-particles.begin());
-    return vertices;
+        for (int particle : triangle) {
+            int vertex = areContiguous ? particle : lower_bound(particles.begin(), particles.end(), particle)-particles.begin();
+            halfedges.push_back({vertex, -1});
+        }
 }
 
 string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
@@ -61,7 +61,7 @@ string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
 void HelfrichMesh::connect() {
     // Sort the halfedges into buckets by the lower vertex of their edge, then pair those with the same other vertex.
 
-    int numHalfedges = origins.size();
+    int numHalfedges = halfedges.size();
     vector<int> start(particles.size()+1, 0), bucket(numHalfedges);
     for (int h = 0; h < numHalfedges; h++)
         start[min(origin(h), tip(h))+1]++;
@@ -71,7 +71,6 @@ void HelfrichMesh::connect() {
     for (int h = 0; h < numHalfedges; h++)
         bucket[end[min(origin(h), tip(h))]++] = h;
     auto upper = [&] (int h) { return max(origin(h), tip(h)); };
-    vector<int> pairs(numHalfedges, -1);
     for (size_t v = 0; v < particles.size(); v++) {
         sort(bucket.begin()+start[v], bucket.begin()+end[v], [&] (int a, int b) {
             return make_pair(upper(a), a) < make_pair(upper(b), b);
@@ -93,16 +92,15 @@ void HelfrichMesh::connect() {
             if (origin(h1) == origin(h2))
                 throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
                                       "; all triangles must be counter-clockwise seen from outside");
-            pairs[h1] = h2;
-            pairs[h2] = h1;
+            halfedges[h1].opposite = h2;
+            halfedges[h2].opposite = h1;
         }
     }
-    opposites = pairs;
     outgoings.assign(particles.size(), -1);
     valences.assign(particles.size(), 0);
     for (int h = numHalfedges-1; h >= 0; h--) {
-        outgoings[origins[h]] = h;
-        valences[origins[h]]++;
+        outgoings[origin(h)] = h;
+        valences[origin(h)]++;
     }
     checkVertices();
 }
@@ -125,7 +123,7 @@ vector<array<int, 3> > HelfrichMesh::getTriangles() const {
     vector<array<int, 3> > triangles(getNumTriangles());
     for (int t = 0; t < getNumTriangles(); t++)
         for (int c = 0; c < 3; c++)
-            triangles[t][c] = particles[origins[3*t+c]];
+            triangles[t][c] = particles[origin(3*t+c)];
     return triangles;
 }
 
@@ -133,22 +131,10 @@ void HelfrichMesh::setTriangles(const vector<array<int, 3> >& triangles) {
     HelfrichMesh mesh(triangles, particles.back()+1);
     if (mesh.particles != particles)
         throw OpenMMException("HelfrichForce: the new triangles must connect the same "+to_string(particles.size())+" particles as before");
-    if (mesh.origins.size() != origins.size())
+    if (mesh.halfedges.size() != halfedges.size())
         throw OpenMMException("HelfrichForce: there are "+to_string(triangles.size())+" new triangles; their number must stay "+to_string(getNumTriangles()));
     mesh.revision = revision+1;
     *this = mesh;
-}
-
-bool HelfrichMesh::areBonded(int vertex1, int vertex2) const {
-    if (valences[vertex2] < valences[vertex1])
-        swap(vertex1, vertex2);
-    int first = outgoings[vertex1], h = first;
-    do {
-        if (tip(h) == vertex2)
-            return true;
-        h = rotate(h);
-    } while (h != first);
-    return false;
 }
 
 bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
@@ -167,23 +153,17 @@ bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
     return false;
 }
 
-bool HelfrichMesh::canFlip(int h) const {
-    return valences[origin(h)] > 3 && valences[tip(h)] > 3 && !areBonded(apex(h), apex(opposites[h]));
-}
-
 void HelfrichMesh::flip(int h) {
-    int o = opposites[h], hPrevious = previous(h), oPrevious = previous(o);
-    int i = origins[h], j = origins[o], k = origins[hPrevious], l = origins[oPrevious];
+    int o = opposite(h), hPrevious = previous(h), oPrevious = previous(o);
+    int i = origin(h), j = origin(o), k = origin(hPrevious), l = origin(oPrevious);
     outgoings[i] = next(o);
     outgoings[j] = next(h);
-    origins[h] = l;
-    origins[o] = k;
-    opposites[h] = opposites[oPrevious];
-    opposites[opposites[h]] = h;
-    opposites[o] = opposites[hPrevious];
-    opposites[opposites[o]] = o;
-    opposites[hPrevious] = oPrevious;
-    opposites[oPrevious] = hPrevious;
+    halfedges[h] = {l, opposite(oPrevious)};
+    halfedges[opposite(h)].opposite = h;
+    halfedges[o] = {k, opposite(hPrevious)};
+    halfedges[opposite(o)].opposite = o;
+    halfedges[hPrevious].opposite = oPrevious;
+    halfedges[oPrevious].opposite = hPrevious;
     valences[i]--;
     valences[j]--;
     valences[k]++;
@@ -192,11 +172,12 @@ void HelfrichMesh::flip(int h) {
 
 void HelfrichMesh::validate() const {
     HelfrichMesh fresh(getTriangles(), particles.back()+1);
-    if (fresh.opposites != opposites)
-        throw OpenMMException("HelfrichMesh: the opposite halfedges are wrong");
+    for (int h = 0; h < getNumHalfedges(); h++)
+        if (fresh.opposite(h) != opposite(h))
+            throw OpenMMException("HelfrichMesh: the opposite of halfedge "+to_string(h)+" is wrong");
     if (fresh.valences != valences)
         throw OpenMMException("HelfrichMesh: the valences are wrong");
     for (int v = 0; v < getNumVertices(); v++)
-        if (origins[outgoings[v]] != v)
+        if (origin(outgoings[v]) != v)
             throw OpenMMException("HelfrichMesh: the outgoing halfedge of vertex "+to_string(v)+" is wrong");
 }

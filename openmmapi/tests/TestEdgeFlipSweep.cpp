@@ -15,6 +15,19 @@ long double getExactEnergy(const Membrane& membrane, const HelfrichMesh& mesh, c
     return computeExactly({membrane.positions, mesh.getTriangles()}, p).getTotal();
 }
 
+/**
+ * Give a sweep the geometry that it starts from.
+ */
+void setGeometry(EdgeFlipSweep& sweep, const Membrane& membrane, const HelfrichParameters& p) {
+    auto exact = computeExactly(membrane, p);
+    HelfrichGeometry& geometry = sweep.getGeometry();
+    geometry.area = exact.area;
+    geometry.volume = exact.volume;
+    geometry.integratedMeanCurvature = exact.curvature;
+    geometry.vertexAreas.assign(exact.vertexAreas.begin(), exact.vertexAreas.end());
+    geometry.vertexMeanCurvatures.assign(exact.vertexCurvatures.begin(), exact.vertexCurvatures.end());
+}
+
 void testEnergyChanges() {
     // The change of energy of each accepted flip is the difference of two evaluations of the whole membrane, with each term alone and all together, at each level
     // of exclusions; and the mesh is valid after it.
@@ -29,6 +42,7 @@ void testEnergyChanges() {
     for (auto& p : all) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
+        setGeometry(sweep, blob, p);
         long double energy = getExactEnergy(blob, mesh, p), scale = fabsl(energy);
         int numChanged = 0;
         auto check = [&] (double change) {
@@ -54,6 +68,7 @@ void testRunningTotals() {
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference | Tether);
     HelfrichMesh mesh(blob.triangles, blob.positions.size());
     EdgeFlipSweep sweep(mesh);
+    setGeometry(sweep, blob, p);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
     EdgeFlipStatistics statistics = sweep.execute(blob.positions, p, 1000, 500000, Philox(1, 2), 3, [&] (double change) { sum += change; });
     ASSERT(statistics.accepted > 100000);
@@ -67,6 +82,7 @@ void testStatisticsAndRandomNumbers() {
     auto flip = [&] (int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
+        setGeometry(sweep, blob, p);
         int numObserved = 0;
         statistics = sweep.execute(blob.positions, p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
             numObserved++;
@@ -93,6 +109,7 @@ void testSweepThatChangesNothing() {
     Membrane sphere = createSphere(1);
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
     EdgeFlipSweep sweep(mesh);
+    setGeometry(sweep, sphere, createParameters(sphere, Bending));
     EdgeFlipStatistics statistics = sweep.execute(sphere.positions, createParameters(sphere, Bending), 1e-9, 1000, Philox(1, 2), 0);
     ASSERT_EQUAL(0, statistics.accepted);
     ASSERT_EQUAL(0, mesh.getRevision());
@@ -148,6 +165,7 @@ public:
     vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed) const {
         HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
         EdgeFlipSweep sweep(mesh);
+        setGeometry(sweep, membrane, p);
         vector<int> counts(triangulations.size(), 0);
         for (int i = 0; i < numSamples; i++) {
             sweep.execute(membrane.positions, p, kT, attemptsPerSample, Philox(seed, RandomStream::EdgeFlips), i);

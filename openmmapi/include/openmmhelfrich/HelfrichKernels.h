@@ -40,10 +40,10 @@ public:
     /**
      * Compute areas, volume and curvatures.
      *
-     * @param context  the Context in which to execute the kernel
-     * @return the geometry, without the area difference
+     * @param context        the Context in which to execute the kernel
+     * @param[out] geometry  the geometry; the area difference is left as it is
      */
-    virtual HelfrichGeometry computeGeometry(OpenMM::ContextImpl& context) = 0;
+    virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
 };
 
 /**

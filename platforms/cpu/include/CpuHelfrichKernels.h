@@ -48,7 +48,7 @@ public:
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces);
-    HelfrichGeometry computeGeometry(OpenMM::ContextImpl& context);
+    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();

@@ -177,17 +177,18 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::execute(ContextImpl& context, co
     return terms;
 }
 
-HelfrichGeometry CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context) {
+void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     compute(context, HelfrichParameters(), true, false);
-    HelfrichGeometry geometry;
     geometry.area = totals.area;
     geometry.volume = totals.volume;
     geometry.integratedMeanCurvature = totals.curvature;
-    for (int slot : layout.slots) {
-        geometry.vertexAreas.push_back(areas[slot]);
-        geometry.vertexMeanCurvatures.push_back(curvatures[slot]);
+    geometry.vertexAreas.resize(mesh->getNumVertices());
+    geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
+    for (int slot = 0; slot < mesh->getNumVertices(); slot++) {
+        int vertex = layout.vertices[slot];
+        geometry.vertexAreas[vertex] = areas[slot];
+        geometry.vertexMeanCurvatures[vertex] = curvatures[slot];
     }
-    return geometry;
 }
 
 static const int PARTICLES_PER_CHUNK = 1024;

@@ -33,7 +33,7 @@ public:
      * @param x     the position of each vertex
      */
     ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
-    HelfrichGeometry getGeometry() const;
+    void getGeometry(HelfrichGeometry& geometry) const;
     /**
      * Compute the energy.
      */

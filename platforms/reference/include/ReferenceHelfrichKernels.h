@@ -15,7 +15,7 @@ public:
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces);
-    HelfrichGeometry computeGeometry(OpenMM::ContextImpl& context);
+    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
 private:
     ReferenceHelfrichEnergy::Vectors getVertexPositions(OpenMM::ContextImpl& context) const;
     const HelfrichMesh* mesh;

@@ -49,14 +49,12 @@ void ReferenceHelfrichEnergy::computeEdges() {
     });
 }
 
-HelfrichGeometry ReferenceHelfrichEnergy::getGeometry() const {
-    HelfrichGeometry geometry;
+void ReferenceHelfrichEnergy::getGeometry(HelfrichGeometry& geometry) const {
     geometry.area = totals.area;
     geometry.volume = totals.volume;
     geometry.integratedMeanCurvature = totals.curvature;
     geometry.vertexAreas = vertexAreas;
     geometry.vertexMeanCurvatures = vertexCurvatures;
-    return geometry;
 }
 
 template <class Visitor>

@@ -36,9 +36,9 @@ HelfrichEnergyTerms ReferenceCalcHelfrichForceKernel::execute(ContextImpl& conte
     return energy.computeEnergy(parameters);
 }
 
-HelfrichGeometry ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context) {
+void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     auto x = getVertexPositions(context);
-    return ReferenceHelfrichEnergy(*mesh, x).getGeometry();
+    ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {

@@ -31,6 +31,12 @@ public:
     explicit EdgeFlipSweep(HelfrichMesh& mesh) : mesh(mesh) {
     }
     /**
+     * Get the areas, volume and curvatures of the membrane.  They must be those of the positions when a sweep starts, and a sweep keeps them up to date.
+     */
+    HelfrichGeometry& getGeometry() {
+        return geometry;
+    }
+    /**
      * Make one sweep.
      *
      * @param positions    the position of each particle
@@ -46,42 +52,51 @@ public:
 private:
     typedef Vector3<double> Vector;
     /**
-     * What a flip changes that replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  The vertices i, j, k, l have the numbers 0 to 3; rim 0 to 3
-     * are the halfedges j-k, k-i, i-l, l-j around them.
+     * The random numbers of an attempt: the halfedge whose edge to flip, and the number to compare with the probability.
+     */
+    struct Draw {
+        int halfedge;
+        double uniform;
+    };
+    /**
+     * What a flip changes that replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  The vertices i, j, k, l have the numbers 0 to 3.
      */
     struct Flip {
-        int vertex[4], halfedge[2], rim[4];
-        Vector normal[2];           // of the new triangles (l, j, k) and (k, i, l), twice their areas long
-        double area[2];             // of the new triangles
-        double edgeCurvature;       // length times dihedral angle of the new edge
-        double rimCurvature[4];     // the same of the edges around it
+        int halfedge, vertex[4];
         double vertexArea[4], vertexCurvature[4];
         HelfrichTotals totals;
-        double energy;
+        double localEnergy;         // without the terms that depend on totals
     };
-    void prepare(const std::vector<OpenMM::Vec3>& positions, const HelfrichParameters& parameters);
-    void prepareTriangles();
-    void prepareEdges();
-    Vector normal(int a, int b, int c) const;
-    double curvatureOfEdge(int h) const;
-    double rimCurvature(const Flip& flip, int side) const;
-    void evaluate(int h, Flip& flip) const;
-    void evaluateAreas(Flip& flip) const;
-    void evaluateCurvatures(Flip& flip) const;
+    /**
+     * The vectors from i that a flip's geometry needs, and the normals, twice the triangles' areas long, of (i, j, k), (j, i, l) before and of (l, j, k),
+     * (k, i, l) after it.
+     */
+    struct Patch {
+        Vector corner[4];
+        Vector normal[4];
+    };
+    void findVertices(int h, Flip& flip) const;
+    void evaluate(Flip& flip) const;
+    void evaluateAreas(const Patch& patch, Flip& flip) const;
+    void evaluateCurvatures(const Patch& patch, Flip& flip) const;
     double bendingChange(const Flip& flip) const;
     double penaltyChange(const Flip& flip) const;
-    double tetherChange(const Flip& flip) const;
+    double tetherChange(const Patch& patch) const;
     double repulsionChange(const Flip& flip) const;
     double repulsionOfPairsSeparated(int h) const;
     double repulsionOfPairsJoined(int vertex, int outgoing) const;
     bool isExcludedWithout(int vertex, int other, int removedNeighbor) const;
     double pairEnergy(int vertex1, int vertex2) const;
     void accept(const Flip& flip);
+    Vector position(int vertex) const {
+        const OpenMM::Vec3& x = positions[mesh.getParticles()[vertex]];
+        return {x[0], x[1], x[2]};
+    }
+    void prefetch(const Draw* draws, int numDraws) const;
     HelfrichMesh& mesh;
     HelfrichParameters p;
-    HelfrichTotals totals;
-    std::vector<Vector> x;
-    std::vector<double> triangleAreas, edgeCurvatures, vertexAreas, vertexCurvatures;
+    HelfrichGeometry geometry;
+    const OpenMM::Vec3* positions;
 };
 
 } // namespace HelfrichPlugin

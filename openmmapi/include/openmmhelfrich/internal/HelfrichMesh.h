@@ -28,13 +28,13 @@ public:
         return particles.size();
     }
     int getNumTriangles() const {
-        return origins.size()/3;
+        return halfedges.size()/3;
     }
     int getNumEdges() const {
-        return origins.size()/2;
+        return halfedges.size()/2;
     }
     int getNumHalfedges() const {
-        return origins.size();
+        return halfedges.size();
     }
     /**
      * Get the particle of each vertex.
@@ -72,31 +72,31 @@ public:
      * Get the vertex that a halfedge starts from.
      */
     int origin(int h) const {
-        return origins[h];
+        return halfedges[h].origin;
     }
     /**
      * Get the vertex that a halfedge leads to.
      */
     int tip(int h) const {
-        return origins[next(h)];
+        return origin(next(h));
     }
     /**
      * Get the vertex of a halfedge's triangle that is not on the halfedge.
      */
     int apex(int h) const {
-        return origins[previous(h)];
+        return origin(previous(h));
     }
     /**
      * Get the halfedge that runs along the same edge in the other direction.
      */
     int opposite(int h) const {
-        return opposites[h];
+        return halfedges[h].opposite;
     }
     /**
      * Get the halfedge that follows h, counter-clockwise, among those that start from the same vertex.
      */
     int rotate(int h) const {
-        return opposites[previous(h)];
+        return opposite(previous(h));
     }
     /**
      * Get one of the halfedges that start from a vertex.  Which one depends on the flips made so far.
@@ -113,7 +113,9 @@ public:
     /**
      * Get whether an edge connects two vertices.
      */
-    bool areBonded(int vertex1, int vertex2) const;
+    bool areBonded(int vertex1, int vertex2) const {
+        return valences[vertex1] <= valences[vertex2] ? leadsTo(outgoings[vertex1], vertex2) : leadsTo(outgoings[vertex2], vertex1);
+    }
     /**
      * Get whether a pair of different vertices is left out of the repulsion.
      *
@@ -123,7 +125,18 @@ public:
     /**
      * Get whether a flip of a halfedge's edge leaves a valid mesh.
      */
-    bool canFlip(int h) const;
+    bool canFlip(int h) const {
+        // Around k and l the search starts from the halfedges of the two triangles, which are at hand.
+
+        int o = opposite(h), k = apex(h), l = apex(o);
+        return valences[origin(h)] > 3 && valences[origin(o)] > 3 && !(valences[k] <= valences[l] ? leadsTo(previous(h), l) : leadsTo(previous(o), k));
+    }
+    /**
+     * Bring what the mesh knows of a halfedge's triangle into the cache.
+     */
+    void prefetch(int h) const {
+        __builtin_prefetch(&halfedges[h]);
+    }
     /**
      * Replace an edge by the other diagonal of its two triangles.  canFlip(h) must be true.
      *
@@ -141,12 +154,26 @@ public:
      */
     void validate() const;
 private:
+    /// a halfedge's two numbers are next to each other: who needs one nearly always needs the other
+    struct Halfedge {
+        int origin, opposite;
+    };
+    bool leadsTo(int outgoing, int vertex) const {
+        int h = outgoing;
+        do {
+            if (tip(h) == vertex)
+                return true;
+            h = rotate(h);
+        } while (h != outgoing);
+        return false;
+    }
     void findParticles(const std::vector<std::array<int, 3> >& triangles, int numParticles);
-    std::vector<int> findVertices(const std::vector<std::array<int, 3> >& triangles) const;
+    void findVertices(const std::vector<std::array<int, 3> >& triangles);
     void connect();
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
-    std::vector<int> particles, origins, opposites, outgoings, valences;
+    std::vector<int> particles, outgoings, valences;
+    std::vector<Halfedge> halfedges;
     long long revision = 0;
 };
 
