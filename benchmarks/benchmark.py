@@ -2,6 +2,7 @@
 
     python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
+    python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
 
 Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
 importable, it is timed on the same meshes and parameters, and the ratio is printed.
@@ -25,30 +26,32 @@ COLUMNS = {
 
 
 def createMembrane(size):
-    """Return a Mesh of a rough unit icosphere of a number of vertices, and its mean edge length."""
+    """Return a Mesh of a rough icosphere of a number of vertices, 1 nm apart."""
     import numpy as np
     import openmmhelfrich as mh
-    mesh = mh.Mesh.icosphere(SIZES[size], 1.0)
-    edge = (8*np.pi/3**0.5/size)**0.5
-    vertices = mesh.vertices+np.random.default_rng(1).normal(scale=0.03*edge, size=mesh.vertices.shape)
-    return mh.Mesh(vertices, mesh.triangles), edge
+    mesh = mh.Mesh.icosphere(SIZES[size], (3**0.5*size/(8*np.pi))**0.5)
+    vertices = mesh.vertices+np.random.default_rng(1).normal(scale=0.05, size=mesh.vertices.shape)
+    return mh.Mesh(vertices, mesh.triangles)
 
 
-def createForce(mesh, edge, repulsion=False):
-    """Return a HelfrichForce with the moduli of the paper's benchmark: every term, at 20 kT."""
+TERMS = ("bending", "area", "volume", "area difference", "tether")
+
+
+def createForce(mesh, repulsion=False, terms=TERMS):
+    """Return a HelfrichForce with some terms on, by default all but the repulsion."""
     import openmmhelfrich as mh
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(20*KT)
-    force.setAreaModulus(1e4*KT)
     force.setTargetArea(mesh.area)
-    force.setVolumeModulus(1e4*KT)
     force.setTargetVolume(mesh.volume)
-    force.setAreaDifferenceModulus(1e2*KT)
-    force.setTargetAreaDifference(8*3.14159265)
-    force.setTether(1e2*KT, 0.7*edge, 1.5*edge, 2)
+    force.setTargetAreaDifference((16*3.14159265*mesh.area)**0.5)
+    force.setBendingModulus(20*KT*("bending" in terms))
+    force.setAreaModulus(1e4*KT*("area" in terms))
+    force.setVolumeModulus(1e4*KT*("volume" in terms))
+    force.setAreaDifferenceModulus(1e2*KT*("area difference" in terms))
+    force.setTether(1e2*KT*("tether" in terms), 0.7, 1.5, 2)
     if repulsion:
-        force.setRepulsion(1e2*KT, edge, 2, 2)
+        force.setRepulsion(1e2*KT, 1.0, 2, 2)
     return force
 
 
@@ -80,31 +83,52 @@ def timeCalls(call, seconds=1.0, repeats=7):
 
 
 def stepSize(size):
-    """A leapfrog step, in ps, that keeps the acceptance high: the fastest mode's period shrinks with the distance between vertices."""
-    return 2e-4*(642/size)**0.5
+    """A leapfrog step, in ps, with which most trajectories are accepted."""
+    return 0.0015*(642/size)**0.4
+
+
+def timeGradient(mesh, force, platform, threads):
+    """Return the median time of a force evaluation with energy inside an integrator's step, in ns per vertex, and its spread."""
+    import openmm as mm
+    times = []
+    # A step of next to no size is a force evaluation and an integrator's pass over the particles, which a System without the force tells apart.
+    for theForce in (force, mm.CustomExternalForce("0*x")):
+        integrator = mm.VerletIntegrator(1e-12)
+        context = createContext(mesh, theForce, integrator, platform, threads)
+        times.append(timeCalls(lambda: integrator.step(1)))
+        del context
+    return (times[0][0]-times[1][0])/len(mesh.vertices)*1e9, times[0][1]
+
+
+def timeTerms(size, threads):
+    """Print what each combination of terms costs."""
+    mesh = createMembrane(size)
+    combinations = {"area and volume": ("area", "volume"), "tether": ("tether",), "area difference": ("area difference",), "bending": ("bending",),
+                    "bending, area, volume": ("bending", "area", "volume"), "bending, area, volume, area difference": TERMS[:4],
+                    "all but repulsion": TERMS}
+    print(f"{size} vertices, {threads} thread{'s'*(threads > 1)}: energy and forces, ns per vertex")
+    for name, terms in combinations.items():
+        print(f"{timeGradient(mesh, createForce(mesh, terms=terms), 'CPU', threads)[0]:>8.1f}  {name}")
+    print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads)[0]:>8.1f}  all")
 
 
 def timeForces(results, size, platform, threads, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
     import openmmhelfrich as mh
-    mesh, edge = createMembrane(size)
+    mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
-    # A step of size 0 is a force evaluation and an integrator's pass over the particles, which a System without the force tells apart.
-    times = {}
-    for name in ("with", "without"):
-        integrator = mm.VerletIntegrator(1e-12)
-        force = createForce(mesh, edge, repulsion) if name == "with" else mm.CustomExternalForce("0*x")
-        context = createContext(mesh, force, integrator, platform, threads)
-        times[name] = timeCalls(lambda: integrator.step(1))
-        if name == "with" and not repulsion:
-            median, spread = timeCalls(lambda: force.getEnergyTermsInContext(context))
-            results["energy"] = (median/size*1e9, spread)
-        del context, integrator
-    results["gradient"+suffix] = ((times["with"][0]-times["without"][0])/size*1e9, times["with"][1])
+    force = createForce(mesh, repulsion)
+    results["gradient"+suffix] = timeGradient(mesh, force, platform, threads)
+    if not repulsion:
+        context = createContext(mesh, createForce(mesh), mm.VerletIntegrator(1e-12), platform, threads)
+        energyForce = mh.HelfrichForce.cast(context.getSystem().getForce(0))
+        median, spread = timeCalls(lambda: energyForce.getEnergyTermsInContext(context))
+        results["energy"] = (median/size*1e9, spread)
+        del context
     integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(size), 100)
     integrator.setRandomNumberSeed(1)
-    context = createContext(mesh, createForce(mesh, edge, repulsion), integrator, platform, threads)
+    context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
     median, spread = timeCalls(lambda: integrator.step(1), repeats=5)
     results["leapfrog"+(suffix or " step")] = (median/size/101*1e9, spread)
 
@@ -112,11 +136,11 @@ def timeForces(results, size, platform, threads, repulsion):
 def timeSweeps(results, size, platform, threads, repulsion):
     """Time sweeps of flips, and the paper's full step: a trajectory of 100 steps and a sweep over 10% of the edges."""
     import openmmhelfrich as mh
-    mesh, edge = createMembrane(size)
+    mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
     integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 100, 0.1, 0.5)
     integrator.setRandomNumberSeed(1)
-    context = createContext(mesh, createForce(mesh, edge, repulsion), integrator, platform, threads)
+    context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
     flips, trajectories = integrator.getIntegrator(1), integrator.getIntegrator(0)
     trajectories.step(2)
     median, spread = timeCalls(lambda: flips.step(1))
@@ -140,12 +164,12 @@ def measureMemory(results, size, platform, threads):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
     import openmmhelfrich as mh
-    mesh, edge = createMembrane(size)
+    mesh = createMembrane(size)
     sizes = []
     for plain in (True, False):
         before = residentMemory()
         integrator = mm.VerletIntegrator(1e-12) if plain else mh.HybridMonteCarloIntegrator(300, stepSize(size), 10)
-        context = createContext(mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh, edge), integrator, platform, threads)
+        context = createContext(mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh), integrator, platform, threads)
         if plain:
             integrator.step(2)
         else:
@@ -175,7 +199,7 @@ def measureTriMem(size):
     except ImportError:
         return {}
     import numpy as np
-    mesh, edge = createMembrane(size)
+    mesh = createMembrane(size)
     triMesh = core.TriMesh(mesh.vertices, mesh.triangles)
     parameters = core.EnergyParameters()
     parameters.kappa_b, parameters.kappa_a, parameters.kappa_v, parameters.kappa_c, parameters.kappa_t, parameters.kappa_r = 20, 1e4, 1e4, 1e2, 1e2, 0
@@ -233,10 +257,14 @@ def main():
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--platforms", nargs="+", default=["CPU"])
     parser.add_argument("--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot")
+    parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
     parser.add_argument("--case", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
         print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]))))
+        return
+    if options.terms:
+        timeTerms(10242, 1)
         return
     cases = []
     for platform in options.platforms:

@@ -12,24 +12,25 @@ KT = 2.5
 
 
 def softForce(mesh):
-    """Return a force of a vesicle at its own area and volume, with a bending modulus of 20 kT, that keeps its edges and its faces apart."""
+    """Return the force of a vesicle at its own area and volume, with a bending modulus of 30 kT."""
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(20*KT)
-    force.setAreaModulus(1000)
+    force.setBendingModulus(30*KT)
+    force.setAreaModulus(300)
     force.setTargetArea(mesh.area)
-    force.setVolumeModulus(1000)
+    force.setVolumeModulus(300)
     force.setTargetVolume(mesh.volume)
-    force.setTether(KT, 0.6*edge, 1.4*edge, 2)
+    # No triangle can become a needle: two shortest edges are longer than a longest.
+    force.setTether(100*KT, 0.8*edge, 1.25*edge, 2)
     force.setRepulsion(KT, 0.8*edge, 2, 1)
     return force
 
 
-def createRun(engine, platform="CPU", kT=KT, stepSize=0.009, stepsPerTrajectory=8, flipProbability=0.0, mesh=None, seed=5):
-    mesh = mesh or mh.Mesh.icosphere(1)
-    integrator = mh.HybridMonteCarloIntegrator(kelvin(kT), stepSize, stepsPerTrajectory, 0.2, flipProbability, engine)
-    integrator.setRandomNumberSeed(seed)
+def createRun(engine, platform="Reference", stepSize=0.004, stepsPerTrajectory=20, flipProbability=0.0):
+    mesh = mh.Mesh.icosphere(1)
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(KT), stepSize, stepsPerTrajectory, 0.2, flipProbability, engine)
+    integrator.setRandomNumberSeed(5)
     force = softForce(mesh)
     return mesh, force, integrator, createContext(mesh, force, platform, integrator)
 
@@ -41,7 +42,7 @@ def velocitiesOf(context):
 def energyChangeOf(integrator):
     trajectory = integrator.getIntegrator(0)
     if isinstance(trajectory, mh.HamiltonianTrajectoryIntegrator):
-        return trajectory.getLastEnergyChange()
+        return trajectory.getLastEnergyChange()/unit.kilojoule_per_mole
     return trajectory.getGlobalVariableByName("endEnergy")-trajectory.getGlobalVariableByName("startEnergy")
 
 
@@ -49,7 +50,7 @@ def assertMean(samples, expected):
     """Assert that the mean of correlated samples is within three standard errors, by batches, and that these are small."""
     batches = np.array(samples).reshape(25, -1).mean(axis=1)
     error = batches.std(ddof=1)/5
-    assert error < 0.02*abs(expected)
+    assert error < 0.03*abs(expected)
     assert abs(batches.mean()-expected) < 3*error
 
 
@@ -59,13 +60,13 @@ def test_energy_changes_and_kinetic_energy(engine, kT):
     """<exp(-dH/kT)> = 1, and <KE> = 3NkT/2, at the temperature that was set last."""
     mesh, force, integrator, context = createRun(engine)
     integrator.setTemperature(kelvin(kT))
-    integrator.step(1000)
+    integrator.step(500)
     factors, kinetic = [], []
-    for _ in range(5000):
+    for _ in range(4000):
         integrator.step(1)
         factors.append(np.exp(-energyChangeOf(integrator)/kT))
         kinetic.append(context.getState(energy=True).getKineticEnergy()/unit.kilojoule_per_mole)
-    assert 0.5 < integrator.getAcceptanceRate() < 0.98
+    assert 0.6 < integrator.getAcceptanceRate() < 0.99
     assertMean(factors, 1)
     assertMean(np.array(kinetic)/(1.5*len(mesh.vertices)*kT), 1)
 
@@ -75,10 +76,10 @@ def test_energy_changes_and_kinetic_energy(engine, kT):
 def test_virial(engine, flipProbability):
     """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with flips and without."""
     mesh, force, integrator, context = createRun(engine, flipProbability=flipProbability)
-    integrator.step(2000)
+    integrator.step(500)
     virial = []
     for _ in range(4000):
-        integrator.step(2)
+        integrator.step(4)
         x = positionsOf(context)
         virial.append(-np.sum((x-x.mean(axis=0))*forcesOf(context)))
     assertMean(virial, (3*len(mesh.vertices)-3)*KT)
@@ -88,10 +89,10 @@ def test_engines_sample_the_same_energy():
     means, errors = [], []
     for engine in ENGINES:
         mesh, force, integrator, context = createRun(engine, flipProbability=0.3)
-        integrator.step(2000)
+        integrator.step(500)
         energies = []
         for _ in range(4000):
-            integrator.step(3)
+            integrator.step(1)
             energies.append(energyOf(context))
         batches = np.reshape(energies, (25, -1)).mean(axis=1)
         means.append(batches.mean())
@@ -103,7 +104,7 @@ def test_engines_sample_the_same_energy():
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_a_reversed_trajectory_returns_to_its_start(engine, platform):
-    mesh, force, integrator, context = createRun(engine, platform, stepSize=0.004, stepsPerTrajectory=100)
+    mesh, force, integrator, context = createRun(engine, platform, stepSize=0.002, stepsPerTrajectory=100)
     integrator.step(3)
     start = positionsOf(context)
     accepted = integrator.getNumAcceptedTrajectories()
@@ -111,7 +112,7 @@ def test_a_reversed_trajectory_returns_to_its_start(engine, platform):
     assert integrator.getNumAcceptedTrajectories() == accepted+1
     x, v = positionsOf(context), -velocitiesOf(context)
     assert np.abs(x-start).max() > 0.01
-    dt = 0.004
+    dt = 0.002
     v += dt/2*forcesOf(context)
     for n in range(100):
         x += dt*v
@@ -128,7 +129,7 @@ def test_a_diverging_trajectory_is_rejected(engine, platform):
     assert integrator.getNumDivergedTrajectories() == 0
     start, energy = positionsOf(context), energyOf(context)
     accepted = integrator.getNumAcceptedTrajectories()
-    for stepSize in (9, 1e100):
+    for stepSize in (4, 1e100):
         integrator.setStepSize(stepSize)
         integrator.step(3)
     assert integrator.getNumTrajectories() == 16
@@ -138,7 +139,7 @@ def test_a_diverging_trajectory_is_rejected(engine, platform):
     assert np.all(np.isfinite(velocitiesOf(context)))
     assert energyOf(context) == energy
     assert context.getStepCount() == 16
-    integrator.setStepSize(0.009)
+    integrator.setStepSize(0.004)
     integrator.step(10)
     assert integrator.getNumAcceptedTrajectories() > accepted
     assert np.all(np.isfinite(positionsOf(context)))
@@ -149,7 +150,7 @@ def test_a_diverging_trajectory_is_rejected(engine, platform):
 def test_divergence_of_another_force_is_rejected(engine, platform):
     """An energy that is not a number, with no error."""
     mesh = mh.Mesh.icosphere(1)
-    integrator = mh.HybridMonteCarloIntegrator(300, 0.009, 8, 0.2, 0, engine)
+    integrator = mh.HybridMonteCarloIntegrator(300, 0.004, 8, 0.2, 0, engine)
     wall = mm.CustomExternalForce("sqrt(1.5-x)")
     for i in range(len(mesh.vertices)):
         wall.addParticle(i)
@@ -182,7 +183,7 @@ def test_frozen_vertices(engine, platform):
     for i in frozen:
         system.setParticleMass(int(i), 0)
     system.addForce(softForce(mesh))
-    integrator = mh.HybridMonteCarloIntegrator(300, 0.009, 8, 0.2, 0.3, engine)
+    integrator = mh.HybridMonteCarloIntegrator(300, 0.004, 8, 0.2, 0.3, engine)
     integrator.setRandomNumberSeed(3)
     context = mm.Context(system, integrator, mm.Platform.getPlatform(platform))
     context.setPositions(mesh.vertices)
@@ -205,29 +206,26 @@ def test_share_of_sweeps(engine):
         assert low <= sweeps <= high
         assert integrator.getNumTrajectories() == 200-sweeps
         assert context.getStepCount() == 200
-        assert (integrator.getFlipAcceptanceRate() > 0) == (sweeps > 0)
+        assert integrator.getFlipIntegrator().getNumAttempted() == 24*sweeps
 
 
 def test_annealing_reaches_the_flips():
     """Peers have flipped at T = 1 whatever the temperature of the rest."""
     rates = []
-    for kT in (50*KT, KT, KT/50):
+    for kT in (1000*KT, 100*KT, 10*KT):
         mesh, force, integrator, context = createRun("native", flipProbability=1)
         integrator.setTemperature(kelvin(kT))
         assert integrator.getIntegrator(1).getTemperature()/unit.kelvin == pytest.approx(kelvin(kT))
         integrator.step(50)
         rates.append(integrator.getFlipAcceptanceRate())
-    assert rates[0] > 1.5*rates[1] > 1.5*1.5*rates[2]
+    assert rates[0] > 1.5*rates[1] > 1.5*1.5*rates[2] > 0
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_threads_make_no_difference(engine):
-    if engine == "custom":
-        pytest.skip("OpenMM's random numbers depend on what ran before in the process")
+def test_threads_make_no_difference():
     mesh = createBlob(3)
     results = []
     for threads in ("1", "2", "3"):
-        integrator = mh.HybridMonteCarloIntegrator(300, 0.002, 10, 0.2, 0.5, engine)
+        integrator = mh.HybridMonteCarloIntegrator(30000, 0.00001, 10, 0.2, 0.5)
         integrator.setRandomNumberSeed(3)
         force = createForce(mesh)
         context = createContext(mesh, force, "CPU", integrator, {"Threads": threads})
@@ -242,7 +240,7 @@ def test_simulation_and_reporters(tmp_path):
     mesh = mh.Mesh.icosphere(1)
     system = mesh.createSystem()
     system.addForce(softForce(mesh))
-    integrator = mh.HybridMonteCarloIntegrator(300, 0.009, 8)
+    integrator = mh.HybridMonteCarloIntegrator(300, 0.004, 8)
     simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
     simulation.context.setPositions(mesh.vertices)
     simulation.reporters.append(app.DCDReporter(str(tmp_path/"run.dcd"), 5))

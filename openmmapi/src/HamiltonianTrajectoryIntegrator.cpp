@@ -1,6 +1,7 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/OSRngSeed.h"
@@ -49,6 +50,10 @@ void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     numTrajectories = numAccepted = numDiverged = 0;
     kernel = context->getPlatform().createKernel(IntegrateHamiltonianTrajectoryKernel::Name(), contextRef);
     kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().initialize(context->getSystem());
+    hasOnlyMembranes = true;
+    for (ForceImpl* impl : context->getForceImpls())
+        if (dynamic_cast<HelfrichForceImpl*>(impl) == NULL)
+            hasOnlyMembranes = false;
 }
 
 void HamiltonianTrajectoryIntegrator::cleanup() {
@@ -102,12 +107,23 @@ double HamiltonianTrajectoryIntegrator::moveToEnd() {
     double dt = getStepSize();
     trajectory.move(*context, 0.5*dt, dt);
     for (int i = 1; i < stepsPerTrajectory; i++) {
-        context->calcForcesAndEnergy(true, false, getIntegrationForceGroups());
+        addForces(false);
         trajectory.move(*context, dt, dt);
     }
-    double potentialEnergy = context->calcForcesAndEnergy(true, true, getIntegrationForceGroups());
+    double potentialEnergy = addForces(true);
     trajectory.move(*context, 0.5*dt, 0);
     return potentialEnergy+trajectory.computeKineticEnergy(*context);
+}
+
+double HamiltonianTrajectoryIntegrator::addForces(bool includeEnergy) {
+    // What a platform prepares for its own forces takes as long as a membrane's own: leave it out where there are none.
+
+    if (!hasOnlyMembranes)
+        return context->calcForcesAndEnergy(true, includeEnergy, getIntegrationForceGroups());
+    double energy = 0;
+    for (ForceImpl* impl : context->getForceImpls())
+        energy += impl->calcForcesAndEnergy(*context, true, includeEnergy, getIntegrationForceGroups());
+    return energy;
 }
 
 double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {

@@ -89,26 +89,31 @@ HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includ
     checkOrientation(context, parameters);
     HelfrichEnergyTerms terms = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces);
     if (!isfinite(terms.getTotal()))
-        throw OpenMMException(explainNonFinite(context, terms));
+        throwNonFinite(context, terms);
     return terms;
 }
 
-string HelfrichForceImpl::explainNonFinite(ContextImpl& context, const HelfrichEnergyTerms& terms) const {
-    vector<Vec3> positions;
-    context.getPositions(positions);
-    stringstream message;
-    message << owner.getName() << ": ";
+void HelfrichForceImpl::checkPositions(const vector<Vec3>& positions) const {
     for (int particle : mesh->getParticles()) {
         const Vec3& x = positions[particle];
         if (!isfinite(x[0]) || !isfinite(x[1]) || !isfinite(x[2])) {
-            message << "the position of particle " << particle << " is (" << x[0] << ", " << x[1] << ", " << x[2] << "); positions must be finite";
-            return message.str();
+            stringstream message;
+            message << owner.getName() << ": the position of particle " << particle << " is (" << x[0] << ", " << x[1] << ", " << x[2]
+                    << "); positions must be finite";
+            throw OpenMMException(message.str());
         }
     }
-    message << "the energy is not finite (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume << ", area difference "
-            << terms.areaDifference << ", tether " << terms.tether << ", repulsion " << terms.repulsion
+}
+
+void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichEnergyTerms& terms) const {
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    checkPositions(positions);
+    stringstream message;
+    message << owner.getName() << ": the energy is not finite (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume
+            << ", area difference " << terms.areaDifference << ", tether " << terms.tether << ", repulsion " << terms.repulsion
             << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
-    return message.str();
+    throw OpenMMException(message.str());
 }
 
 double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy, int groups) {

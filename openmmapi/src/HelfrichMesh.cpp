@@ -27,14 +27,14 @@ static void checkTriangles(const vector<array<int, 3> >& triangles, int numParti
     }
 }
 
-HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) {
+HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) : numParticles(numParticles) {
     checkTriangles(triangles, numParticles);
-    findParticles(triangles, numParticles);
+    findParticles(triangles);
     findVertices(triangles);
     connect();
 }
 
-void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles, int numParticles) {
+void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles) {
     vector<char> isVertex(numParticles, 0);
     for (auto& triangle : triangles)
         for (int particle : triangle)
@@ -128,7 +128,7 @@ vector<array<int, 3> > HelfrichMesh::getTriangles() const {
 }
 
 void HelfrichMesh::setTriangles(const vector<array<int, 3> >& triangles) {
-    HelfrichMesh mesh(triangles, particles.back()+1);
+    HelfrichMesh mesh(triangles, numParticles);
     if (mesh.particles != particles)
         throw OpenMMException("HelfrichForce: the new triangles must connect the same "+to_string(particles.size())+" particles as before");
     if (mesh.halfedges.size() != halfedges.size())
@@ -171,7 +171,7 @@ void HelfrichMesh::flip(int h) {
 }
 
 void HelfrichMesh::validate() const {
-    HelfrichMesh fresh(getTriangles(), particles.back()+1);
+    HelfrichMesh fresh(getTriangles(), numParticles);
     for (int h = 0; h < getNumHalfedges(); h++)
         if (fresh.opposite(h) != opposite(h))
             throw OpenMMException("HelfrichMesh: the opposite of halfedge "+to_string(h)+" is wrong");

@@ -107,12 +107,14 @@ protected:
 private:
     void makeTrajectory();
     double moveToEnd();
+    double addForces(bool includeEnergy);
     double temperature;
     int stepsPerTrajectory;
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
     double lastEnergyChange = 0;
+    bool hasOnlyMembranes = false;
     OpenMM::Kernel kernel;
 };
 

@@ -73,7 +73,7 @@ public:
      */
     virtual double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory) = 0;
     /**
-     * Change the velocities by the forces of the Context, and then move the particles.
+     * Change the velocities by the forces of the Context, and then move the particles.  The forces are zero afterwards.
      *
      * @param context       the Context in which to execute the kernel
      * @param velocityStep  the time for which the forces act, measured in ps

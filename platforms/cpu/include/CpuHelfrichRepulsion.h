@@ -34,21 +34,27 @@ public:
     double compute(const double* positions, const HelfrichParameters& parameters, int firstSlot, int lastSlot, double* gradients) const;
 private:
     typedef std::array<int, 3> Cell;
+    /// a vertex where it was when the list was built
+    struct Point {
+        double x[3];
+        int vertex;
+    };
     void adaptSkin();
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions) const;
     bool findCandidates(const CpuHelfrichLayout& layout, const double* positions);
-    Cell findCell(int vertex) const;
+    Cell findCell(const std::array<double, 3>& x) const;
     unsigned int findBucket(const Cell& cell) const;
     void sortIntoBuckets();
     void addCandidates(int vertex, double cutoff2);
+    void addCandidatesInRow(int vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
     void markExclusions(const HelfrichMesh& mesh, int vertex, int level);
     double onset = -1, skin = 0;
     int exclusionLevel = -1, numUpdates = 0;
     long long revision = -1;
     std::vector<std::array<double, 3> > reference;
-    std::vector<Cell> cells;
-    std::vector<int> bucketStarts, bucketVertices;
+    std::vector<Point> points;
+    std::vector<int> bucketStarts;
     std::vector<int> candidateStarts, candidates;
     std::vector<int> pairStarts, pairs, marks;
 };

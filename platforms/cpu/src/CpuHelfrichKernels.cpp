@@ -234,15 +234,14 @@ void CpuIntegrateHamiltonianTrajectoryKernel::drawVelocities(ContextImpl& contex
 void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
-    const vector<Vec3>& forces = *getData(context).forces;
+    vector<Vec3>& forces = *getData(context).forces;
     forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++) {
-            if (inverseMasses[i] == 0)
-                continue;
-            double scale = velocityStep*inverseMasses[i];
+            double scale = velocityStep*inverseMasses[i], positionScale = inverseMasses[i] == 0 ? 0 : positionStep;
             for (int j = 0; j < 3; j++) {
                 velocities[i][j] += scale*forces[i][j];
-                positions[i][j] += positionStep*velocities[i][j];
+                positions[i][j] += positionScale*velocities[i][j];
+                forces[i][j] = 0;
             }
         }
     });

@@ -49,37 +49,35 @@ bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const doubl
     return false;
 }
 
-CpuHelfrichRepulsion::Cell CpuHelfrichRepulsion::findCell(int vertex) const {
+CpuHelfrichRepulsion::Cell CpuHelfrichRepulsion::findCell(const array<double, 3>& x) const {
     // Far away all is one cell: that can make the list slow, but not wrong.
 
     Cell cell;
     for (int i = 0; i < 3; i++)
-        cell[i] = (int) max(-1e9, min(1e9, floor(reference[vertex][i]/(onset+skin))));
+        cell[i] = (int) max(-1e9, min(1e9, floor(x[i]/(onset+skin))));
     return cell;
 }
 
 unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
-    unsigned int hash = 73856093u*(unsigned int) cell[0]^19349663u*(unsigned int) cell[1]^83492791u*(unsigned int) cell[2];
+    // Cells in a row along x have consecutive buckets.
+
+    unsigned int hash = (unsigned int) cell[0]+73856093u*(unsigned int) cell[1]+19349663u*(unsigned int) cell[2];
     return hash&(bucketStarts.size()-2);
 }
 
 void CpuHelfrichRepulsion::sortIntoBuckets() {
-    int numVertices = reference.size();
     size_t numBuckets = 1;
     while (numBuckets < reference.size())
         numBuckets *= 2;
     bucketStarts.assign(numBuckets+1, 0);
-    cells.resize(numVertices);
-    for (int v = 0; v < numVertices; v++) {
-        cells[v] = findCell(v);
-        bucketStarts[findBucket(cells[v])+1]++;
-    }
+    for (auto& x : reference)
+        bucketStarts[findBucket(findCell(x))+1]++;
     for (size_t i = 1; i < bucketStarts.size(); i++)
         bucketStarts[i] += bucketStarts[i-1];
     vector<int> next(bucketStarts.begin(), bucketStarts.end()-1);
-    bucketVertices.resize(numVertices);
-    for (int v = 0; v < numVertices; v++)
-        bucketVertices[next[findBucket(cells[v])]++] = v;
+    points.resize(reference.size());
+    for (size_t v = 0; v < reference.size(); v++)
+        points[next[findBucket(findCell(reference[v]))]++] = {{reference[v][0], reference[v][1], reference[v][2]}, (int) v};
 }
 
 bool CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
@@ -102,20 +100,31 @@ bool CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
 }
 
 void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {
+    Cell center = findCell(reference[vertex]);
+    for (int dy = -1; dy <= 1; dy++)
+        for (int dz = -1; dz <= 1; dz++)
+            addCandidatesInRow(vertex, {center[0]-1, center[1]+dy, center[2]+dz}, cutoff2);
+}
+
+void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, double cutoff2) {
+    // Points of other cells can have the same buckets: they are found in their own row, or are too far away.
+
     const array<double, 3>& x = reference[vertex];
-    const Cell& center = cells[vertex];
-    for (int n = 0; n < 27; n++) {
-        Cell cell = {center[0]+n%3-1, center[1]+n/3%3-1, center[2]+n/9-1};
-        unsigned int bucket = findBucket(cell);
-        for (int i = bucketStarts[bucket]; i < bucketStarts[bucket+1]; i++) {
-            int other = bucketVertices[i];
-            double dx = reference[other][0]-x[0], dy = reference[other][1]-x[1], dz = reference[other][2]-x[2];
-            if (dx*dx+dy*dy+dz*dz < cutoff2 && other != vertex && cells[other] == cell)
-                candidates.push_back(other);
+    int numBuckets = bucketStarts.size()-1, begin = findBucket(first), end = min(begin+3, numBuckets);
+    auto addRange = [&] (int start, int stop) {
+        for (int i = start; i < stop; i++) {
+            const Point& other = points[i];
+            double dx = other.x[0]-x[0], dy = other.x[1]-x[1], dz = other.x[2]-x[2];
+            if (dx*dx+dy*dy+dz*dz >= cutoff2 || other.vertex == vertex)
+                continue;
+            Cell cell = findCell(reference[other.vertex]);
+            if (cell[1] == first[1] && cell[2] == first[2])
+                candidates.push_back(other.vertex);
         }
-    }
-    // In an order that does not depend on where the list was made: the sums over it must not either, or a restart would change their last bits.
-    sort(candidates.begin()+candidateStarts[vertex], candidates.end());
+    };
+    addRange(bucketStarts[begin], bucketStarts[end]);
+    if (begin+3 > numBuckets)
+        addRange(0, bucketStarts[min(begin+3-numBuckets, begin)]);
 }
 
 void CpuHelfrichRepulsion::markExclusions(const HelfrichMesh& mesh, int vertex, int level) {
@@ -150,7 +159,11 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
         markExclusions(mesh, vertex, level);
         for (int i = candidateStarts[vertex]; i < candidateStarts[vertex+1]; i++)
             if (marks[candidates[i]] != vertex)
-                pairs.push_back(4*layout.slots[candidates[i]]);
+                pairs.push_back(candidates[i]);
+        // In the order of the vertices, which does not depend on where the list was built: a restart must add them up in the same order.
+        sort(pairs.begin()+pairStarts[slot], pairs.end());
+        for (size_t i = pairStarts[slot]; i < pairs.size(); i++)
+            pairs[i] = 4*layout.slots[pairs[i]];
     }
     pairStarts.push_back(pairs.size());
 }

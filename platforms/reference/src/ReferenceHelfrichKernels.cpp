@@ -59,12 +59,14 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context
 void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
-    const vector<Vec3>& forces = *getData(context).forces;
-    for (size_t i = 0; i < masses.size(); i++)
+    vector<Vec3>& forces = *getData(context).forces;
+    for (size_t i = 0; i < masses.size(); i++) {
         if (masses[i] != 0) {
             velocities[i] += forces[i]*(velocityStep/masses[i]);
             positions[i] += velocities[i]*positionStep;
         }
+        forces[i] = Vec3();
+    }
 }
 
 double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {

@@ -51,7 +51,8 @@ private:
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkTarget(const std::string& term, const std::string& setter, double modulus, double target) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
-    std::string explainNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
+    void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
+    void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
     HelfrichParameters moduli;
     bool isOrientationChecked = false;

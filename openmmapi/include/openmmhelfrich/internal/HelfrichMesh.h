@@ -167,11 +167,12 @@ private:
         } while (h != outgoing);
         return false;
     }
-    void findParticles(const std::vector<std::array<int, 3> >& triangles, int numParticles);
+    void findParticles(const std::vector<std::array<int, 3> >& triangles);
     void findVertices(const std::vector<std::array<int, 3> >& triangles);
     void connect();
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
+    int numParticles;
     std::vector<int> particles, outgoings, valences;
     std::vector<Halfedge> halfedges;
     long long revision = 0;

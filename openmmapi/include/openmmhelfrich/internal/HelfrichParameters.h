@@ -2,6 +2,8 @@
 #define OPENMM_HELFRICHPARAMETERS_H_
 
 #include "openmmhelfrich/HelfrichForce.h"
+#include <cmath>
+#include <limits>
 
 namespace HelfrichPlugin {
 
@@ -57,10 +59,11 @@ inline double penaltySlope(double modulus, double x, double target) {
 }
 
 /**
- * The terms of the energy that depend on totals alone.
+ * The terms of the energy that depend on totals alone.  Positions that are not finite leave no finite area, and make the energy NaN whatever terms are on: tether and
+ * repulsion, which ask only whether a length is below some limit, could take no notice.
  */
 inline void addPenalties(const HelfrichParameters& p, const HelfrichTotals& totals, HelfrichEnergyTerms& terms) {
-    terms.area += penalty(p.areaModulus, totals.area, p.targetArea);
+    terms.area += std::isfinite(totals.area) ? penalty(p.areaModulus, totals.area, p.targetArea) : std::numeric_limits<double>::quiet_NaN();
     terms.volume += penalty(p.volumeModulus, totals.volume, p.targetVolume);
     terms.areaDifference += penalty(p.areaDifferenceModulus, 2*p.leafletSeparation*totals.curvature, p.targetAreaDifference);
 }
