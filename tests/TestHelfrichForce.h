@@ -463,32 +463,55 @@ void testChangingTriangles() {
     }
 }
 
-void testRepulsionOfMovingVertices() {
-    // Vertices that creep, jump and fly away: a platform's list of neighbors must never miss a pair.
+void checkRepulsion(MembraneContext& context, const Membrane& membrane, const HelfrichParameters& p) {
+    auto exact = computeExactly(membrane, p);
+    assertEqualRelative(exact.repulsion, context.getEnergy(membrane.positions), 1e-9);
+    vector<int> some = {0, 13, 26, 39, 52, 65};
+    vector<Vec3> expected = computeForcesExactly(membrane, p, some), forces = context.getForces(), found;
+    for (int i : some)
+        found.push_back(forces[i]);
+    assertEqualVectors(expected, found, 1e-8);
+}
+
+void testRepulsionOfApproachingFaces() {
+    // A sphere that is slowly pressed flat and lets go again.  A platform's list of neighbors, made when the faces were far apart, must not miss them when they come close.
 
     Membrane blob = createBlob(2);
-    TestRandom random(4);
-    HelfrichParameters p = createParameters(blob, Repulsion, 1);
+    HelfrichParameters p = createParameters(blob, Repulsion, 2);
     MembraneContext context(blob, p);
-    double skin = p.repulsionOnset;
-    for (double amplitude : {0.01, 0.01, 0.02, 0.02, 0.05, 0.05, 0.1, 0.1, 0.2, 0.5}) {
-        for (auto& x : blob.positions)
-            x += random.vector(amplitude*skin);
-        blob.positions[random.index(blob.positions.size())] += random.vector(10);
-        if (amplitude == 0.1)
+    for (double step : {0.002, 0.02, 0.06}) {
+        double thickness = 3;
+        for (bool isClosing : {true, false})
+            while (isClosing ? thickness > 0.9 : thickness < 3) {
+                thickness += isClosing ? -step : step;
+                Membrane pressed = blob;
+                for (auto& x : pressed.positions)
+                    x[2] *= thickness;
+                context.context->setPositions(pressed.positions);
+                double exact = computeExactly(pressed, p).repulsion;
+                ASSERT_EQUAL_TOL(exact, context.getEnergy(pressed.positions), 1e-9);
+            }
+    }
+}
+
+void testRepulsionOfMovingVertices() {
+    // Vertices that creep, jump and fly away, each for some time.
+
+    TestRandom random(4);
+    for (double amplitude : {0.02, 0.1, 0.3, 1.0}) {
+        Membrane blob = createBlob(2);
+        HelfrichParameters p = createParameters(blob, Repulsion, 1);
+        MembraneContext context(blob, p);
+        for (int step = 0; step < 12; step++) {
+            checkRepulsion(context, blob, p);
             for (auto& x : blob.positions)
-                x += Vec3(1e4, -1e5, 0);
-        auto exact = computeExactly(blob, p);
-        assertEqualRelative(exact.repulsion, context.getEnergy(blob.positions), 1e-9);
-        // Forces at positions moved since the energy was last computed, which may need a new list themselves.
+                x += random.vector(amplitude*p.repulsionOnset);
+        }
+        blob.positions[7] += Vec3(1e3, 0, 0);
+        checkRepulsion(context, blob, p);
         for (auto& x : blob.positions)
-            x += random.vector(0.1*skin);
-        context.context->setPositions(blob.positions);
-        vector<int> some = {0, 10, 20, 30, 40, 50, 60};
-        vector<Vec3> forces = context.getForces(), found;
-        for (int i : some)
-            found.push_back(forces[i]);
-        assertEqualVectors(computeForcesExactly(blob, p, some), found, 1e-8);
+            x += Vec3(1e4, -1e5, 0);
+        checkRepulsion(context, blob, p);
     }
 }
 
@@ -531,6 +554,7 @@ int main() {
         testTargetsAreContextParameters();
         testUpdateParameters();
         testChangingTriangles();
+        testRepulsionOfApproachingFaces();
         testRepulsionOfMovingVertices();
         testPositionsThatAreNotFinite();
         runPlatformTests();

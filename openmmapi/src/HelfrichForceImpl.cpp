@@ -87,8 +87,9 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
 HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
     HelfrichParameters parameters = getParameters(context);
     checkOrientation(context, parameters);
-    HelfrichEnergyTerms terms = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces);
-    if (!isfinite(terms.getTotal()))
+    HelfrichEnergyTerms terms;
+    bool isFinite = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces, terms);
+    if (!isFinite || !isfinite(terms.getTotal()))
         throwNonFinite(context, terms);
     return terms;
 }
@@ -147,12 +148,15 @@ void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
     context.systemChanged();
 }
 
-static void requirePositions(ContextImpl& context) {
+void HelfrichForceImpl::requirePositions(ContextImpl& context) {
     // The only way to ask whether positions were set is to compute the energy of no force group.
 
+    if (arePositionsSet)
+        return;
     int lastForceGroups = context.getLastForceGroups();
     context.calcForcesAndEnergy(false, false, 0);
     context.getLastForceGroups() = lastForceGroups;
+    arePositionsSet = true;
 }
 
 HelfrichEnergyTerms HelfrichForceImpl::getEnergyTerms(ContextImpl& context) {
@@ -177,7 +181,9 @@ void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<in
 EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweepIndex,
                                                 const EdgeFlipSweep::Observer& observer) {
     HelfrichParameters parameters = getParameters(context);
+    requirePositions(context);
     context.getPositions(positions);
+    checkPositions(positions);
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweep->getGeometry());
     EdgeFlipStatistics statistics = sweep->execute(positions, parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();

@@ -91,6 +91,23 @@ void testAngleInAnyOrientation() {
         }
 }
 
+void testAngleOfPoint() {
+    // All around the circle, most densely near the axes, to within two units in the last place.
+
+    for (double sign : {1.0, -1.0})
+        for (double magnitude : {1e-300, 1e-8, 1e-4, 1e-2, 0.1, 0.4, 0.41421356237309503, 0.4143, 0.7, 1.0, 1.5, 2.4, 2.41421356237309505, 2.5, 10.0, 1e4, 1e8, 1e300})
+            for (int i = 0; i < 1000; i++)
+                for (double x : {1.0, -1.0}) {
+                    double y = sign*magnitude*(1+i*1e-3);
+                    double found = angleOf<ScalarMath>(y, x), exact = atan2((long double) y, (long double) x);
+                    ASSERT_EQUAL_TOL(1.0, found/exact, 4.5e-16);
+                }
+    ASSERT_EQUAL(0.0, angleOf<ScalarMath>(0.0, 0.0));
+    ASSERT_EQUAL(0.0, angleOf<ScalarMath>(0.0, 1.0));
+    ASSERT_EQUAL(M_PI, angleOf<ScalarMath>(0.0, -1.0));
+    ASSERT_EQUAL(-M_PI/2, angleOf<ScalarMath>(-1.0, 0.0));
+}
+
 void testSign() {
     double sine, cosine;
     ASSERT(getAngle<double>(createHinge(0.1, 1, 1, 1), sine, cosine) > 0);
@@ -159,6 +176,7 @@ int main() {
     try {
         testAngleInAlignedOrientation();
         testAngleInAnyOrientation();
+        testAngleOfPoint();
         testSign();
         testIntegerPower();
         testPotentials();

@@ -34,9 +34,10 @@ public:
      * @param context        the Context in which to execute the kernel
      * @param parameters     the moduli and targets
      * @param includeForces  true if forces should be computed
-     * @return the terms of the energy
+     * @param[out] terms     the terms of the energy
+     * @return false if the area of the surface is not finite, as it is where a position is not: the terms then have no meaning
      */
-    virtual HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces) = 0;
+    virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) = 0;
     /**
      * Compute areas, volume and curvatures.
      *

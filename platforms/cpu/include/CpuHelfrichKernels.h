@@ -47,7 +47,7 @@ public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform) : CalcHelfrichForceKernel(name, platform), passes(getCpuHelfrichPasses()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
-    HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;

@@ -21,10 +21,9 @@ public:
     /**
      * Bring the lists up to date.
      *
-     * @param positions  the position of each slot: x, y, z, unused
-     * @return false if a position is not finite
+     * @param positions  the position of each slot: x, y, z, unused; all finite
      */
-    bool update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters);
+    void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters);
     /**
      * Compute the energy of the vertices in a range of slots, and add their gradients.
      *
@@ -41,7 +40,7 @@ private:
     };
     void adaptSkin();
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions) const;
-    bool findCandidates(const CpuHelfrichLayout& layout, const double* positions);
+    void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
     Cell findCell(const std::array<double, 3>& x) const;
     unsigned int findBucket(const Cell& cell) const;
     void sortIntoBuckets();

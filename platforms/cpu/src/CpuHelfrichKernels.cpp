@@ -5,7 +5,6 @@
 #include "openmm/reference/ReferencePlatform.h"
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -134,7 +133,7 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSlopes slopes;
-    bool hasRepulsion = (parameters.repulsionModulus != 0), arePositionsFinite = true;
+    bool hasRepulsion = (parameters.repulsionModulus != 0), isFinite = true;
     int numChunks = getNumChunks(), numThreads = getData(context).threads.getNumThreads();
     #pragma omp parallel num_threads(numThreads)
     {
@@ -149,32 +148,33 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
             addUpTotals();
             HelfrichTotals byTotals = penaltySlopes(parameters, totals);
             slopes = {byTotals.area, byTotals.volume, byTotals.curvature};
-            if (hasRepulsion)
-                arePositionsFinite = repulsion.update(*mesh, layout, positions.data(), parameters);
+            isFinite = isfinite(totals.area);
+            if (hasRepulsion && isFinite)
+                repulsion.update(*mesh, layout, positions.data(), parameters);
         }
-        if (arePositionsFinite && includeForces) {
+        if (isFinite && includeForces) {
             #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 computeForces(parameters, slopes, chunk, forces);
         }
-        else if (arePositionsFinite && hasRepulsion) {
+        else if (isFinite && hasRepulsion) {
             #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 computeRepulsion(parameters, chunk, NULL);
         }
     }
-    repulsionEnergy = arePositionsFinite ? addUp(chunkSums, &CpuHelfrichSums::repulsion) : numeric_limits<double>::quiet_NaN();
+    repulsionEnergy = addUp(chunkSums, &CpuHelfrichSums::repulsion);
 }
 
-HelfrichEnergyTerms CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces) {
+bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
     compute(context, parameters, parameters.needsCurvature(), includeForces);
-    HelfrichEnergyTerms terms;
+    terms = HelfrichEnergyTerms();
     terms.bending = bendingEnergy;
     terms.tether = tetherEnergy;
     addPenalties(parameters, totals, terms);
     if (parameters.repulsionModulus != 0)
         terms.repulsion = repulsionEnergy;
-    return terms;
+    return isfinite(totals.area);
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {

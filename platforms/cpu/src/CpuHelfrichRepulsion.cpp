@@ -6,7 +6,7 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-bool CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p) {
+void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p) {
     bool isNew = (p.repulsionOnset != onset);
     if (isNew)
         skin = 0.5*p.repulsionOnset;
@@ -14,10 +14,7 @@ bool CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLay
     if (isNew || hasMoved(layout, positions)) {
         onset = p.repulsionOnset;
         adaptSkin();
-        if (!findCandidates(layout, positions)) {
-            onset = -1;
-            return false;
-        }
+        findCandidates(layout, positions);
         isNew = true;
     }
     if (isNew || mesh.getRevision() != revision || p.repulsionExclusionLevel != exclusionLevel) {
@@ -25,7 +22,6 @@ bool CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLay
         revision = mesh.getRevision();
         exclusionLevel = p.repulsionExclusionLevel;
     }
-    return true;
 }
 
 void CpuHelfrichRepulsion::adaptSkin() {
@@ -80,14 +76,11 @@ void CpuHelfrichRepulsion::sortIntoBuckets() {
         points[next[findBucket(findCell(reference[v]))]++] = {{reference[v][0], reference[v][1], reference[v][2]}, (int) v};
 }
 
-bool CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
+void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
     reference.resize(layout.slots.size());
     for (size_t v = 0; v < reference.size(); v++)
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < 3; i++)
             reference[v][i] = positions[4*layout.slots[v]+i];
-            if (!isfinite(reference[v][i]))
-                return false;
-        }
     sortIntoBuckets();
     candidateStarts.clear();
     candidates.clear();
@@ -96,7 +89,6 @@ bool CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
         addCandidates(v, (onset+skin)*(onset+skin));
     }
     candidateStarts.push_back(candidates.size());
-    return true;
 }
 
 void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {

@@ -34,6 +34,9 @@ public:
      */
     ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
     void getGeometry(HelfrichGeometry& geometry) const;
+    const HelfrichTotals& getTotals() const {
+        return totals;
+    }
     /**
      * Compute the energy.
      */

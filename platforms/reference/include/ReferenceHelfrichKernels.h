@@ -14,7 +14,7 @@ public:
     ReferenceCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform) : CalcHelfrichForceKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
-    HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
 private:
     ReferenceHelfrichEnergy::Vectors getVertexPositions(OpenMM::ContextImpl& context) const;

@@ -3,6 +3,7 @@
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
+#include <cmath>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -24,7 +25,7 @@ ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPosi
     return x;
 }
 
-HelfrichEnergyTerms ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces) {
+bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context);
     ReferenceHelfrichEnergy energy(*mesh, x);
     if (includeForces) {
@@ -33,7 +34,8 @@ HelfrichEnergyTerms ReferenceCalcHelfrichForceKernel::execute(ContextImpl& conte
         for (int v = 0; v < mesh->getNumVertices(); v++)
             forces[mesh->getParticles()[v]] -= Vec3(gradient[v][0], gradient[v][1], gradient[v][2]);
     }
-    return energy.computeEnergy(parameters);
+    terms = energy.computeEnergy(parameters);
+    return isfinite(energy.getTotals().area);
 }
 
 void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {

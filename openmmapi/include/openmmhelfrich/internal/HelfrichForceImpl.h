@@ -51,11 +51,12 @@ private:
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkTarget(const std::string& term, const std::string& setter, double modulus, double target) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
+    void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
     HelfrichParameters moduli;
-    bool isOrientationChecked = false;
+    bool isOrientationChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;
     std::unique_ptr<EdgeFlipSweep> sweep;
     OpenMM::Kernel kernel;
