@@ -466,7 +466,9 @@ void testChangingTriangles() {
 void checkRepulsion(MembraneContext& context, const Membrane& membrane, const HelfrichParameters& p) {
     auto exact = computeExactly(membrane, p);
     assertEqualRelative(exact.repulsion, context.getEnergy(membrane.positions), 1e-9);
-    vector<int> some = {0, 13, 26, 39, 52, 65};
+    vector<int> some;
+    for (int i = 0; i < (int) membrane.positions.size(); i += 5)
+        some.push_back(i);
     vector<Vec3> expected = computeForcesExactly(membrane, p, some), forces = context.getForces(), found;
     for (int i : some)
         found.push_back(forces[i]);
@@ -498,7 +500,7 @@ void testRepulsionOfMovingVertices() {
     // Vertices that creep, jump and fly away, each for some time.
 
     TestRandom random(4);
-    for (double amplitude : {0.02, 0.1, 0.3, 1.0}) {
+    for (double amplitude : {0.02, 0.1, 0.3}) {
         Membrane blob = createBlob(2);
         HelfrichParameters p = createParameters(blob, Repulsion, 1);
         MembraneContext context(blob, p);

@@ -72,6 +72,22 @@ def test_energy_changes_and_kinetic_energy(engine, kT):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_acceptance_probability(engine):
+    """Trajectories that change the energy by dH are accepted with the probability min(1, exp(-dH/kT))."""
+    mesh, force, integrator, context = createRun(engine, stepSize=0.005)
+    integrator.step(200)
+    expected, variance, accepted = 0, 0, -integrator.getNumAcceptedTrajectories()
+    for _ in range(8000):
+        integrator.step(1)
+        probability = min(1, np.exp(-energyChangeOf(integrator)/KT))
+        expected += probability
+        variance += probability*(1-probability)
+    accepted += integrator.getNumAcceptedTrajectories()
+    assert 0.4*8000 < accepted < 0.8*8000
+    assert abs(accepted-expected) < 3*variance**0.5
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("flipProbability", [0, 0.5])
 def test_virial(engine, flipProbability):
     """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with flips and without."""

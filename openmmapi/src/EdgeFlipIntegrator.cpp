@@ -12,6 +12,11 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
+/**
+ * How often the vertices get a new order.  After so many sweeps vertices have moved by a few neighbors, and the order costs less than one of them.
+ */
+static const int SWEEPS_PER_ORDER = 1000;
+
 EdgeFlipIntegrator::EdgeFlipIntegrator(double temperature, double fraction) {
     setTemperature(temperature);
     setFraction(fraction);
@@ -73,6 +78,9 @@ void EdgeFlipIntegrator::step(int steps) {
             numForbidden += statistics.forbidden;
         }
         numSweeps++;
+        if (numSweeps%SWEEPS_PER_ORDER == 0)
+            for (auto membrane : membranes)
+                membrane->getMesh().renewOrder();
         context->setStepCount(context->getStepCount()+1);
     }
 }
@@ -102,6 +110,8 @@ void EdgeFlipIntegrator::createCheckpoint(ostream& stream) const {
         auto triangles = membrane->getMesh().getTriangles();
         writeBinary(stream, (long long) triangles.size());
         stream.write((const char*) triangles.data(), sizeof(triangles[0])*triangles.size());
+        const vector<int>& order = membrane->getMesh().getOrder();
+        stream.write((const char*) order.data(), sizeof(int)*order.size());
     }
 }
 
@@ -123,7 +133,11 @@ void EdgeFlipIntegrator::loadCheckpoint(istream& stream) {
         vector<array<int, 3> > triangles(numTriangles);
         if (!stream.read((char*) triangles.data(), sizeof(triangles[0])*numTriangles))
             throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
+        vector<int> order(membrane->getMesh().getNumVertices());
+        if (!stream.read((char*) order.data(), sizeof(int)*order.size()))
+            throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
         membrane->setTriangles(*context, triangles);
+        membrane->getMesh().setOrder(order);
     }
 }
 
@@ -134,8 +148,11 @@ void EdgeFlipIntegrator::serializeParameters(SerializationNode& node) const {
     node.setLongProperty("numAttempted", numAttempted);
     node.setLongProperty("numAccepted", numAccepted);
     node.setLongProperty("numForbidden", numForbidden);
-    for (auto membrane : membranes)
-        storeTriangles(membrane->getMesh().getTriangles(), node.createChildNode("Triangles"));
+    for (auto membrane : membranes) {
+        SerializationNode& child = node.createChildNode("Triangles");
+        storeTriangles(membrane->getMesh().getTriangles(), child);
+        storeIntegers(membrane->getMesh().getOrder(), "vertices", child.createChildNode("Order"));
+    }
 }
 
 void EdgeFlipIntegrator::deserializeParameters(const SerializationNode& node) {
@@ -144,8 +161,10 @@ void EdgeFlipIntegrator::deserializeParameters(const SerializationNode& node) {
     if (children.size() != membranes.size())
         throw OpenMMException("EdgeFlipIntegrator: the State is of a System with "+to_string(children.size())+" HelfrichForces, and this one has "+
                               to_string(membranes.size()));
-    for (size_t i = 0; i < membranes.size(); i++)
+    for (size_t i = 0; i < membranes.size(); i++) {
         membranes[i]->setTriangles(*context, loadTriangles(children[i]));
+        membranes[i]->getMesh().setOrder(loadIntegers("vertices", children[i].getChildNode("Order")));
+    }
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
     numSweeps = node.getLongProperty("numSweeps");
     numAttempted = node.getLongProperty("numAttempted");

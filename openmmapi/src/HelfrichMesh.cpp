@@ -27,11 +27,74 @@ static void checkTriangles(const vector<array<int, 3> >& triangles, int numParti
     }
 }
 
+/**
+ * Collects the vertices patch by patch.  A patch grows breadth-first from a vertex beside an earlier one.
+ */
+class PatchOrder {
+public:
+    explicit PatchOrder(const HelfrichMesh& mesh) : mesh(mesh), isCollected(mesh.getNumVertices(), 0) {
+        order.reserve(mesh.getNumVertices());
+        for (int v = 0; v < mesh.getNumVertices(); v++) {
+            // Vertices that wait beside a patch come before those of other surfaces.
+
+            growPatch(v);
+            for (size_t next = 0; next < border.size(); next++)
+                growPatch(border[next]);
+            border.clear();
+        }
+    }
+    vector<int> order;
+private:
+    void growPatch(int seed) {
+        if (isCollected[seed])
+            return;
+        size_t next = order.size(), end = next-next%HelfrichMesh::PATCH+HelfrichMesh::PATCH;
+        add(seed);
+        for (; next < order.size(); next++) {
+            int first = mesh.outgoing(order[next]), h = first;
+            do {
+                int neighbor = mesh.tip(h);
+                if (!isCollected[neighbor]) {
+                    if (order.size() < end)
+                        add(neighbor);
+                    else
+                        border.push_back(neighbor);
+                }
+                h = mesh.rotate(h);
+            } while (h != first);
+        }
+    }
+    void add(int vertex) {
+        isCollected[vertex] = 1;
+        order.push_back(vertex);
+    }
+    const HelfrichMesh& mesh;
+    vector<char> isCollected;
+    vector<int> border;
+};
+
 HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) : numParticles(numParticles) {
     checkTriangles(triangles, numParticles);
     findParticles(triangles);
     findVertices(triangles);
     connect();
+    order = PatchOrder(*this).order;
+}
+
+void HelfrichMesh::renewOrder() {
+    order = PatchOrder(*this).order;
+    revision++;
+}
+
+void HelfrichMesh::setOrder(const vector<int>& order) {
+    vector<char> isThere(particles.size(), 0);
+    for (int vertex : order)
+        if (vertex >= 0 && vertex < getNumVertices())
+            isThere[vertex] = 1;
+    if (order.size() != particles.size() || count(isThere.begin(), isThere.end(), 1) != getNumVertices())
+        throw OpenMMException("HelfrichMesh: an order of the vertices must have each of them once");
+    this->order = order;
+    revision++;
 }
 
 void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles) {

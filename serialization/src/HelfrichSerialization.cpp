@@ -12,39 +12,51 @@ void HelfrichPlugin::requireVersion(const SerializationNode& node, int version, 
         throw OpenMMException(typeName+": unsupported version "+to_string(found)+" of the serialized object; this library reads version "+to_string(version));
 }
 
-void HelfrichPlugin::storeTriangles(const vector<array<int, 3> >& triangles, SerializationNode& node) {
-    string particles;
+void HelfrichPlugin::storeIntegers(const vector<int>& values, const string& property, SerializationNode& node) {
+    string text;
     char digits[16];
+    for (int value : values) {
+        if (!text.empty())
+            text += ' ';
+        text.append(digits, to_chars(digits, digits+sizeof(digits), value).ptr);
+    }
+    node.setStringProperty(property, text);
+}
+
+vector<int> HelfrichPlugin::loadIntegers(const string& property, const SerializationNode& node) {
+    const string text = node.getStringProperty(property);
+    const char* next = text.data();
+    const char* end = next+text.size();
+    vector<int> values;
+    while (next != end) {
+        int value;
+        from_chars_result number = from_chars(next, end, value);
+        bool isSeparated = (number.ptr == end || (*number.ptr == ' ' && number.ptr+1 != end));
+        if (number.ec != errc() || !isSeparated)
+            throw OpenMMException("HelfrichForce: the "+property+" of the serialized triangles hold something else than an integer near '"+string(next, min(next+16, end))+"'");
+        next = (number.ptr == end ? end : number.ptr+1);
+        values.push_back(value);
+    }
+    return values;
+}
+
+void HelfrichPlugin::storeTriangles(const vector<array<int, 3> >& triangles, SerializationNode& node) {
+    vector<int> particles;
+    particles.reserve(3*triangles.size());
     for (const array<int, 3>& triangle : triangles)
-        for (int particle : triangle) {
-            if (!particles.empty())
-                particles += ' ';
-            particles.append(digits, to_chars(digits, digits+sizeof(digits), particle).ptr);
-        }
+        particles.insert(particles.end(), triangle.begin(), triangle.end());
     node.setLongProperty("count", triangles.size());
-    node.setStringProperty("particles", particles);
+    storeIntegers(particles, "particles", node);
 }
 
 vector<array<int, 3> > HelfrichPlugin::loadTriangles(const SerializationNode& node) {
-    const string particles = node.getStringProperty("particles");
-    const char* next = particles.data();
-    const char* end = next+particles.size();
-    vector<array<int, 3> > triangles;
-    array<int, 3> triangle;
-    int corner = 0;
-    while (next != end) {
-        from_chars_result number = from_chars(next, end, triangle[corner]);
-        bool isSeparated = (number.ptr == end || (*number.ptr == ' ' && number.ptr+1 != end));
-        if (number.ec != errc() || !isSeparated)
-            throw OpenMMException("HelfrichForce: the serialized triangles hold something else than an integer near '"+string(next, min(next+16, end))+"'");
-        next = (number.ptr == end ? end : number.ptr+1);
-        corner = (corner+1)%3;
-        if (corner == 0)
-            triangles.push_back(triangle);
-    }
+    vector<int> particles = loadIntegers("particles", node);
     long long count = node.getLongProperty("count");
-    if (corner != 0 || count != (long long) triangles.size())
-        throw OpenMMException("HelfrichForce: the serialized triangles are not complete: "+to_string(3*triangles.size()+corner)+
+    if (count < 0 || 3*count != (long long) particles.size())
+        throw OpenMMException("HelfrichForce: the serialized triangles are not complete: "+to_string(particles.size())+
                 " particles for "+to_string(count)+" triangles");
+    vector<array<int, 3> > triangles(count);
+    for (size_t i = 0; i < particles.size(); i++)
+        triangles[i/3][i%3] = particles[i];
     return triangles;
 }

@@ -10,13 +10,13 @@ namespace HelfrichPlugin {
  * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its neighbors, for a group of as many vertices at a time
  * as a SIMD vector has lanes.
  *
- * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it goes through patches of the connectivity
- * that a Context starts with.  Within a patch the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
+ * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it is the mesh's own, patch by patch.
+ * Within a patch the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
  * group's longest is padded with its first neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes have no
  * area.
  *
- * The layout is a function of the initial and the present triangles only, and not of the flips between them: a simulation that is
- * continued from a checkpoint has the same one.
+ * The layout is a function of the mesh's order and triangles only, and not of the flips that led to them: a simulation that is continued from a
+ * checkpoint has the same one.
  */
 class CpuHelfrichLayout {
 public:
@@ -28,9 +28,9 @@ public:
         bool isPadded;
     };
     /**
-     * Choose the order of the vertices.
+     * Create the layout.
      *
-     * @param mesh   the connectivity that a Context starts with
+     * @param mesh   the connectivity
      * @param width  the number of vertices in a group
      */
     void initialize(const HelfrichMesh& mesh, int width);
@@ -57,7 +57,7 @@ public:
 private:
     void fillSlots(const HelfrichMesh& mesh);
     void fillRings(const HelfrichMesh& mesh);
-    std::vector<int> order, firstHalfedges;
+    std::vector<int> firstHalfedges;
 };
 
 } // namespace HelfrichPlugin

@@ -4,60 +4,8 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-/**
- * The number of vertices in a patch: their positions fit in the first-level cache.
- */
-static const int PATCH = 512;
-
-/**
- * Collects the vertices patch by patch.  A patch grows breadth-first from a vertex beside an earlier one.
- */
-class PatchOrder {
-public:
-    explicit PatchOrder(const HelfrichMesh& mesh) : mesh(mesh), isCollected(mesh.getNumVertices(), 0) {
-        order.reserve(mesh.getNumVertices());
-        for (int v = 0; v < mesh.getNumVertices(); v++) {
-            // Vertices that wait beside a patch come before those of other surfaces.
-
-            growPatch(v);
-            for (size_t next = 0; next < border.size(); next++)
-                growPatch(border[next]);
-            border.clear();
-        }
-    }
-    vector<int> order;
-private:
-    void growPatch(int seed) {
-        if (isCollected[seed])
-            return;
-        size_t next = order.size(), end = next-next%PATCH+PATCH;
-        add(seed);
-        for (; next < order.size(); next++) {
-            int first = mesh.outgoing(order[next]), h = first;
-            do {
-                int neighbor = mesh.tip(h);
-                if (!isCollected[neighbor]) {
-                    if (order.size() < end)
-                        add(neighbor);
-                    else
-                        border.push_back(neighbor);
-                }
-                h = mesh.rotate(h);
-            } while (h != first);
-        }
-    }
-    void add(int vertex) {
-        isCollected[vertex] = 1;
-        order.push_back(vertex);
-    }
-    const HelfrichMesh& mesh;
-    vector<char> isCollected;
-    vector<int> border;
-};
-
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
-    order = PatchOrder(mesh).order;
     int numGroups = (mesh.getNumVertices()+width-1)/width;
     groups.resize(numGroups);
     vertices.resize(numGroups*width);
@@ -75,6 +23,8 @@ void CpuHelfrichLayout::update(const HelfrichMesh& mesh) {
 void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh) {
     fill(vertices.begin(), vertices.end(), 0);
     fill(valences.begin(), valences.end(), 0.0);
+    const vector<int>& order = mesh.getOrder();
+    const size_t PATCH = HelfrichMesh::PATCH;
     vector<int> start;
     for (size_t begin = 0; begin < order.size(); begin += PATCH) {
         // Sort the patch by valence, keeping the order of vertices with equal ones.

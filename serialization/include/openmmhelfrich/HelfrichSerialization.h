@@ -17,6 +17,14 @@ namespace HelfrichPlugin {
  */
 void requireVersion(const OpenMM::SerializationNode& node, int version, const std::string& typeName);
 /**
+ * Write integers to a node as a property: in order, separated by blanks.
+ */
+void storeIntegers(const std::vector<int>& values, const std::string& property, OpenMM::SerializationNode& node);
+/**
+ * Read the integers that storeIntegers() wrote.  An exception is thrown if the text holds anything else.
+ */
+std::vector<int> loadIntegers(const std::string& property, const OpenMM::SerializationNode& node);
+/**
  * Write triangles to a node, as properties "count" and "particles": the particles' indices in order, separated by blanks.
  */
 void storeTriangles(const std::vector<std::array<int, 3> >& triangles, OpenMM::SerializationNode& node);

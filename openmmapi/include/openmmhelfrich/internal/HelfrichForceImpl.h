@@ -36,6 +36,9 @@ public:
     const HelfrichMesh& getMesh() const {
         return *mesh;
     }
+    HelfrichMesh& getMesh() {
+        return *mesh;
+    }
     void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles);
     /**
      * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.

@@ -57,6 +57,25 @@ public:
      */
     void setTriangles(const std::vector<std::array<int, 3> >& triangles);
     /**
+     * The number of vertices in a patch of the order: their positions fit in a processor's first-level cache.
+     */
+    static const int PATCH = 512;
+    /**
+     * Get all vertices in an order that keeps neighbors close to each other: patch by patch, each of which grew breadth-first from a vertex beside an earlier one.
+     */
+    const std::vector<int>& getOrder() const {
+        return order;
+    }
+    /**
+     * Make a new order, for flips scramble the patches.  When this is done must not depend on when a simulation was restarted: the order of the
+     * vertices is that of the kernels' sums, and shows in their last bits.
+     */
+    void renewOrder();
+    /**
+     * Set the order of an earlier mesh with the same vertices.  Throws an OpenMMException unless it has every vertex once.
+     */
+    void setOrder(const std::vector<int>& order);
+    /**
      * Get the next halfedge of the same triangle.
      */
     static int next(int h) {
@@ -173,7 +192,7 @@ private:
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
     int numParticles;
-    std::vector<int> particles, outgoings, valences;
+    std::vector<int> particles, outgoings, valences, order;
     std::vector<Halfedge> halfedges;
     long long revision = 0;
 };
