@@ -255,30 +255,5 @@ def test_a_state_of_another_mesh_is_refused():
         assert np.array_equal(force.getTrianglesInContext(simulation.context), before)
 
 
-def test_restart_after_the_vertices_got_a_new_order():
-    """After many sweeps the CPU platform stores vertices in another order, which shows in the last bits of its sums: a restart has that order too."""
-    mesh = createBlob(3)
-
-    def createContextOfRun():
-        integrator = mh.HybridMonteCarloIntegrator(3000, 0.00005, 10, 0.1, 1.0)
-        integrator.setRandomNumberSeed(7)
-        return createContext(mesh, createForce(mesh, TERMS, 1), "CPU", integrator), integrator
-
-    context, integrator = createContextOfRun()
-    integrator.step(1010)
-    checkpoint = context.createCheckpoint()
-    state = context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
-    integrator.setFlipProbability(0.3)
-    integrator.step(20)
-    for load in (lambda context: context.loadCheckpoint(checkpoint), lambda context: context.setState(state)):
-        other, otherIntegrator = createContextOfRun()
-        load(other)
-        other.setStepCount(1010)
-        otherIntegrator.setFlipProbability(0.3)
-        otherIntegrator.step(20)
-        assert energyOf(other) == energyOf(context)
-        assert np.array_equal(positionsOf(other), positionsOf(context))
-
-
 if __name__ == "__main__":
     main(*sys.argv[1:])

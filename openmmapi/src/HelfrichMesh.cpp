@@ -81,7 +81,15 @@ HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParti
     order = PatchOrder(*this).order;
 }
 
+void HelfrichMesh::chooseOutgoings() {
+    for (int h = getNumHalfedges()-1; h >= 0; h--)
+        outgoings[origin(h)] = h;
+}
+
 void HelfrichMesh::renewOrder() {
+    // The order must follow from the triangles alone, and not from the flips that led to them.
+
+    chooseOutgoings();
     order = PatchOrder(*this).order;
     revision++;
 }
@@ -160,11 +168,10 @@ void HelfrichMesh::connect() {
         }
     }
     outgoings.assign(particles.size(), -1);
+    chooseOutgoings();
     valences.assign(particles.size(), 0);
-    for (int h = numHalfedges-1; h >= 0; h--) {
-        outgoings[origin(h)] = h;
+    for (int h = 0; h < numHalfedges; h++)
         valences[origin(h)]++;
-    }
     checkVertices();
 }
 
