@@ -136,8 +136,7 @@ void EdgeFlipIntegrator::loadCheckpoint(istream& stream) {
         vector<int> order(membrane->getMesh().getNumVertices());
         if (!stream.read((char*) order.data(), sizeof(int)*order.size()))
             throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
-        membrane->setTriangles(*context, triangles);
-        membrane->getMesh().setOrder(order);
+        membrane->restore(*context, triangles, order);
     }
 }
 
@@ -161,10 +160,8 @@ void EdgeFlipIntegrator::deserializeParameters(const SerializationNode& node) {
     if (children.size() != membranes.size())
         throw OpenMMException("EdgeFlipIntegrator: the State is of a System with "+to_string(children.size())+" HelfrichForces, and this one has "+
                               to_string(membranes.size()));
-    for (size_t i = 0; i < membranes.size(); i++) {
-        membranes[i]->setTriangles(*context, loadTriangles(children[i]));
-        membranes[i]->getMesh().setOrder(loadIntegers("vertices", children[i].getChildNode("Order")));
-    }
+    for (size_t i = 0; i < membranes.size(); i++)
+        membranes[i]->restore(*context, loadTriangles(children[i]), loadIntegers("vertices", children[i].getChildNode("Order")));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
     numSweeps = node.getLongProperty("numSweeps");
     numAttempted = node.getLongProperty("numAttempted");

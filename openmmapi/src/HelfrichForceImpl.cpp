@@ -178,6 +178,12 @@ void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<in
     context.systemChanged();
 }
 
+void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3> >& triangles, const vector<int>& order) {
+    setTriangles(context, triangles);
+    mesh->setOrder(order);
+    isOrientationChecked = true;
+}
+
 EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweepIndex,
                                                 const EdgeFlipSweep::Observer& observer) {
     HelfrichParameters parameters = getParameters(context);

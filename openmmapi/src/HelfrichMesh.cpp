@@ -129,6 +129,27 @@ string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
     return to_string(particles[vertex1])+"-"+to_string(particles[vertex2]);
 }
 
+void HelfrichMesh::pair(const int* sameEdge, int count) {
+    int h1 = sameEdge[0], h2 = sameEdge[count-1];
+    if (count == 2 && origin(h1) != origin(h2)) {
+        halfedges[h1].opposite = h2;
+        halfedges[h2].opposite = h1;
+        return;
+    }
+    string edge = "HelfrichForce: the edge "+describeEdge(min(origin(h1), tip(h1)), max(origin(h1), tip(h1)));
+    if (count == 1)
+        throw OpenMMException(edge+" belongs to triangle "+to_string(h1/3)+" only; the surface must be closed, with two triangles at each edge");
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < i; j++)
+            if (origin(sameEdge[i]) == origin(sameEdge[j]) && apex(sameEdge[i]) == apex(sameEdge[j]))
+                throw OpenMMException("HelfrichForce: triangle "+to_string(sameEdge[i]/3)+" repeats triangle "+to_string(sameEdge[j]/3)+"; each triangle may appear once");
+    if (count > 2)
+        throw OpenMMException(edge+" belongs to "+to_string(count)+" triangles, among them "+to_string(h1/3)+" and "+to_string(h2/3)+
+                              "; an edge belongs to exactly two");
+    throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
+                          "; all triangles must be counter-clockwise seen from outside");
+}
+
 void HelfrichMesh::connect() {
     // Sort the halfedges into buckets by the lower vertex of their edge, then pair those with the same other vertex.
 
@@ -149,22 +170,7 @@ void HelfrichMesh::connect() {
         for (int first = start[v], last; first < end[v]; first = last) {
             for (last = first+1; last < end[v] && upper(bucket[last]) == upper(bucket[first]); last++)
                 ;
-            int h1 = bucket[first], h2 = bucket[last-1];
-            string edge = "HelfrichForce: the edge "+describeEdge(v, upper(h1));
-            if (last-first == 1)
-                throw OpenMMException(edge+" belongs to triangle "+to_string(h1/3)+" only; the surface must be closed, with two triangles at each edge");
-            for (int i = first; i < last; i++)
-                for (int j = first; j < i; j++)
-                    if (origin(bucket[i]) == origin(bucket[j]) && apex(bucket[i]) == apex(bucket[j]))
-                        throw OpenMMException("HelfrichForce: triangle "+to_string(bucket[i]/3)+" repeats triangle "+to_string(bucket[j]/3)+"; each triangle may appear once");
-            if (last-first > 2)
-                throw OpenMMException(edge+" belongs to "+to_string(last-first)+" triangles, among them "+to_string(h1/3)+" and "+to_string(h2/3)+
-                                      "; an edge belongs to exactly two");
-            if (origin(h1) == origin(h2))
-                throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
-                                      "; all triangles must be counter-clockwise seen from outside");
-            halfedges[h1].opposite = h2;
-            halfedges[h2].opposite = h1;
+            pair(&bucket[first], last-first);
         }
     }
     outgoings.assign(particles.size(), -1);

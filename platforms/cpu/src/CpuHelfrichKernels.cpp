@@ -16,6 +16,15 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
 }
 
+/**
+ * The number of vertices or particles that makes it worth to wake another thread.
+ */
+static const int ITEMS_PER_THREAD = 500;
+
+static int chooseNumThreads(ContextImpl& context, int numItems) {
+    return max(1, min(getData(context).threads.getNumThreads(), numItems/ITEMS_PER_THREAD));
+}
+
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
     this->mesh = &mesh;
     layout.initialize(mesh, passes.width);
@@ -134,7 +143,7 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSlopes slopes;
     bool hasRepulsion = (parameters.repulsionModulus != 0), isFinite = true;
-    int numChunks = getNumChunks(), numThreads = getData(context).threads.getNumThreads();
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
@@ -191,14 +200,14 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     }
 }
 
-static const int PARTICLES_PER_CHUNK = 1024;
+static const int PARTICLES_PER_CHUNK = 256;
 
 /**
  * Call a function with the first and last particle of each chunk, on all threads of a Context.
  */
 template <class Function>
 static void forEachChunk(ContextImpl& context, int numParticles, Function function) {
-    int numChunks = (numParticles+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK, numThreads = getData(context).threads.getNumThreads();
+    int numChunks = (numParticles+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK, numThreads = chooseNumThreads(context, numParticles);
     #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int chunk = 0; chunk < numChunks; chunk++)
         function(chunk, chunk*PARTICLES_PER_CHUNK, min((chunk+1)*PARTICLES_PER_CHUNK, numParticles));

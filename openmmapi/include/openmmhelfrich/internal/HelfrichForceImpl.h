@@ -41,6 +41,10 @@ public:
     }
     void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles);
     /**
+     * Set the triangles and the order of vertices of a run that goes on.
+     */
+    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles, const std::vector<int>& order);
+    /**
      * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.
      */
     EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweep,

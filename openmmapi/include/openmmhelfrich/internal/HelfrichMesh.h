@@ -189,6 +189,7 @@ private:
     void findParticles(const std::vector<std::array<int, 3> >& triangles);
     void findVertices(const std::vector<std::array<int, 3> >& triangles);
     void connect();
+    void pair(const int* sameEdge, int count);
     void chooseOutgoings();
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
