@@ -52,8 +52,8 @@ public:
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();
-    void resizeArrays(bool needsCurvature);
-    void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces);
+    void resizeArrays(bool needsCurvature, bool needsGeometry);
+    void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, bool needsGeometry);
     void loadPositions(const std::vector<OpenMM::Vec3>& positions, int chunk);
     void addUpTotals();
     void computeForces(const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, int chunk, std::vector<OpenMM::Vec3>& forces);

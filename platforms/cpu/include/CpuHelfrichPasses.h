@@ -13,8 +13,8 @@ class CpuHelfrichLayout;
 struct CpuHelfrichArrays {
     double* positions;              ///< of each slot: x, y, z, unused
     double* bendingSlopes;          ///< of each slot: 4 kappa_B M/A
-    double* areas;                  ///< of each slot
-    double* curvatures;             ///< of each slot
+    double* areas;                  ///< of each slot, or NULL if nobody wants them
+    double* curvatures;             ///< of each slot, or NULL
     double* anglesPerLength;        ///< of each corner: the dihedral angle of the edge over its length
 };
 

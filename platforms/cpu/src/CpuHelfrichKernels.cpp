@@ -29,7 +29,6 @@ void CpuCalcHelfrichForceKernel::initialize(const System& system, const Helfrich
     this->mesh = &mesh;
     layout.initialize(mesh, passes.width);
     positions.resize(4*layout.getNumSlots());
-    areas.resize(layout.getNumSlots());
     chunkSums.resize(getNumChunks());
     particles.resize(layout.getNumSlots());
     revision = mesh.getRevision()-1;
@@ -45,13 +44,18 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     revision = mesh->getRevision();
 }
 
-void CpuCalcHelfrichForceKernel::resizeArrays(bool needsCurvature) {
+void CpuCalcHelfrichForceKernel::resizeArrays(bool needsCurvature, bool needsGeometry) {
     if (needsCurvature) {
         bendingSlopes.resize(layout.getNumSlots());
-        curvatures.resize(layout.getNumSlots());
         anglesPerLength.resize(layout.neighbors.size());
     }
-    arrays = {positions.data(), bendingSlopes.data(), areas.data(), curvatures.data(), anglesPerLength.data()};
+    arrays = {positions.data(), bendingSlopes.data(), NULL, NULL, anglesPerLength.data()};
+    if (needsGeometry) {
+        areas.resize(layout.getNumSlots());
+        curvatures.resize(layout.getNumSlots());
+        arrays.areas = areas.data();
+        arrays.curvatures = curvatures.data();
+    }
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -136,9 +140,10 @@ void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& paramet
         forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
 }
 
-void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichParameters& parameters, bool needsCurvature, bool includeForces) {
+void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, bool needsGeometry) {
+    bool needsCurvature = (needsGeometry || parameters.needsCurvature());
     updateLayout();
-    resizeArrays(needsCurvature);
+    resizeArrays(needsCurvature, needsGeometry);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSlopes slopes;
@@ -176,7 +181,7 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
 }
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
-    compute(context, parameters, parameters.needsCurvature(), includeForces);
+    compute(context, parameters, includeForces, false);
     terms = HelfrichEnergyTerms();
     terms.bending = bendingEnergy;
     terms.tether = tetherEnergy;
@@ -187,7 +192,7 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    compute(context, HelfrichParameters(), true, false);
+    compute(context, HelfrichParameters(), false, true);
     geometry.area = totals.area;
     geometry.volume = totals.volume;
     geometry.integratedMeanCurvature = totals.curvature;

@@ -160,13 +160,15 @@ void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
         Simd vertexArea = ringSums.doubleAreas*(1.0/6.0);
         area += vertexArea;
         volume += dot(ringSums.normals, ring.center-origin);
-        store(arrays.areas+g*WIDTH, vertexArea);
+        if (arrays.areas != nullptr)
+            store(arrays.areas+g*WIDTH, vertexArea);
         if (HasCurvature) {
             Simd vertexCurvature = 0.25*ringSums.curvature;
             Simd meanCurvature = choose(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
             curvature += vertexCurvature;
             bending += vertexCurvature*meanCurvature;
-            store(arrays.curvatures+g*WIDTH, vertexCurvature);
+            if (arrays.curvatures != nullptr)
+                store(arrays.curvatures+g*WIDTH, vertexCurvature);
             store(arrays.bendingSlopes+g*WIDTH, 4.0*p.bendingModulus*meanCurvature);
         }
         if (HasTether)
