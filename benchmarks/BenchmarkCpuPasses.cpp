@@ -29,7 +29,7 @@ struct Scene {
             if (mesh->canFlip(h))
                 mesh->flip(h);
         }
-        layout.initialize(HelfrichMesh(membrane.triangles, numVertices), getCpuHelfrichPasses().width);
+        layout.initialize(*mesh, getCpuHelfrichPasses().width);
         layout.update(*mesh);
         parameters.bendingModulus = 20;
         if (hasTether) {
@@ -76,7 +76,7 @@ static void gradient(benchmark::State& state) {
     Scene scene(state.range(0), state.range(1));
     const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
     CpuHelfrichSums sums;
-    CpuHelfrichSlopes slopes;
+    HelfrichTotals slopes;
     slopes.area = slopes.volume = slopes.curvature = 1;
     vector<double> gradients(4*scene.layout.getNumSlots());
     passes.computeEnergy(scene.layout, scene.parameters, true, scene.arrays, 0, scene.layout.getNumGroups(), sums);

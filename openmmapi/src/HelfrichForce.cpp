@@ -1,6 +1,6 @@
 #include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/Checks.h"
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
-#include "openmm/OpenMMException.h"
 #include "openmm/internal/ContextImpl.h"
 #include <cmath>
 #include <sstream>
@@ -13,11 +13,6 @@ static void fail(const string& item, double value, const string& allowed) {
     stringstream message;
     message << item << " is " << value << "; it must be " << allowed;
     throw OpenMMException(message.str());
-}
-
-static void checkNotNegative(const string& item, double value) {
-    if (!(value >= 0 && isfinite(value)))
-        fail(item, value, "finite and not negative");
 }
 
 static void checkFinite(const string& item, double value) {
@@ -56,32 +51,32 @@ void HelfrichForce::setTriangles(const vector<array<int, 3> >& triangles) {
 }
 
 void HelfrichForce::setBendingModulus(double modulus) {
-    checkNotNegative("setBendingModulus: the modulus", modulus);
+    requirePositive("setBendingModulus: the modulus", modulus, true);
     bendingModulus = modulus;
 }
 
 void HelfrichForce::setAreaModulus(double modulus) {
-    checkNotNegative("setAreaModulus: the modulus", modulus);
+    requirePositive("setAreaModulus: the modulus", modulus, true);
     areaModulus = modulus;
 }
 
 void HelfrichForce::setTargetArea(double area) {
-    checkNotNegative("setTargetArea: the area", area);
+    requirePositive("setTargetArea: the area", area, true);
     targetArea = area;
 }
 
 void HelfrichForce::setVolumeModulus(double modulus) {
-    checkNotNegative("setVolumeModulus: the modulus", modulus);
+    requirePositive("setVolumeModulus: the modulus", modulus, true);
     volumeModulus = modulus;
 }
 
 void HelfrichForce::setTargetVolume(double volume) {
-    checkNotNegative("setTargetVolume: the volume", volume);
+    requirePositive("setTargetVolume: the volume", volume, true);
     targetVolume = volume;
 }
 
 void HelfrichForce::setAreaDifferenceModulus(double modulus) {
-    checkNotNegative("setAreaDifferenceModulus: the modulus", modulus);
+    requirePositive("setAreaDifferenceModulus: the modulus", modulus, true);
     areaDifferenceModulus = modulus;
 }
 
@@ -91,8 +86,7 @@ void HelfrichForce::setTargetAreaDifference(double areaDifference) {
 }
 
 void HelfrichForce::setLeafletSeparation(double separation) {
-    if (!(separation > 0 && isfinite(separation)))
-        fail("setLeafletSeparation: the separation", separation, "finite and positive");
+    requirePositive("setLeafletSeparation: the separation", separation);
     leafletSeparation = separation;
 }
 
@@ -104,8 +98,8 @@ void HelfrichForce::getTether(double& modulus, double& minLength, double& maxLen
 }
 
 void HelfrichForce::setTether(double modulus, double minLength, double maxLength, int exponent) {
-    checkNotNegative("setTether: the modulus", modulus);
-    checkNotNegative("setTether: the minimum length", minLength);
+    requirePositive("setTether: the modulus", modulus, true);
+    requirePositive("setTether: the minimum length", minLength, true);
     checkFinite("setTether: the maximum length", maxLength);
     if (modulus != 0 && minLength >= maxLength) {
         stringstream message;
@@ -128,8 +122,8 @@ void HelfrichForce::getRepulsion(double& modulus, double& onset, int& exponent, 
 }
 
 void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int exclusionLevel) {
-    checkNotNegative("setRepulsion: the modulus", modulus);
-    checkNotNegative("setRepulsion: the onset", onset);
+    requirePositive("setRepulsion: the modulus", modulus, true);
+    requirePositive("setRepulsion: the onset", onset, true);
     if (modulus != 0 && onset == 0)
         fail("setRepulsion: the onset", onset, "positive");
     if (exponent < 1)

@@ -5,8 +5,6 @@
 #include "CpuHelfrichPasses.h"
 #include "CpuHelfrichRepulsion.h"
 #include "openmmhelfrich/HelfrichKernels.h"
-#include <cstdlib>
-#include <memory>
 #include <new>
 #include <vector>
 
@@ -56,7 +54,7 @@ private:
     void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, bool needsGeometry);
     void loadPositions(const std::vector<OpenMM::Vec3>& positions, int chunk);
     void addUpTotals();
-    void computeForces(const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, int chunk, std::vector<OpenMM::Vec3>& forces);
+    void computeForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, int chunk, std::vector<OpenMM::Vec3>& forces);
     void computeRepulsion(const HelfrichParameters& parameters, int chunk, double* gradients);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;

@@ -28,14 +28,14 @@ public:
         bool isPadded;
     };
     /**
-     * Create the layout.
+     * Choose the size of the layout, which update() fills.
      *
      * @param mesh   the connectivity
      * @param width  the number of vertices in a group
      */
     void initialize(const HelfrichMesh& mesh, int width);
     /**
-     * Follow a change of the connectivity.
+     * Fill the layout, at first and after each change of the connectivity.
      */
     void update(const HelfrichMesh& mesh);
     int getNumGroups() const {

@@ -4,6 +4,7 @@
 namespace HelfrichPlugin {
 
 struct HelfrichParameters;
+struct HelfrichTotals;
 class CpuHelfrichLayout;
 
 /**
@@ -26,13 +27,6 @@ struct CpuHelfrichSums {
 };
 
 /**
- * The derivatives of the energy by the total area, volume and curvature.
- */
-struct CpuHelfrichSlopes {
-    double area = 0, volume = 0, curvature = 0;
-};
-
-/**
  * The passes over the groups of a layout, compiled for one instruction set.
  */
 struct CpuHelfrichPasses {
@@ -42,8 +36,9 @@ struct CpuHelfrichPasses {
     /// compute areas, curvatures and energies, and what the second pass needs
     void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays, int firstGroup,
                           int lastGroup, CpuHelfrichSums& sums);
-    /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the groups
-    void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays,
+    /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the groups; slopes are the derivatives of the energy by
+    /// the totals
+    void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays,
                             int firstGroup, int lastGroup, double* gradients);
 };
 

@@ -32,7 +32,6 @@ void CpuCalcHelfrichForceKernel::initialize(const System& system, const Helfrich
     chunkSums.resize(getNumChunks());
     particles.resize(layout.getNumSlots());
     revision = mesh.getRevision()-1;
-    updateLayout();
 }
 
 void CpuCalcHelfrichForceKernel::updateLayout() {
@@ -130,7 +129,7 @@ void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& para
     chunkSums[chunk].repulsion = repulsion.compute(positions.data(), parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
 }
 
-void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& parameters, const CpuHelfrichSlopes& slopes, int chunk, vector<Vec3>& forces) {
+void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, int chunk, vector<Vec3>& forces) {
     alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
     passes.computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
     if (parameters.repulsionModulus != 0)
@@ -146,7 +145,7 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
     resizeArrays(needsCurvature, needsGeometry);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
-    CpuHelfrichSlopes slopes;
+    HelfrichTotals slopes;
     bool hasRepulsion = (parameters.repulsionModulus != 0), isFinite = true;
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
@@ -160,8 +159,7 @@ void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichPar
         #pragma omp single
         {
             addUpTotals();
-            HelfrichTotals byTotals = penaltySlopes(parameters, totals);
-            slopes = {byTotals.area, byTotals.volume, byTotals.curvature};
+            slopes = penaltySlopes(parameters, totals);
             isFinite = isfinite(totals.area);
             if (hasRepulsion && isFinite)
                 repulsion.update(*mesh, layout, positions.data(), parameters);

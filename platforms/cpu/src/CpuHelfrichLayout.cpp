@@ -12,7 +12,6 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     valences.resize(numGroups*width);
     slots.resize(mesh.getNumVertices());
     firstHalfedges.resize(mesh.getNumVertices());
-    update(mesh);
 }
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh) {

@@ -199,7 +199,7 @@ void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, 
  * An edge's coefficient is C_e = (alpha_i+alpha_j)/4 with alpha = dE/dM_i, so that only differences of alpha are left in the last.
  */
 template <bool HasCurvature, bool HasTether>
-void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
                      int lastGroup, double* gradients) {
     const double byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus);
     for (int g = firstGroup; g < lastGroup; g++) {
@@ -244,7 +244,7 @@ void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& 
     }
 }
 
-void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichSlopes& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
                     int lastGroup, double* gradients) {
     bool hasTether = (p.tetherModulus != 0);
     auto compute = p.needsCurvature() ? (hasTether ? computeGradient<true, true> : computeGradient<true, false>) :

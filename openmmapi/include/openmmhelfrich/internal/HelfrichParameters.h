@@ -2,8 +2,6 @@
 #define OPENMM_HELFRICHPARAMETERS_H_
 
 #include "openmmhelfrich/HelfrichForce.h"
-#include <cmath>
-#include <limits>
 
 namespace HelfrichPlugin {
 
@@ -20,9 +18,6 @@ struct HelfrichParameters {
     int tetherExponent = 0;
     double repulsionModulus = 0, repulsionOnset = 0;
     int repulsionExponent = 0, repulsionExclusionLevel = 0;
-    bool needsArea() const {
-        return bendingModulus != 0 || areaModulus != 0;
-    }
     bool needsCurvature() const {
         return bendingModulus != 0 || areaDifferenceModulus != 0;
     }
@@ -59,11 +54,10 @@ inline double penaltySlope(double modulus, double x, double target) {
 }
 
 /**
- * The terms of the energy that depend on totals alone.  Positions that are not finite leave no finite area, and make the energy NaN whatever terms are on: tether and
- * repulsion, which ask only whether a length is below some limit, could take no notice.
+ * The terms of the energy that depend on totals alone.
  */
 inline void addPenalties(const HelfrichParameters& p, const HelfrichTotals& totals, HelfrichEnergyTerms& terms) {
-    terms.area += std::isfinite(totals.area) ? penalty(p.areaModulus, totals.area, p.targetArea) : std::numeric_limits<double>::quiet_NaN();
+    terms.area += penalty(p.areaModulus, totals.area, p.targetArea);
     terms.volume += penalty(p.volumeModulus, totals.volume, p.targetVolume);
     terms.areaDifference += penalty(p.areaDifferenceModulus, 2*p.leafletSeparation*totals.curvature, p.targetAreaDifference);
 }

@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICH_MONTECARLOUTILITIES_H_
 #define OPENMM_HELFRICH_MONTECARLOUTILITIES_H_
 
+#include "Checks.h"
 #include "Philox.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/System.h"
@@ -8,7 +9,6 @@
 #include <cmath>
 #include <istream>
 #include <ostream>
-#include <sstream>
 #include <string>
 
 /* What the Monte Carlo integrators have in common. */
@@ -19,17 +19,6 @@ namespace HelfrichPlugin {
  * The gas constant, measured in kJ/mol/K: exact, by the definitions of mole and kelvin of 2019.
  */
 static const double BOLTZMANN = 8.31446261815324e-3;
-
-/**
- * Throw an OpenMMException unless a value is finite and positive, or zero where that is allowed.
- */
-inline void requirePositive(const std::string& item, double value, bool allowZero=false) {
-    if (std::isfinite(value) && (value > 0 || (allowZero && value == 0)))
-        return;
-    std::stringstream message;
-    message << item << " is " << value << "; it must be finite and " << (allowZero ? "not negative" : "positive");
-    throw OpenMM::OpenMMException(message.str());
-}
 
 /**
  * Throw an OpenMMException if a System has constraints or virtual sites.
