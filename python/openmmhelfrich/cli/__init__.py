@@ -1,0 +1,24 @@
+"""The command openmm-helfrich.  Each module of this package holds related commands, in a typer application of its own."""
+from typing import Annotated
+
+import openmm as mm
+import typer
+
+from . import runs
+
+app = typer.Typer(no_args_is_help=True, add_completion=True, pretty_exceptions_enable=False,
+                  help="Simulate fluid membranes with OpenMM.", context_settings={"help_option_names": ["-h", "--help"]})
+app.add_typer(runs.app)
+
+
+@app.callback(invoke_without_command=True)
+def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False):
+    if version:
+        from .. import __version__
+        print(f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")
+        raise typer.Exit()
+
+
+def main():
+    """Run the command."""
+    app()
