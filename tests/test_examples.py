@@ -9,7 +9,7 @@ from conftest import ROOT
 
 import openmmhelfrich as mh
 from openmmhelfrich.config import readConfig
-from openmmhelfrich.run import run
+from openmmhelfrich.studies import run
 
 
 def execute(folder, *arguments):

@@ -9,7 +9,7 @@ from PIL import Image
 
 import openmmhelfrich as mh
 from openmmhelfrich.config import parseConfig
-from openmmhelfrich.run import run
+from openmmhelfrich.studies import run
 
 TERMS = ["E_bending", "E_area", "E_volume", "E_areaDifference", "E_tether", "E_repulsion"]
 

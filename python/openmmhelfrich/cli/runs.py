@@ -27,7 +27,7 @@ def run(config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The 
     Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell
     """
     from ..config import readConfig
-    from ..run import run as runConfig
+    from ..studies import run as runConfig
     from .progress import Progress
     settings = readConfig(config)
     _override(settings.platform, name=platform, threads=threads)
