@@ -1,14 +1,21 @@
 """Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
 from importlib.metadata import PackageNotFoundError, version
 
+from .adaptation import StepSizeAdapter, StepSizeTracker, adaptStepSize
+from .annealing import anneal
 from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
 from .mesh import Mesh
 from .psf import writePSF
 from .reporters import ObservablesReporter, readObservables
+from .schedules import ExponentialSchedule, TableSchedule, createSchedule
 
 try:
     __version__ = version("openmm-helfrich")
 except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "unknown"
 
-__all__ = ["EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF"]
+__all__ = [
+    "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
+    "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
+    "ExponentialSchedule", "TableSchedule", "createSchedule",
+]
