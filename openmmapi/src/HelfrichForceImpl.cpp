@@ -2,6 +2,7 @@
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/internal/ContextImpl.h"
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -21,6 +22,17 @@ static HelfrichParameters copyModuli(const HelfrichForce& force) {
     return p;
 }
 
+/**
+ * Get the number of threads that a Context may use, 1 on a platform that leaves no choice.
+ */
+static int getNumThreads(ContextImpl& context) {
+    const Platform& platform = context.getPlatform();
+    for (const string& name : platform.getPropertyNames())
+        if (name == "Threads")
+            return max(1, stoi(platform.getPropertyValue(context.getOwner(), name)));
+    return 1;
+}
+
 HelfrichForceImpl::HelfrichForceImpl(const HelfrichForce& owner) : owner(owner) {
     forceGroup = owner.getForceGroup();
 }
@@ -33,7 +45,7 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     checkTarget("volume", "setTargetVolume", moduli.volumeModulus, owner.getTargetVolume());
     checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus, owner.getTargetAreaDifference());
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
-    sweep.reset(new EdgeFlipSweep(*mesh));
+    sweep.reset(new EdgeFlipSweep(*mesh, getNumThreads(context)));
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, *mesh);
 }
@@ -190,8 +202,9 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     requirePositions(context);
     context.getPositions(positions);
     checkPositions(positions);
-    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweep->getGeometry());
-    EdgeFlipStatistics statistics = sweep->execute(positions, parameters, kT, numAttempts, random, sweepIndex, observer);
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweepGeometry);
+    sweep->setPositions(positions, sweepGeometry);
+    EdgeFlipStatistics statistics = sweep->execute(parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();
     return statistics;
 }

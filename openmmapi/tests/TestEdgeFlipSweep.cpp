@@ -16,16 +16,17 @@ long double getExactEnergy(const Membrane& membrane, const HelfrichMesh& mesh, c
 }
 
 /**
- * Give a sweep the geometry that it starts from.
+ * Give a sweep the positions and the geometry that it starts from.
  */
-void setGeometry(EdgeFlipSweep& sweep, const Membrane& membrane, const HelfrichParameters& p) {
+void setPositions(EdgeFlipSweep& sweep, const Membrane& membrane, const HelfrichParameters& p) {
     auto exact = computeExactly(membrane, p);
-    HelfrichGeometry& geometry = sweep.getGeometry();
+    HelfrichGeometry geometry;
     geometry.area = exact.area;
     geometry.volume = exact.volume;
     geometry.integratedMeanCurvature = exact.curvature;
     geometry.vertexAreas.assign(exact.vertexAreas.begin(), exact.vertexAreas.end());
     geometry.vertexMeanCurvatures.assign(exact.vertexCurvatures.begin(), exact.vertexCurvatures.end());
+    sweep.setPositions(membrane.positions, geometry);
 }
 
 void testEnergyChanges() {
@@ -42,7 +43,7 @@ void testEnergyChanges() {
     for (auto& p : all) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
-        setGeometry(sweep, blob, p);
+        setPositions(sweep, blob, p);
         long double energy = getExactEnergy(blob, mesh, p), scale = fabsl(energy);
         int numChanged = 0;
         auto check = [&] (double change) {
@@ -53,7 +54,7 @@ void testEnergyChanges() {
             numChanged += (change != 0);
             energy = after;
         };
-        EdgeFlipStatistics statistics = sweep.execute(blob.positions, p, 100, 1000, Philox(1, 2), 3, check);
+        EdgeFlipStatistics statistics = sweep.execute(p, 100, 1000, Philox(1, 2), 3, check);
         ASSERT(statistics.accepted > 100);
         // With repulsion alone and nothing excluded, no flip changes the energy.
         bool isConstant = (p.bendingModulus == 0 && p.repulsionModulus != 0 && p.repulsionExclusionLevel == 0);
@@ -68,9 +69,9 @@ void testRunningTotals() {
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference | Tether);
     HelfrichMesh mesh(blob.triangles, blob.positions.size());
     EdgeFlipSweep sweep(mesh);
-    setGeometry(sweep, blob, p);
+    setPositions(sweep, blob, p);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
-    EdgeFlipStatistics statistics = sweep.execute(blob.positions, p, 1000, 500000, Philox(1, 2), 3, [&] (double change) { sum += change; });
+    EdgeFlipStatistics statistics = sweep.execute(p, 1000, 500000, Philox(1, 2), 3, [&] (double change) { sum += change; });
     ASSERT(statistics.accepted > 100000);
     long double after = getExactEnergy(blob, mesh, p);
     ASSERT_EQUAL_TOL(0.0, (double) ((after-before-sum)/max(fabsl(after), fabsl(before))), 1e-10);
@@ -82,9 +83,9 @@ void testStatisticsAndRandomNumbers() {
     auto flip = [&] (int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
-        setGeometry(sweep, blob, p);
+        setPositions(sweep, blob, p);
         int numObserved = 0;
-        statistics = sweep.execute(blob.positions, p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
+        statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
             numObserved++;
             ASSERT(kT > 0 || change <= 0);
         });
@@ -109,8 +110,8 @@ void testSweepThatChangesNothing() {
     Membrane sphere = createSphere(1);
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
     EdgeFlipSweep sweep(mesh);
-    setGeometry(sweep, sphere, createParameters(sphere, Bending));
-    EdgeFlipStatistics statistics = sweep.execute(sphere.positions, createParameters(sphere, Bending), 1e-9, 1000, Philox(1, 2), 0);
+    setPositions(sweep, sphere, createParameters(sphere, Bending));
+    EdgeFlipStatistics statistics = sweep.execute(createParameters(sphere, Bending), 1e-9, 1000, Philox(1, 2), 0);
     ASSERT_EQUAL(0, statistics.accepted);
     ASSERT_EQUAL(0, mesh.getRevision());
     ASSERT_EQUAL_CONTAINERS(sphere.triangles, mesh.getTriangles());
@@ -165,10 +166,10 @@ public:
     vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed) const {
         HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
         EdgeFlipSweep sweep(mesh);
-        setGeometry(sweep, membrane, p);
+        setPositions(sweep, membrane, p);
         vector<int> counts(triangulations.size(), 0);
         for (int i = 0; i < numSamples; i++) {
-            sweep.execute(membrane.positions, p, kT, attemptsPerSample, Philox(seed, RandomStream::EdgeFlips), i);
+            sweep.execute(p, kT, attemptsPerSample, Philox(seed, RandomStream::EdgeFlips), i);
             counts[indices.at(getState(mesh))]++;
         }
         return counts;

@@ -1,11 +1,9 @@
 #include "CpuHelfrichKernelFactory.h"
 #include "CpuHelfrichKernels.h"
+#include "openmmhelfrich/internal/InstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"
-#include <cstdlib>
-#include <string>
-#include <vector>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -39,42 +37,21 @@ KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platfo
 
 namespace HelfrichPlugin {
 
-extern const CpuHelfrichPasses cpuHelfrichPassesBaseline;
-#ifdef HELFRICH_HAS_AVX2
-extern const CpuHelfrichPasses cpuHelfrichPassesAVX2;
-#endif
-#ifdef HELFRICH_HAS_AVX512
-extern const CpuHelfrichPasses cpuHelfrichPassesAVX512;
-#endif
-
-/**
- * Get the passes that this processor can execute, the best last.
- */
-static vector<const CpuHelfrichPasses*> findSupportedPasses() {
-    vector<const CpuHelfrichPasses*> supported = {&cpuHelfrichPassesBaseline};
-#ifdef HELFRICH_HAS_AVX2
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
-        supported.push_back(&cpuHelfrichPassesAVX2);
-#endif
-#ifdef HELFRICH_HAS_AVX512
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
-        supported.push_back(&cpuHelfrichPassesAVX512);
-#endif
-    return supported;
-}
+extern const CpuHelfrichPasses cpuHelfrichPassesBaseline, cpuHelfrichPassesAVX2, cpuHelfrichPassesAVX512;
 
 const CpuHelfrichPasses& getCpuHelfrichPasses() {
-    vector<const CpuHelfrichPasses*> supported = findSupportedPasses();
-    const char* wanted = getenv("OPENMM_HELFRICH_SIMD");
-    if (wanted == NULL || *wanted == 0)
-        return *supported.back();
-    string names;
-    for (auto passes : supported) {
-        if (string(wanted) == passes->name)
-            return *passes;
-        names += string(names.empty() ? "" : ", ")+passes->name;
+    switch (getInstructionSet()) {
+#ifdef HELFRICH_HAS_AVX512
+        case InstructionSet::AVX512:
+            return cpuHelfrichPassesAVX512;
+#endif
+#ifdef HELFRICH_HAS_AVX2
+        case InstructionSet::AVX2:
+            return cpuHelfrichPassesAVX2;
+#endif
+        default:
+            return cpuHelfrichPassesBaseline;
     }
-    throw OpenMMException("HelfrichForce: OPENMM_HELFRICH_SIMD is '"+string(wanted)+"'; this processor and build support "+names);
 }
 
 } // namespace HelfrichPlugin

@@ -68,6 +68,7 @@ private:
     std::unique_ptr<EdgeFlipSweep> sweep;
     OpenMM::Kernel kernel;
     std::vector<OpenMM::Vec3> positions;
+    HelfrichGeometry sweepGeometry;
 };
 
 } // namespace HelfrichPlugin

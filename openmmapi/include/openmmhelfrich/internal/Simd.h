@@ -1,5 +1,5 @@
-#ifndef OPENMM_HELFRICH_CPUSIMD_H_
-#define OPENMM_HELFRICH_CPUSIMD_H_
+#ifndef OPENMM_HELFRICH_SIMD_H_
+#define OPENMM_HELFRICH_SIMD_H_
 
 #include <cmath>
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include <immintrin.h>
 #endif
 
-/* Vectors of doubles of the width that the compiler's flags allow, and the few functions of them that the passes need.  They are in an unnamed namespace, for
+/* Vectors of doubles of the width that the compiler's flags allow, and the few functions of them that the inner loops need.  They are in an unnamed namespace, for
    sources that include this with different flags are linked together. */
 
 namespace {
@@ -184,6 +184,16 @@ inline Simd loadScalars(const double* data, const int* offsets) {
     return result;
 }
 
+/**
+ * Load the numbers at the given offsets.
+ */
+inline Simd loadStrided(const double* data, const int* offsets) {
+    Simd result;
+    for (int lane = 0; lane < WIDTH; lane++)
+        result[lane] = data[offsets[lane]];
+    return result;
+}
+
 } // namespace
 
-#endif /*OPENMM_HELFRICH_CPUSIMD_H_*/
+#endif /*OPENMM_HELFRICH_SIMD_H_*/

@@ -1,0 +1,58 @@
+#ifndef OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
+#define OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
+
+#include "Philox.h"
+
+namespace HelfrichPlugin {
+
+struct HelfrichParameters;
+
+/**
+ * What a sweep knows of a vertex, on a cache line of its own: who needs one of these numbers nearly always needs the others.
+ */
+struct alignas(64) EdgeFlipVertex {
+    double x, y, z, area, curvature;
+};
+
+/**
+ * Consecutive attempts to flip an edge, side by side.  The flip replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  Vertices 0 to 3 are i, j, k and l; 4 to 7
+ * are those beyond the edges j-k, k-i, i-l and l-j around them.
+ */
+struct EdgeFlipBatch {
+    static const int SIZE = 64;
+    int numAttempts;
+    /// the halfedge i-j
+    int halfedge[SIZE];
+    /// the random number to compare with the probability
+    double uniform[SIZE];
+    /// true if the rules do not allow the flip
+    bool isForbidden[SIZE];
+    /// true if the energy depends on more of the connectivity than the neighbors of vertices 0 to 3
+    bool hasClosePairs[SIZE];
+    int vertex[8][SIZE];
+    /// the change of energy by bending and tether, and by repulsion
+    double energy[SIZE], repulsion[SIZE];
+    /// the changes of the totals
+    double area[SIZE], volume[SIZE], curvature[SIZE];
+    /// the changes at vertices 0 to 3
+    double vertexArea[4][SIZE], vertexCurvature[4][SIZE];
+};
+
+/**
+ * The evaluation of attempts, compiled for one instruction set.  What is computed of an attempt does not depend on the others in a batch, to the last bit.
+ */
+struct EdgeFlipEvaluation {
+    /// draw the random numbers of a batch's attempts, beginning with that of a given number
+    void (*draw)(const Philox& random, long long sweep, long long firstAttempt, int numHalfedges, EdgeFlipBatch& batch);
+    /// compute what the flips from the first up to the last would change, except for the repulsion; attempts beside them may be computed again as well
+    void (*evaluate)(const HelfrichParameters& parameters, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first, int last);
+};
+
+/**
+ * Get the evaluation for the processor's instruction set.
+ */
+const EdgeFlipEvaluation& getEdgeFlipEvaluation();
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_*/

@@ -1,0 +1,42 @@
+#include "openmmhelfrich/internal/InstructionSet.h"
+#include "openmm/OpenMMException.h"
+#include <cstdlib>
+#include <string>
+#include <utility>
+#include <vector>
+
+using OpenMM::OpenMMException;
+using namespace std;
+
+namespace HelfrichPlugin {
+
+typedef pair<string, InstructionSet> NamedSet;
+
+static vector<NamedSet> findSupportedSets() {
+    vector<NamedSet> sets = {{"Baseline", InstructionSet::Baseline}};
+#ifdef HELFRICH_HAS_AVX2
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        sets.push_back({"AVX2", InstructionSet::AVX2});
+#endif
+#ifdef HELFRICH_HAS_AVX512
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        sets.push_back({"AVX512", InstructionSet::AVX512});
+#endif
+    return sets;
+}
+
+InstructionSet getInstructionSet() {
+    vector<NamedSet> supported = findSupportedSets();
+    const char* wanted = getenv("OPENMM_HELFRICH_SIMD");
+    if (wanted == NULL || *wanted == 0)
+        return supported.back().second;
+    string names;
+    for (auto& set : supported) {
+        if (wanted == set.first)
+            return set.second;
+        names += (names.empty() ? "" : ", ")+set.first;
+    }
+    throw OpenMMException("HelfrichForce: OPENMM_HELFRICH_SIMD is '"+string(wanted)+"'; this processor and build support "+names);
+}
+
+} // namespace HelfrichPlugin
