@@ -6,8 +6,9 @@ from .annealing import anneal
 from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
 from .mesh import Mesh
 from .psf import writePSF
-from .reporters import ObservablesReporter, readObservables
+from .reporters import MeshReporter, ObservablesReporter, readObservables
 from .schedules import ExponentialSchedule, TableSchedule, createSchedule
+from .vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
 
 try:
     __version__ = version("openmm-helfrich")
@@ -18,4 +19,5 @@ __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
+    "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
 ]

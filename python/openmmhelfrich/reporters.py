@@ -1,11 +1,14 @@
 """Reporters for openmm.app.Simulation."""
 import csv
 import math
+import weakref
+from pathlib import Path
 
 import numpy as np
 from openmm import unit
 
-from .mesh import reducedVolume
+from .mesh import Mesh, reducedVolume
+from .vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 
 ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
 
@@ -89,6 +92,94 @@ class ObservablesReporter:
         return {f"area ({u}^2)": area, f"volume ({u}^3)": volume, "reducedVolume": reducedVolume(area, volume),
                 f"areaDifference ({u}^2)": valueIn(geometry.areaDifference, unit.nanometer**2),
                 f"meanCurvature ({u})": valueIn(geometry.integratedMeanCurvature, unit.nanometer)}
+
+
+class MeshReporter:
+    """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time series.
+
+    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the step as its time.
+    :func:`readMeshTrajectory` reads the frames back.
+
+    The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are written all at once, after a
+    minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.  To write the frames up to a checkpoint, call
+    ``flush()`` before making it, and save ``getNumFrames()`` with it; to go on from there, create the reporter with ``append=True`` and that number
+    as `numFrames`: later frames, which the run will make again, are dropped.
+    """
+
+    def __init__(self, file, reportInterval, force, append=False, numFrames=None, precision="double", lengthUnit="nm"):
+        """Create a MeshReporter.
+
+        Parameters
+        ----------
+        file : path
+            where to write to, by custom with the suffix .vtkhdf
+        reportInterval : int
+            the number of steps between frames
+        force : HelfrichForce
+            the membrane; particles that belong to none of its triangles are left out
+        append : bool
+            add to an existing file instead of replacing it
+        numFrames : int, optional
+            when appending, the number of frames of the existing file to keep; all by default
+        precision : str
+            of the positions: "double", or "single" for files that are a third smaller
+        lengthUnit : str
+            the name of the unit of length, if 1 nm stands for another
+
+        Raises
+        ------
+        ValueError
+            if `append` is asked for and the file is not a mesh trajectory of this membrane, or has fewer frames than `numFrames`
+        OSError
+            if the file cannot be written
+        """
+        if reportInterval < 1:
+            raise ValueError(f"reportInterval is {reportInterval}; it must be 1 or more")
+        if numFrames is not None and not append:
+            raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
+        self._reportInterval, self._force = reportInterval, force
+        self._vertices = np.unique(force.getTriangles())
+        if append and numFrames != 0 and Path(file).exists():
+            self._requireSameMembrane(file)
+        self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
+        # A script that ends without close() has its last frames too.
+        self._end = weakref.finalize(self, self._writer.close)
+
+    def describeNextReport(self, simulation):
+        """Get information about the next report this object will generate."""
+        steps = self._reportInterval-simulation.currentStep % self._reportInterval
+        return {"steps": steps, "periodic": False, "include": ["positions"]}
+
+    def report(self, simulation, state):
+        """Add a frame."""
+        positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        geometry = self._force.getGeometryInContext(simulation.context)
+        areas = valueIn(geometry.vertexAreas, unit.nanometer**2)
+        curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
+        # The vertices are numbered anew if other particles lie between them.
+        triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
+        mesh = Mesh(positions[self._vertices], triangles)
+        self._writer.add(MeshFrame(simulation.currentStep, mesh, {"MeanCurvature": np.float32(curvatures/areas), "Area": np.float32(areas)}))
+
+    def getNumFrames(self):
+        """Get the number of frames so far, in the file and waiting."""
+        return self._writer.numFrames
+
+    def flush(self):
+        """Make the file complete with all frames so far.  This copies it, which takes time in proportion to its size."""
+        self._writer.flush()
+
+    def close(self):
+        """Write the last frames."""
+        self._writer.close()
+        self._end.detach()
+
+    def _requireSameMembrane(self, file):
+        with readMeshTrajectory(file) as trajectory:
+            mesh = trajectory[0].mesh
+        if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
+            raise ValueError(f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
+                             f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}")
 
 
 def readObservables(file):
