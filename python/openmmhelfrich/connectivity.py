@@ -50,6 +50,67 @@ def labelComponents(triangles, numVertices):
     return count, np.argsort(np.argsort(first))[labels]
 
 
+def trianglesFromEdges(edges, vertices):
+    """Return the triangles of a set of closed membranes of which only the edges are known.
+
+    Parameters
+    ----------
+    edges : (E, 2) integer array
+        the vertices of each edge
+    vertices : (N, 3) array
+        positions, which tell the inside from the outside
+
+    Raises
+    ------
+    ValueError
+        if an edge is not part of exactly two rings of three edges, so that the triangles are not certain
+    """
+    neighbours = [set() for _ in range(len(vertices))]
+    for i, j in edges.tolist():
+        neighbours[i].add(j)
+        neighbours[j].add(i)
+    rings = {(i, j): neighbours[i] & neighbours[j] for i, j in np.sort(edges, axis=1).tolist()}
+    for edge, corners in rings.items():
+        if len(corners) != 2:
+            raise ValueError(f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; give a mesh file")
+    triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
+    return _orient(triangles, vertices)
+
+
+def _turns(count, first, second, agree):
+    """Return which triangles to turn so that all neighbours agree, if those in `first` and `second` share an edge and agree or not."""
+    beyond = [[] for _ in range(count)]
+    for f, g, same in zip(first.tolist(), second.tolist(), agree.tolist()):
+        beyond[f].append((g, same))
+        beyond[g].append((f, same))
+    turned = [None]*count
+    for start in range(count):
+        if turned[start] is not None:
+            continue
+        turned[start], waiting = False, [start]
+        while waiting:
+            f = waiting.pop()
+            for g, same in beyond[f]:
+                if turned[g] is None:
+                    turned[g] = turned[f] == same
+                    waiting.append(g)
+    return np.array(turned, dtype=bool)
+
+
+def _orient(triangles, vertices):
+    """Turn the triangles of closed membranes so that neighbours agree and volumes are positive."""
+    first, second = pairHalfedges(triangles, len(vertices))
+    origin, _ = halfedges(triangles)
+    turned = _turns(len(triangles), first//3, second//3, origin[first] != origin[second])
+    triangles = np.where(turned[:, np.newaxis], triangles[:, [0, 2, 1]], triangles)
+    count, label = labelComponents(triangles, len(vertices))
+    for membrane in range(count):
+        mine = label[triangles[:, 0]] == membrane
+        if signedVolume(vertices, triangles[mine]) < 0:
+            triangles[mine] = triangles[mine][:, [0, 2, 1]]
+    return triangles
+
+
 def check(vertices, triangles):
     """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed, oriented,
     manifold surfaces that enclose a positive volume.

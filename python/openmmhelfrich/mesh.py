@@ -16,6 +16,7 @@ from . import connectivity
 _HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
 # The mesh library would take .msh for an Ansys file first, and STL for text.
 _FORMAT = {".msh": "gmsh", ".stl": "stl"}
+_WITH_DATA = (".vtu", ".vtk", ".ply")
 _WRITE_OPTIONS = {".stl": {"binary": True}}
 
 
@@ -108,7 +109,7 @@ class Mesh:
         mesh.vertices *= _lengthOf(unit)
         return mesh._withoutLooseVertices()
 
-    def write(self, file, unit=unit.nanometer):
+    def write(self, file, unit=unit.nanometer, data=None):
         """Write the mesh to a file, replacing one that exists.
 
         The suffix of its name tells the format, as in :meth:`read`.  STL holds single precision; the others hold double.
@@ -119,6 +120,8 @@ class Mesh:
             the file to write
         unit : Unit, Quantity or float
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
+        data : dict, optional
+            arrays of shape (N,) by name, a value for each vertex; VTU, VTK and PLY files hold them, others leave them out
 
         Raises
         ------
@@ -132,7 +135,7 @@ class Mesh:
         suffix = path.suffix.lower()
         if suffix not in meshio.extension_to_filetypes:
             raise ValueError(f"{path}: no mesh format has the suffix '{suffix}'; {_suffixes()}")
-        mesh = meshio.Mesh(self.vertices/_lengthOf(unit), [("triangle", self.triangles)])
+        mesh = meshio.Mesh(self.vertices/_lengthOf(unit), [("triangle", self.triangles)], point_data=data if suffix in _WITH_DATA else None)
         # A complete file takes the place of the old one in a single step, so that no failure leaves half a mesh.
         part = path.with_name(f".{path.stem}.part{path.suffix}")
         try:

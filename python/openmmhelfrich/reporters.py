@@ -192,6 +192,16 @@ def readObservables(file):
     return dict(zip((name.split(" (")[0] for name in rows[0]), columns))
 
 
+def observableUnits(file):
+    """Return the units of the columns of a table that an :class:`ObservablesReporter` wrote: a dict from column names to what their heads have in brackets."""
+    with open(file, newline="") as table:
+        heads = next(csv.reader(table), [])
+    units = dict(head.rstrip(")").split(" (") for head in heads if " (" in head)
+    if not {"energy", "area"} <= set(units):
+        raise ValueError(f"{file} is not a table of observables; it has no columns 'energy (...)' and 'area (...)'")
+    return units
+
+
 def thermalEnergy(temperature):
     """Return kT, in kJ/mol, of a temperature in K."""
     temperature = valueIn(temperature, unit.kelvin)

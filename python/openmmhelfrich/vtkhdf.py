@@ -170,10 +170,10 @@ class MeshTrajectoryWriter:
             self._closed = True
 
 
-class MeshTrajectory:
-    """The frames of a VTKHDF file, as a sequence: its length, its items, its slices (lists of frames) and its iterator.
+class Frames:
+    """A sequence of :class:`MeshFrame` in a file: its length, its items, its slices (lists) and its iterator; each frame is read when it is asked for.
 
-    It is a context manager too.  Indices may be negative; those out of range raise an IndexError.
+    Indices may be negative; those out of range raise an IndexError.
 
     Attributes
     ----------
@@ -182,19 +182,6 @@ class MeshTrajectory:
     lengthUnit : str
         the name of the unit of length
     """
-
-    def __init__(self, file):
-        self._path = Path(file)
-        if not self._path.exists():
-            raise FileNotFoundError(f"there is no mesh trajectory {file}")
-        try:
-            self._file = h5py.File(self._path)
-        except OSError:
-            raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
-        self._root = _polyData(self._file, self._path)
-        with self._complaint("is damaged"):
-            self.steps = np.asarray(self._root["Steps/Values"][:int(self._root["Steps"].attrs["NSteps"])]).astype(np.int64)
-            self.lengthUnit = str(self._file.attrs.get("lengthUnit", "nm"))
 
     def __len__(self):
         return len(self.steps)
@@ -218,6 +205,34 @@ class MeshTrajectory:
         """Close the file."""
         self._file.close()
 
+    @contextlib.contextmanager
+    def _complaint(self, what):
+        """Name the file in whatever its reader finds wrong with it."""
+        try:
+            yield
+        except (OSError, KeyError, ValueError, IndexError, RuntimeError) as error:
+            raise ValueError(f"{self._path} {what}: {str(error).strip(chr(39))}") from None
+
+    def __repr__(self):
+        return f"<{type(self).__name__} of {len(self)} frames in {self._path}>"
+
+
+class MeshTrajectory(Frames):
+    """The frames of a VTKHDF file."""
+
+    def __init__(self, file):
+        self._path = Path(file)
+        if not self._path.exists():
+            raise FileNotFoundError(f"there is no mesh trajectory {file}")
+        try:
+            self._file = h5py.File(self._path)
+        except OSError:
+            raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
+        self._root = _polyData(self._file, self._path)
+        with self._complaint("is damaged"):
+            self.steps = np.asarray(self._root["Steps/Values"][:int(self._root["Steps"].attrs["NSteps"])]).astype(np.int64)
+            self.lengthUnit = str(self._file.attrs.get("lengthUnit", "nm"))
+
     def _read(self, i):
         steps, polygons = self._root["Steps"], self._root["Polygons"]
         if steps.get("NumberOfParts") is not None and steps["NumberOfParts"][i] != 1:
@@ -231,16 +246,6 @@ class MeshTrajectory:
         mesh = Mesh(self._root["Points"][point:point+numVertices], polygons["Connectivity"][first:first+numCorners].reshape(-1, 3))
         offsets = {name: int(d[i]) for name, d in steps.get("PointDataOffsets", {}).items()}
         return MeshFrame(int(self.steps[i]), mesh, {name: self._root["PointData"][name][start:start+numVertices] for name, start in offsets.items()})
-
-    @contextlib.contextmanager
-    def _complaint(self, what):
-        try:
-            yield
-        except (OSError, KeyError, ValueError, IndexError, RuntimeError) as error:
-            raise ValueError(f"{self._path} {what}: {str(error).strip(chr(39))}") from None
-
-    def __repr__(self):
-        return f"<MeshTrajectory of {len(self)} frames in {self._path}>"
 
 
 def _count(path):

@@ -1,0 +1,144 @@
+"""Commands that look at meshes and at the results of runs."""
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .errors import friendly
+
+app = typer.Typer()
+
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
+Frame = Annotated[Optional[int], typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
+Every = Annotated[int, typer.Option(min=1, metavar="N", help="The first of every N frames.")]
+Topology = Annotated[Optional[Path], typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")]
+
+
+@app.command()
+@friendly
+def check(mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH ...")],
+          scale: Annotated[float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")] = 1.0,
+          length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm"):
+    """Describe a mesh, and say what to simulate it with.
+
+    Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes through itself, area and volume, and the
+    tether's bounds and the step size that a run takes by default.  Ends with exit code 1 if the mesh cannot be simulated, and says why.
+
+    Example: openmm-helfrich check cell.stl --scale 0.001
+    """
+    from ..mesh import Mesh
+    from ..quality import assess
+    surface = Mesh.read(mesh, unit=scale)
+    try:
+        quality = assess(surface)
+    except ValueError as error:
+        raise ValueError(f"{mesh}: {error}") from None
+    _print(quality.lines(length_unit)+_suggestions(surface, scale, length_unit))
+
+
+@app.command()
+@friendly
+def convert(source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
+            output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="What to write: .vtkhdf, .pvd, .vtu, .ply, .stl, .obj, .off, .vtk, .msh or .xyz.")],
+            frame: Frame = None, every: Every = 1, topology: Topology = None, overwrite: Overwrite = False):
+    """Convert trajectories and meshes.
+
+    VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with numbers in their names.
+
+    Examples:
+
+    openmm-helfrich convert results/cell.vtkhdf last.ply --frame -1
+
+    openmm-helfrich convert results/cell.vtkhdf cell.pvd --every 10
+
+    openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
+    """
+    from ..conversion import convert as convertFile
+    files = convertFile(source, output, frame, every, topology, overwrite)
+    print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
+
+
+@app.command()
+@friendly
+def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")],
+         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png.")] = None,
+         overwrite: Overwrite = False):
+    """Plot energies by term, area, volume and acceptance against steps.
+
+    Example: openmm-helfrich plot results/cell -o cell.pdf
+    """
+    from ..conversion import requireNew
+    from ..pictures import plotObservables
+    from ..reporters import observableUnits, readObservables
+    table = source if source.suffix.lower() == ".csv" else source.with_name(source.name+".csv")
+    if not table.exists():
+        raise FileNotFoundError(f"there is no table of observables {table}")
+    output = output or table.with_name(table.stem+"_plot.png")
+    requireNew([output], table, overwrite)
+    units = observableUnits(table)
+    plotObservables(readObservables(table), output, units["area"].removesuffix("^2"), units["energy"])
+    print(output)
+
+
+@app.command()
+@friendly
+def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
+           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The picture: .png or .jpg, or .gif or .mp4 for an animation; by default FILE.png.")] = None,
+           frame: Frame = None, every: Every = 1, topology: Topology = None,
+           elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
+           azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
+           fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
+           length_unit: Annotated[Optional[str], typer.Option(metavar="NAME", help="What one unit of length is called; by default what the file says.")] = None,
+           overwrite: Overwrite = False):
+    """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
+
+    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich[looking]'; without it a PNG is drawn with matplotlib.
+
+    Examples:
+
+    openmm-helfrich render results/cell.vtkhdf -o cell.png
+
+    openmm-helfrich render results/cell.vtkhdf -o cell.mp4 --every 2
+    """
+    from ..conversion import openFrames, requireNew, selectFrames
+    from ..rendering import render as renderFrames, requireFormat
+    output = output or source.with_suffix(".png")
+    requireFormat(output)
+    requireNew([output], source, overwrite)
+    frames = openFrames(source, topology)
+    chosen = _Chosen(frames, selectFrames(source, frames, frame, every))
+    renderFrames(chosen, output, length_unit or getattr(frames, "lengthUnit", "nm"), elevation, azimuth, fps)
+    print(output)
+
+
+class _Chosen:
+    """Some of a sequence of frames, each read when it is asked for."""
+
+    def __init__(self, frames, indices):
+        self._frames, self._indices = frames, indices
+
+    def __len__(self):
+        return len(self._indices)
+
+    def __getitem__(self, i):
+        return self._frames[self._indices[i]]
+
+
+def _suggestions(mesh, scale, unit):
+    """Return what a run does with a mesh by default, or that it needs another scale first."""
+    import math
+
+    from ..config import parseConfig
+    from ..simulation import defaultStepSize, tetherParameters
+    length = mesh.edgeLengths.mean()
+    if not 0.01 <= length <= 10:
+        return [("warning", f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {scale*10**-round(math.log10(4*length)):g} in [mesh]")]
+    config = parseConfig({"mesh": {"file": "mesh"}})
+    modulus, minLength, maxLength = tetherParameters(config, mesh)
+    return [("tether", f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT by default"),
+            ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default")]
+
+
+def _print(lines):
+    for label, text in lines:
+        print(f"{label:>15}  {text}")
