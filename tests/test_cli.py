@@ -7,9 +7,9 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
-from openmmhelfrich.config import Config, sections
+from openmmhelfrich.config import STAGES, Config, sections
 
-OUTPUTS = ["run.csv", "run.dcd", "run.ply", "run.psf", "run_observables.png", "run_shape.png"]
+OUTPUTS = ["run.checkpoint", "run.csv", "run.dcd", "run.ply", "run.psf", "run.resolved.toml", "run.vtkhdf", "run_observables.png", "run_shape.png"]
 
 
 def invoke(*arguments):
@@ -45,7 +45,7 @@ def testTheCommandIsInstalled(folder):
     command = os.path.join(os.path.dirname(sys.executable), "openmm-helfrich")
     done = subprocess.run([command, "run", "run.toml", "--quiet", "--output", "deep/folder/a"], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert len(os.listdir("deep/folder")) == 6
+    assert len(os.listdir("deep/folder")) == len(OUTPUTS)
     failed = subprocess.run([command, "run", "nothing.toml"], capture_output=True, text=True)
     assert (failed.returncode, failed.stdout, failed.stderr) == (1, "", "openmm-helfrich: there is no configuration file nothing.toml\n")
 
@@ -157,7 +157,7 @@ def testPlaceThatTakesNoFiles(folder):
 
 
 def testEveryKeyIsDescribed():
-    for name, model in sections().items():
+    for name, model in (sections() | STAGES).items():
         assert model.__doc__, name
         assert all(field.description for field in model.model_fields.values()), name
-    assert list(sections()) == list(Config.model_fields)
+    assert [*sections(), "stages"] == list(Config.model_fields)

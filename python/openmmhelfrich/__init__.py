@@ -3,6 +3,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from .adaptation import StepSizeAdapter, StepSizeTracker, adaptStepSize
 from .annealing import anneal
+from .continuation import ContinuationResult, continueTo
 from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
 from .mesh import Mesh
 from .psf import writePSF
@@ -15,9 +16,19 @@ try:
 except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "unknown"
 
+
+def __getattr__(name):
+    """Import what runs from configurations when it is asked for: scripts that do without start faster."""
+    if name in ("run", "resume"):
+        from . import studies
+        return getattr(studies, name)
+    raise AttributeError(f"module 'openmmhelfrich' has no attribute '{name}'")
+
+
 __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
+    "ContinuationResult", "continueTo", "resume", "run",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
     "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
 ]

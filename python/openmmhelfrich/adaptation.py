@@ -97,6 +97,11 @@ class StepSizeAdapter(_Adapter):
         return self._direction is not None
 
     @property
+    def isReady(self) -> bool:
+        """Whether enough is known to freeze."""
+        return self._count > 0
+
+    @property
     def isFrozen(self) -> bool:
         """Whether the step size has been frozen."""
         return self._isFrozen
@@ -126,7 +131,7 @@ class StepSizeAdapter(_Adapter):
             if the right order of magnitude has not been found yet: there were too few trajectories
         """
         if not self._isFrozen:
-            if self._count == 0:
+            if not self.isReady:
                 raise ValueError(f"StepSizeAdapter: the search for the step size has not ended (it is at {self.stepSize:.3g} ps); more trajectories are needed")
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize

@@ -20,7 +20,7 @@ class ObservablesReporter:
     those since the start of the simulation; they are there if the Integrator has them.
     """
 
-    def __init__(self, file, reportInterval, force, temperature=None, lengthUnit="nm", append=False):
+    def __init__(self, file, reportInterval, force, temperature=None, lengthUnit="nm", append=False, describe=None):
         """Create an ObservablesReporter.
 
         Parameters
@@ -37,13 +37,15 @@ class ObservablesReporter:
             the name of the unit of length, if 1 nm stands for another
         append : bool
             add to an existing file instead of replacing it
+        describe : callable, optional
+            returns more columns, as a dict from names to numbers
         """
         self._reportInterval = reportInterval
         self._force = force
         self._energyUnit, self._energyScale = "kJ/mol", 1.0
         if temperature is not None:
             self._energyUnit, self._energyScale = "kT", 1/thermalEnergy(temperature)
-        self._lengthUnit = lengthUnit
+        self._lengthUnit, self._describe = lengthUnit, describe
         self._ownsFile = not hasattr(file, "write")
         self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file
         self._writer = csv.writer(self._out, lineterminator="\n")
@@ -73,7 +75,14 @@ class ObservablesReporter:
             row["acceptance"] = integrator.getAcceptanceRate()
         if hasattr(integrator, "getFlipAcceptanceRate"):
             row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
+        if self._describe:
+            row.update(self._describe())
         return row
+
+    def sync(self):
+        """Return the size of the file so far, in bytes; they have left Python's buffers."""
+        self._out.flush()
+        return self._out.seek(0, 2)
 
     def close(self):
         """Close the file."""
@@ -182,14 +191,33 @@ class MeshReporter:
                              f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}")
 
 
+class Table(dict):
+    """Columns of numbers: a dict from names to arrays of equal length."""
+
+    @classmethod
+    def ofRows(cls, rows):
+        """Create a Table from dicts with the same keys, of whose names the units in brackets are left out."""
+        return cls((plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ()))
+
+    def toDataFrame(self):
+        """Return a pandas.DataFrame of the same columns."""
+        import pandas
+        return pandas.DataFrame(self)
+
+
 def readObservables(file):
-    """Read a table that an :class:`ObservablesReporter` wrote: a dict from column names, without their units, to arrays."""
+    """Read a table that an :class:`ObservablesReporter` wrote: a :class:`Table`, a dict from column names, without their units, to arrays."""
     with open(file, newline="") as table:
         rows = list(csv.reader(table))
     if not rows:
         raise ValueError(f"{file} is empty; it must hold a table of observables")
     columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
-    return dict(zip((name.split(" (")[0] for name in rows[0]), columns))
+    return Table(zip(map(plainName, rows[0]), columns))
+
+
+def plainName(column):
+    """Return the name of a column without its unit."""
+    return column.split(" (")[0]
 
 
 def observableUnits(file):

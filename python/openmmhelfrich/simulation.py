@@ -1,25 +1,30 @@
 """From a configuration to an openmm.app.Simulation.  Each step is a function that a script can call on its own."""
 import math
 import random
+from pathlib import Path
 
 import openmm as mm
 from openmm import app
 
+from .config import stagesOf
 from .helfrich import HelfrichForce, HybridMonteCarloIntegrator
 from .mesh import Mesh
 from .reporters import thermalEnergy
 
 
 def loadMesh(config):
-    """Read and check the mesh of a Config, in its length unit."""
-    mesh = Mesh.read(config.mesh.file, unit=config.mesh.scale)
+    """Read or make, and check, the mesh of a Config, in its length unit."""
+    if config.mesh.file is None:
+        source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
+    else:
+        source, mesh = config.mesh.file, Mesh.read(config.mesh.file, unit=config.mesh.scale)
     try:
         mesh.check()
     except ValueError as error:
-        raise ValueError(f"{config.mesh.file}: {error}") from None
+        raise ValueError(f"{source}: {error}") from None
     length = mesh.edgeLengths.mean()
     if not 0.01 <= length <= 10:
-        raise ValueError(f"{config.mesh.file}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between 0.01 and 10, "
+        raise ValueError(f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between 0.01 and 10, "
                          f"where the tether's power laws are meant to be used: try scale = {config.mesh.scale*10**-round(math.log10(4*length)):g} in [mesh]")
     return mesh
 
@@ -98,17 +103,38 @@ def _stiffness(config, mesh):
     return bending+constraints+((decades+1)**2/minLength)**2
 
 
+def resolve(config, mesh):
+    """Return a copy of a Config in which every default is a number, also those that follow from the mesh, and the stages are listed.
+
+    Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
+    """
+    config = config.model_copy(deep=True)
+    membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
+    area, volume, areaDifference = targets(config, mesh)
+    membrane.target_area, membrane.target_volume, membrane.reduced_volume = area, volume, None
+    membrane.target_area_difference = areaDifference or None
+    tether.modulus, tether.min_length, tether.max_length = tetherParameters(config, mesh)
+    repulsion.onset = repulsion.onset or tether.min_length
+    sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
+    sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
+    config.stages = stagesOf(config)
+    sampling.model_fields_set.discard("steps")
+    steps, output = sum(stage.totalSteps for stage in config.stages), config.output
+    output.trajectory_interval, output.observables_interval = min(output.trajectory_interval, steps), min(output.observables_interval, steps)  # the end is there
+    if config.mesh.file is not None:
+        config.mesh.file = str(Path(config.mesh.file).resolve())
+    return config
+
+
 def createSimulation(config, mesh, force):
     """Create the app.Simulation of a membrane, at the mesh's positions."""
     sampling = config.sampling
     system = mesh.createSystem(sampling.mass)
     system.addForce(force)
-    sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
-    sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
-    integrator = HybridMonteCarloIntegrator(sampling.temperature, sampling.step_size, sampling.steps_per_trajectory,
-                                            sampling.flip_fraction, sampling.flip_probability)
-    integrator.setRandomNumberSeed(sampling.seed)
-    simulation = app.Simulation(mesh.topology(), system, integrator, *_platform(config))
+    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
+    integrator = HybridMonteCarloIntegrator(sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability)
+    integrator.setRandomNumberSeed(sampling.seed or 0)
+    simulation = app.Simulation(mesh.topology(), system, integrator, *platformOf(config))
     simulation.context.setPositions(mesh.vertices)
     return simulation
 
@@ -119,7 +145,7 @@ def currentMesh(simulation, force):
     return Mesh(positions, force.getTrianglesInContext(simulation.context))
 
 
-def _platform(config):
+def platformOf(config):
     """Return the Platform and its properties."""
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
     name, threads = config.platform.name, config.platform.threads

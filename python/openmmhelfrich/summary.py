@@ -1,71 +1,109 @@
 """What a run did, in a few lines."""
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .config import Config
 from .outputs import Outputs
-from .reporters import readObservables, valueIn
+from .reporters import Table, readObservables, valueIn
 
 
 @dataclass
 class Summary:
-    """What a run did."""
+    """What a run did.
+
+    Attributes
+    ----------
+    config : Config
+        the configuration, with every default filled in
+    outputs : Outputs
+        the files that were written
+    steps, newSteps : int
+        Monte Carlo steps made in all, and since the run was begun or resumed
+    seconds : float
+        what the latter took
+    table : Table
+        the observables
+    targets : dict
+        "area", "volume", "areaDifference": those at the end, of terms that are on, in powers of the length unit
+    acceptance, flipAcceptance : float
+        fractions of trajectories and flips that were accepted in the last stage
+    diverged : int
+        number of trajectories that diverged
+    notes : list of str
+        what the run found out, or has to warn of
+    interrupted : bool
+        whether it was stopped before its end
+    signal : int or None
+        the signal that stopped it
+    """
     config: Config
     outputs: Outputs
     numVertices: int
     numTriangles: int
     steps: int
+    newSteps: int
     seconds: float
-    table: dict
+    table: Table
     targets: dict
     acceptance: float
     flipAcceptance: float
     diverged: int
-    interrupted: bool = field(default=False)
+    notes: list
+    interrupted: bool
+    signal: Optional[int]
 
     def drift(self, name):
-        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target during the run."""
-        return float(np.max(np.abs(self.table[name]/self.targets[name]-1)))
+        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, in the last stage after its burn-in."""
+        rows = (self.table["stage"] == self.table["stage"][-1]) & (self.table["equilibrated"] == 1)
+        deviation = self.table[name]/self.table[f"target{name[0].upper()}{name[1:]}"]-1
+        return float(np.max(np.abs(deviation[rows if rows.any() else slice(None)])))
 
     def mean(self, name):
-        """Return the average of a column of the table over the second half of the run, when the start is forgotten."""
-        return float(self.table[name][len(self.table[name])//2:].mean())
+        """Return the average of a column of the table over the second half of the last stage, when its start is forgotten."""
+        values = self.table[name][self.table["stage"] == self.table["stage"][-1]]
+        return float(values[len(values)//2:].mean())
 
     def lines(self):
         """Return a label and a text for each thing worth knowing at the end."""
         u, kappa = self.config.mesh.length_unit, self.config.membrane.bending_modulus
-        lines = [("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
-                 ("steps", f"{self.steps} in {self.seconds:.1f} s, seed {self.config.sampling.seed}{', interrupted' if self.interrupted else ''}"),
-                 ("averages", "over the second half of the run:"),
+        lines = [("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"), ("steps", self._stepsLine()),
+                 ("averages", f"over the second half of the {'run' if len(self.config.stages) == 1 else 'last stage'}:"),
                  ("area", self._mean("area", f"{u}^2")),
                  ("volume", self._mean("volume", f"{u}^3")),
                  ("reduced volume", f"{self.mean('reducedVolume'):.4f}")]
         if "areaDifference" in self.targets:
             lines.append(("area difference", self._mean("areaDifference", f"{u}^2")))
-        lines += [("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"),
-                  ("energy", f"{self.mean('energy'):.1f} kT"),
-                  ("files", ", ".join(map(str, self.outputs.paths())))]
+        lines += [("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"), ("energy", f"{self.mean('energy'):.1f} kT")]
         if kappa:
-            lines.insert(-1, ("E_B/8 pi kappa", f"{self.mean('E_bending')/(8*math.pi*kappa):.3f}, from {self.table['E_bending'][0]/(8*math.pi*kappa):.3f} at the start; "
-                              "thermal undulations add about kT/2 a vertex"))
+            lines.append(("E_B/8 pi kappa", f"{self.mean('E_bending')/(8*math.pi*kappa):.3f}, from {self.table['E_bending'][0]/(8*math.pi*kappa):.3f} at the start; "
+                          "thermal undulations add about kT/2 a vertex"))
+        lines += [("note", note) for note in self.notes]
         if self.diverged:
             lines.append(("warning", f"{self.diverged} trajectories diverged and were rejected; a smaller step_size avoids this"))
-        return lines
+        return lines+[("files", ", ".join(map(str, self.outputs.paths())))]
+
+    def _stepsLine(self):
+        made = f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
+        stopped = f", interrupted: openmm-helfrich resume {self.config.output.prefix} goes on" if self.interrupted else ""
+        return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
     def _mean(self, name, unitName):
         text = f"{self.mean(name):.2f} {unitName}"
         return text+f", always within {self.drift(name):.2%} of its target" if name in self.targets else text
 
 
-def summarise(config, outputs, simulation, force, seconds, interrupted):
-    table, context, integrator = readObservables(outputs.table), simulation.context, simulation.integrator
+def summarise(study, newSteps, seconds, signal):
+    """Return the Summary of a Study."""
+    simulation, force = study.simulation, study.force
+    context = simulation.context
     named = {"area": (force.getAreaModulus(), force.getTargetAreaParameter()),
              "volume": (force.getVolumeModulus(), force.getTargetVolumeParameter()),
              "areaDifference": (force.getAreaDifferenceModulus(), force.getTargetAreaDifferenceParameter())}
-    targetValues = {name: context.getParameter(parameter) for name, (modulus, parameter) in named.items()
-                    if valueIn(modulus, unit.kilojoules_per_mole) > 0}
-    return Summary(config, outputs, context.getSystem().getNumParticles(), force.getNumTriangles(), simulation.currentStep, seconds, table, targetValues,
-                   integrator.getAcceptanceRate(), integrator.getFlipAcceptanceRate(), integrator.getNumDivergedTrajectories(), interrupted)
+    targets = {name: context.getParameter(parameter) for name, (modulus, parameter) in named.items() if valueIn(modulus, unit.kilojoules_per_mole) > 0}
+    return Summary(study.config, study.outputs, context.getSystem().getNumParticles(), force.getNumTriangles(), simulation.currentStep, newSteps, seconds,
+                   readObservables(study.outputs.table), targets, *study.stage.acceptance(), simulation.integrator.getNumDivergedTrajectories(),
+                   study.notes, not study.isComplete, signal)

@@ -1,33 +1,62 @@
 """How far a run is, on standard error."""
 import sys
+import time
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn, TimeRemainingColumn
 
+SECONDS_BETWEEN_LINES = 10
+SECONDS_BETWEEN_UPDATES = 0.5
+
 
 class Progress:
-    """A bar on a terminal, ten plain lines elsewhere, nothing when quiet.  Called with the Simulation and its observables."""
+    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often; nothing when quiet.  Called with the Study."""
 
-    def __init__(self, steps, quiet):
-        self._steps, self._quiet, self._printed = steps, quiet, 0
-        columns = (TextColumn("sampling"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[text]}"))
+    def __init__(self, quiet):
         console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[text]}"))
         self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
+        self._quiet, self._stage, self._shownAt = quiet, None, 0.0
 
     def __enter__(self):
         if self._bar:
             self._bar.start()
-            self._task = self._bar.add_task("", total=self._steps, text="")
         return self
 
     def __exit__(self, *_):
         if self._bar:
             self._bar.stop()
 
-    def __call__(self, simulation, row):
-        step, text = row["step"], f"energy {row['energy (kT)']:.0f} kT, accepted {row['acceptance']:.0%}, flips {row['flipAcceptance']:.0%}"
+    def __call__(self, study):
+        stage, now = study.stage, time.monotonic()
+        if self._quiet:
+            return
+        if stage is not self._stage:
+            self._begin(study, now)
+        seconds = SECONDS_BETWEEN_UPDATES if self._bar else SECONDS_BETWEEN_LINES
+        if not stage.isDone and now < self._shownAt+seconds:
+            return
+        self._shownAt = now
+        text = f"{self._rate(stage, now)} steps/s, {study.status()}"
         if self._bar:
-            self._bar.update(self._task, completed=step, text=text)
-        elif not self._quiet and 10*step//self._steps > self._printed:
-            self._printed = 10*step//self._steps
-            print(f"step {step} of {self._steps}: {text}", file=sys.stderr, flush=True)
+            self._bar.update(self._task, completed=stage.position, text=text)
+        else:
+            print(f"{self._title(study)}: step {stage.position} of {stage.steps}, {self._remaining(stage, now)}{text}", file=sys.stderr, flush=True)
+
+    def _begin(self, study, now):
+        self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position-1
+        self._shownAt = now-SECONDS_BETWEEN_LINES+2  # soon, to show that something happens
+        if self._bar:
+            self._task = self._bar.add_task(self._title(study), total=study.stage.steps, completed=study.stage.position, text="")
+
+    @staticmethod
+    def _title(study):
+        count = len(study.config.stages)
+        return study.stage.title if count == 1 else f"{study.index+1}/{count} {study.stage.title}"
+
+    def _rate(self, stage, now):
+        return f"{(stage.position-self._firstStep)/max(now-self._beganAt, 1e-3):.3g}"
+
+    def _remaining(self, stage, now):
+        seconds = (now-self._beganAt)/(stage.position-self._firstStep)*(stage.steps-stage.position)
+        return f"{int(seconds)//60}:{int(seconds)%60:02d} left, " if seconds > 0 else ""

@@ -1,4 +1,5 @@
 """Commands that simulate."""
+import signal
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -8,39 +9,72 @@ from .errors import friendly
 
 app = typer.Typer()
 
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Platform = Annotated[Optional[str], typer.Option(help="OpenMM platform: CPU or Reference.")]
+Threads = Annotated[Optional[int], typer.Option(min=1, help="Threads of the CPU platform.")]
 
-@app.command()
+
+@app.command(epilog="Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell")
 @friendly
 def run(config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The configuration of the run.")],
-        platform: Annotated[Optional[str], typer.Option(help="OpenMM platform: CPU or Reference.")] = None,
-        threads: Annotated[Optional[int], typer.Option(min=1, help="Threads of the CPU platform.")] = None,
+        platform: Platform = None,
+        threads: Threads = None,
         seed: Annotated[Optional[int], typer.Option(min=1, max=2**31-1, help="Seed of all random numbers.")] = None,
         steps: Annotated[Optional[int], typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
         output: Annotated[Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")] = None,
         overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
-        quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False):
-    """Sample the membrane that a configuration describes.
+        quiet: Quiet = False):
+    """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
 
-    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, and two pictures (PNG).  Options take the place
-    of the configuration's values.
-
-    Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell
+    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the settings with all
+    defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped the run.  Options take the place of the
+    configuration's values.
     """
     from ..config import readConfig
     from ..studies import run as runConfig
-    from .progress import Progress
     settings = readConfig(config)
     _override(settings.platform, name=platform, threads=threads)
     _override(settings.sampling, seed=seed, steps=steps)
     _override(settings.output, prefix=output, overwrite=overwrite or None)
-    with Progress(settings.sampling.steps, quiet) as progress:
-        summary = runConfig(settings, progress)
-    if not quiet:
-        for label, text in summary.lines():
-            print(f"{label:>15}  {text}")
+    _report(lambda progress: runConfig(settings, progress), quiet)
+
+
+@app.command(epilog="Example: openmm-helfrich resume results/cell --steps 5000")
+@friendly
+def resume(prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")],
+           steps: Annotated[Optional[int], typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")] = None,
+           platform: Platform = None,
+           threads: Threads = None,
+           quiet: Quiet = False):
+    """Go on with a run that was stopped or killed, or make more steps.
+
+    The files become what they would be if the run had never been stopped, to the last byte.
+    """
+    from ..studies import resume as resumeRun
+    _report(lambda progress: resumeRun(prefix.removesuffix(".checkpoint"), steps, progress, platform, threads), quiet)
+
+
+@app.command(epilog="Example: openmm-helfrich config > vesicle.toml")
+@friendly
+def config():
+    """Print a configuration file with every key, its default, and the reason for it."""
+    from ..configfile import defaultText
+    print(defaultText(), end="")
 
 
 def _override(section, **values):
     for name, value in values.items():
         if value is not None:
             setattr(section, name, value)
+
+
+def _report(work, quiet):
+    """Do a run with its progress shown, and print its summary.  A run that was stopped ends the command as the signal would have."""
+    from .progress import Progress
+    with Progress(quiet) as progress:
+        summary = work(progress)
+    if not quiet:
+        for label, text in summary.lines():
+            print(f"{label:>15}  {text}")
+    if summary.interrupted:
+        raise typer.Exit(128+(summary.signal or signal.SIGINT))

@@ -1,0 +1,213 @@
+"""The stages of a run: what each does in one Monte Carlo step, as a function of how many it has made, and what it must remember.
+
+All conditions of a step (temperature, targets, length of the trajectory) follow from its number alone.  What a stage remembers beside its number is
+what was found at its start and the state of the step size's adapter: a few numbers, which a checkpoint holds.
+"""
+import numpy as np
+
+from .adaptation import StepSizeAdapter, StepSizeTracker, stepAndAdapt
+from .continuation import ContinuationPath, absoluteTargets, currentTargets, setTargets
+from .schedules import ExponentialSchedule, TableSchedule, createSchedule
+
+_TARGET_NAMES = {"target_area": "area", "target_volume": "volume", "reduced_volume": "reducedVolume", "target_area_difference": "areaDifference"}
+
+
+def createStage(settings, config, simulation, force):
+    """Return the stage that one of a Config's stages describes, at its beginning."""
+    return {"sample": _Sample, "anneal": _Anneal, "continue": _Continue}[settings.kind](settings, config, simulation, force)
+
+
+class MonteCarloStage:
+    """A number of Monte Carlo steps.
+
+    Attributes
+    ----------
+    title : str
+        what it is called
+    steps : int
+        the number of Monte Carlo steps
+    position : int
+        how many of them have been made
+    """
+
+    def __init__(self, settings, config, simulation, force):
+        self.title, self.steps, self.position = settings.title, settings.totalSteps, 0
+        self._settings, self._config, self._simulation, self._force = settings, config, simulation, force
+        self._startTargets = currentTargets(simulation.context, force)
+        self._startCounters = self._counters()
+        self._adapter = self._createAdapter()
+
+    @property
+    def isDone(self):
+        return self.position >= self.steps
+
+    def advance(self):
+        """Make a Monte Carlo step."""
+        n, simulation = self.position, self._simulation
+        simulation.integrator.setTemperature(self._temperature(n))
+        setTargets(simulation.context, self._force, self._targets(n))
+        setTrajectoryLength(simulation, self._config.sampling)
+        if self._isAdapting(n):
+            stepAndAdapt(simulation, self._adapter)
+        else:
+            simulation.step(1)
+        self.position += 1
+        self._stepped()
+
+    def window(self):
+        """Return the number of the window of a path that the present step belongs to, and whether that is equilibrated: not part of a burn-in."""
+        return 0, not self._isAdapting(self.position)
+
+    def acceptance(self):
+        """Return the fractions of trajectories and of flips accepted since the stage began."""
+        counts = np.subtract(self._counters(), self._startCounters)
+        return counts[1]/max(counts[0], 1), counts[3]/max(counts[2], 1)
+
+    def getState(self):
+        """Return what the stage remembers, fit for JSON."""
+        return {"position": self.position, "startTargets": self._startTargets, "startCounters": self._startCounters,
+                "adapter": self._adapter.getState() if self._adapter else None}
+
+    def setState(self, state):
+        """Go on from a state that getState() returned."""
+        self.position, self._startTargets, self._startCounters = state["position"], state["startTargets"], state["startCounters"]
+        self._adapter = self._createAdapter()
+        if self._adapter:
+            self._adapter.setState(state["adapter"])
+
+    def notes(self):
+        """Return what is worth telling at the end of the stage."""
+        return []
+
+    def _counters(self):
+        integrator = self._simulation.integrator
+        flips = integrator.getFlipIntegrator()
+        return [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), flips.getNumAttempted(), flips.getNumAccepted()]
+
+    def _temperature(self, n):
+        return self._settings.temperature or self._config.sampling.temperature
+
+    def _endTargets(self):
+        given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
+        return absoluteTargets(given, self._startTargets) if given else {}
+
+    def _targets(self, n):
+        return self._endTargets() if n == 0 else {}
+
+    def _createAdapter(self):
+        return None
+
+    def _isAdapting(self, n):
+        return self._adapter is not None
+
+    def _stepped(self):
+        pass
+
+
+class _Sample(MonteCarloStage):
+    """Constant conditions; an automatic step size adapts in the burn-in."""
+
+    def _createAdapter(self):
+        sampling, integrator = self._config.sampling, self._simulation.integrator
+        stepSize = self._settings.step_size or sampling.step_size
+        if stepSize != "auto":
+            integrator.setStepSize(stepSize)
+            return None
+        return StepSizeAdapter(integrator.getStepSize(), sampling.target_acceptance)
+
+    def _isAdapting(self, n):
+        return self._adapter is not None and not self._adapter.isFrozen
+
+    def _stepped(self):
+        if self._isAdapting(self.position) and self.position >= burnIn(self._config.sampling, self.steps) and self._adapter.isReady:
+            self._simulation.integrator.setStepSize(self._adapter.freeze())
+            self._startCounters = self._counters()  # the acceptance is that of the step size that was chosen
+
+    def notes(self):
+        if self._adapter is None:
+            return []
+        if self._adapter.isFrozen:
+            return [f"{self.title}: step size {self._adapter.stepSize:.4g} ps, chosen for an acceptance of {self._adapter.acceptance:.0%}"]
+        return [f"{self.title}: the burn-in has not ended, or was too short, and no step size has been chosen; it is {self._adapter.stepSize:.4g} ps"]
+
+
+class _Anneal(MonteCarloStage):
+    """A temperature that follows a schedule; the step size keeps the acceptance."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self._schedule = createSchedule(self._createSchedule())
+
+    def _createSchedule(self):
+        settings, temperature = self._settings, self._config.sampling.temperature
+        if settings.table is not None:
+            return TableSchedule(*zip(*settings.table))
+        start, first = settings.start_temperature or temperature, settings.cooling_start
+        if settings.rate is not None:
+            return ExponentialSchedule(start, settings.rate, settings.end_temperature, first)
+        return ExponentialSchedule.over(settings.steps-first, start, settings.end_temperature, first)
+
+    def _temperature(self, n):
+        return self._schedule(n)
+
+    def _createAdapter(self):
+        return StepSizeTracker(self._simulation.integrator.getStepSize(), self._config.sampling.target_acceptance)
+
+    def window(self):
+        return 0, True
+
+
+class _Continue(MonteCarloStage):
+    """Targets that move window by window; an automatic step size follows while each window equilibrates."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self._path = self._createPath()
+
+    @property
+    def lambdas(self):
+        return self._path.lambdas
+
+    def setState(self, state):
+        super().setState(state)
+        self._path = self._createPath()
+
+    def _createPath(self):
+        s = self._settings
+        path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
+        return ContinuationPath(self._startTargets, self._endTargets(), s.windows, s.there_and_back, path)
+
+    def _place(self, n):
+        return divmod(n, self._settings.equilibration+self._settings.steps)
+
+    def _targets(self, n):
+        window, step = self._place(n)
+        return self._path.targets(window) if step == 0 else {}
+
+    def _createAdapter(self):
+        sampling, integrator = self._config.sampling, self._simulation.integrator
+        if sampling.step_size != "auto":
+            integrator.setStepSize(sampling.step_size)
+            return None
+        return StepSizeTracker(integrator.getStepSize(), sampling.target_acceptance)
+
+    def _isAdapting(self, n):
+        return self._adapter is not None and self._place(n)[1] < self._settings.equilibration
+
+    def window(self):
+        window, step = self._place(min(self.position, self.steps-1))
+        return window, step >= self._settings.equilibration
+
+
+def burnIn(sampling, steps):
+    """Return the number of steps of a stage during which an automatic step size adapts."""
+    return sampling.burn_in or min(steps//5, 1000)
+
+
+def setTrajectoryLength(simulation, sampling):
+    """Set the number of leapfrog steps of the next trajectory, drawn by a counter-based generator from the seed and the step."""
+    length = sampling.steps_per_trajectory
+    if sampling.trajectory_jitter > 0:
+        word = np.random.Philox(key=sampling.seed, counter=[simulation.currentStep, 0, 0, 1]).random_raw()
+        least, most = (max(1, round(length*(1+sign*sampling.trajectory_jitter))) for sign in (-1, 1))
+        simulation.integrator.setStepsPerTrajectory(least+int(word) % (most-least+1))

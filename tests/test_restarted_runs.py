@@ -1,0 +1,245 @@
+"""A run that is stopped, killed or extended leaves the files that it would have left had it never been stopped."""
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+
+import numpy as np
+import pytest
+
+import openmmhelfrich as mh
+from openmmhelfrich.config import parseConfig
+from openmmhelfrich.outputs import Recorder
+from openmmhelfrich.studies import resume, run
+
+STAGES = [{"kind": "sample", "steps": 60}, {"kind": "anneal", "steps": 40, "end_temperature": 30.0},
+          {"kind": "continue", "windows": 2, "reduced_volume": 0.9, "equilibration": 5, "steps": 10, "there_and_back": True}]
+
+
+def configure(prefix, stages=STAGES, **sections):
+    config = {"mesh": {"icosphere": 2}, "repulsion": {"modulus": 10.0}, "platform": {"threads": 1},
+              "sampling": {"seed": 4, "steps_per_trajectory": 10, "trajectory_jitter": 0.3, "step_size": "auto", "burn_in": 30},
+              "output": {"prefix": str(prefix), "trajectory_interval": 7, "observables_interval": 3}, "stages": stages}
+    for name, values in sections.items():
+        config[name] = {**config[name], **values}
+    return parseConfig(config)
+
+
+def contentsOf(prefix):
+    """Return everything that runs with equal results must have in common."""
+    files = {ending: open(f"{prefix}.{ending}", "rb").read() for ending in ("csv", "dcd", "psf")}
+    with mh.readMeshTrajectory(f"{prefix}.vtkhdf") as frames:
+        meshes = [(frame.step, frame.mesh.vertices.tobytes(), frame.mesh.triangles.tobytes()) for frame in frames]
+    final = mh.Mesh.read(f"{prefix}.ply")
+    with zipfile.ZipFile(f"{prefix}.checkpoint") as checkpoint:
+        state = checkpoint.read("state.xml")
+    return {**files, "meshes": meshes, "vertices": final.vertices.tobytes(), "triangles": final.triangles.tobytes(), "state": state}
+
+
+def assertSame(prefix, expected):
+    found = contentsOf(prefix)
+    for name, value in expected.items():
+        assert found[name] == value, name
+
+
+class StopAt:
+    """Ends a run at a step, as a progress callback."""
+
+    def __init__(self, *steps):
+        self._steps = steps
+
+    def __call__(self, study):
+        if study.simulation.currentStep in self._steps:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("run")/"a"
+    summary = run(configure(prefix))
+    assert not summary.interrupted and summary.steps == 175
+    return contentsOf(prefix)
+
+
+@pytest.mark.parametrize("steps", [1, 20, 60, 61, 120])
+def testStoppedAndResumed(uninterrupted, tmp_path, steps):
+    summary = run(configure(tmp_path/"a"), StopAt(steps))
+    assert summary.interrupted and summary.steps == steps
+    summary = resume(tmp_path/"a")
+    assert not summary.interrupted and summary.steps == 175 and summary.newSteps == 175-steps
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+def testWhenCheckpointsAreWrittenChangesNothing(uninterrupted, tmp_path):
+    run(configure(tmp_path/"a", output={"checkpoint_interval": 1, "checkpoint_seconds": 1e-6}), lambda study: study.status())
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+def testWhatWasWrittenAfterTheCheckpointIsDropped(uninterrupted, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def kill(study):
+        if study.simulation.currentStep == 110:
+            raise Killed
+    with pytest.raises(Killed):
+        run(configure(tmp_path/"a", output={"checkpoint_interval": 25}), kill)
+    for ending in ("csv", "dcd"):  # a record that was cut short
+        with open(tmp_path/f"a.{ending}", "ab") as file:
+            file.write(b"17,0.3")
+    (tmp_path/"a.psf").unlink()
+    resume(tmp_path/"a")
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+def testMoreSteps(tmp_path):
+    stages = [{"kind": "sample", "steps": 40}]
+    run(configure(tmp_path/"a", stages))
+    expected = contentsOf(tmp_path/"a")
+    run(configure(tmp_path/"b", [{"kind": "sample", "steps": 25}]))
+    assert resume(tmp_path/"b", steps=15).steps == 40
+    assertSame(tmp_path/"b", expected)
+
+
+def testMoreStepsAfterAnotherKindOfStage(tmp_path):
+    run(configure(tmp_path/"a", STAGES[1:2]))
+    summary = resume(tmp_path/"a", steps=10)
+    assert summary.steps == 50 and list(summary.table["stage"][-2:]) == [2, 2] and summary.table["temperature"][-1] == 300
+
+
+def testRunThatIsComplete(tmp_path):
+    run(configure(tmp_path/"a", STAGES[1:2]))
+    with pytest.raises(ValueError, match="complete, at step 40; ask for more steps"):
+        resume(tmp_path/"a")
+    (tmp_path/"a_shape.png").unlink()  # a run that was killed while it drew
+    resume(tmp_path/"a")
+    assert (tmp_path/"a_shape.png").exists()
+
+
+def testNothingToResume(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no checkpoint .*a.checkpoint.*start one with run"):
+        resume(tmp_path/"a")
+    (tmp_path/"a.checkpoint").write_text("no ZIP file")
+    with pytest.raises(ValueError, match="a.checkpoint is not a checkpoint of openmm-helfrich, or is damaged"):
+        resume(tmp_path/"a")
+
+
+@pytest.mark.parametrize("ending", ["csv", "dcd", "vtkhdf"])
+def testFileThatWasCut(tmp_path, ending):
+    run(configure(tmp_path/"a"), StopAt(50))
+    file = tmp_path/f"a.{ending}"
+    file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(ValueError, match=f"a.{ending} "):
+        resume(tmp_path/"a")
+
+
+def testOtherVersionsAndPlatformsAreNotSilent(tmp_path):
+    run(configure(tmp_path/"a"), StopAt(50))
+    file = tmp_path/"a.checkpoint"
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    parts["run.json"] = parts["run.json"].replace(b'"OpenMM": "', b'"OpenMM": "1')
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    notes = "\n".join(resume(tmp_path/"a", platform="Reference").notes)
+    assert "from step 50 on platform Reference instead of CPU" in notes and "from step 50 with OpenMM 8" in notes
+    assert notes.splitlines()[0] in (tmp_path/"a.resolved.toml").read_text().replace("\n# ", " ")
+
+
+def testFullDisk(uninterrupted, tmp_path, monkeypatch):
+    """The checkpoint before stays, and the run goes on from it."""
+    original = Recorder.sync
+
+    def sync(self):
+        if self._simulation.currentStep >= 75:
+            raise OSError(28, "No space left on device")
+        return original(self)
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "sync", sync)
+        with pytest.raises(OSError, match="the disk is full; everything up to step 50 is safe: openmm-helfrich resume"):
+            run(configure(tmp_path/"a", output={"checkpoint_interval": 25}))
+    with zipfile.ZipFile(tmp_path/"a.checkpoint") as checkpoint:
+        assert json.loads(checkpoint.read("run.json"))["step"] == 50
+    resume(tmp_path/"a")
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+LONG = """
+[mesh]
+icosphere = 2
+[repulsion]
+modulus = 10
+[platform]
+threads = 1
+[sampling]
+seed = 3
+step_size = "auto"
+trajectory_jitter = 0.3
+[output]
+trajectory_interval = 10
+observables_interval = 5
+checkpoint_interval = 40
+[[stages]]
+kind = "sample"
+steps = 500
+[[stages]]
+kind = "anneal"
+steps = 200
+end_temperature = 30
+[[stages]]
+kind = "continue"
+windows = 3
+reduced_volume = 0.9
+steps = 40
+equilibration = 20
+there_and_back = true
+"""
+
+
+def command(*arguments):
+    return subprocess.Popen([sys.executable, "-m", "openmmhelfrich.cli", *arguments, "--quiet"], stderr=subprocess.PIPE, text=True)
+
+
+def testKilledAtRandomMoments(inFolder):
+    """SIGKILL, 20 times, at any moment from the start of the interpreter on."""
+    open("run.toml", "w").write(LONG)
+    start = time.monotonic()
+    reference = command("run", "run.toml", "--output", "reference")
+    assert reference.wait() == 0, reference.stderr.read()
+    longest = time.monotonic()-start
+    moments, kills, arguments = random.Random(1), 0, ["run", "run.toml", "--output", "killed"]
+    while True:
+        process = command(*arguments)
+        try:
+            process.wait(moments.uniform(0, longest/3) if kills < 20 else None)
+            break
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            kills += 1
+        if os.path.exists("killed.checkpoint"):
+            arguments = ["resume", "killed"]
+    assert process.returncode == 0, process.stderr.read()
+    assert kills == 20
+    assertSame("killed", contentsOf("reference"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def testSignalsEndARunAfterACheckpoint(inFolder, number):
+    open("run.toml", "w").write(LONG.replace("steps = 500", "steps = 100000"))
+    process = command("run", "run.toml")
+    while not os.path.exists("run.csv") or os.path.getsize("run.csv") < 3000:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    assert process.wait() == 128+number, process.stderr.read()
+    with zipfile.ZipFile("run.checkpoint") as checkpoint:
+        state = json.loads(checkpoint.read("run.json"))
+    assert 0 <= state["step"]-mh.readObservables("run.csv")["step"][-1] < 5
+    assert state["sizes"]["table"] == os.path.getsize("run.csv") and state["sizes"]["trajectory"] == os.path.getsize("run.dcd")
+    assert np.all(np.isfinite(mh.Mesh.read("run.ply").vertices))
