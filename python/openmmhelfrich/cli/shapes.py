@@ -111,6 +111,23 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
     print(output)
 
 
+@app.command()
+@friendly
+def report(prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
+           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")] = None,
+           max_frames: Annotated[int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")] = 100,
+           overwrite: Overwrite = False):
+    """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
+
+    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich[looking]'.
+
+    Example: openmm-helfrich report results/cell
+    """
+    from ..report import writeReport
+    page = writeReport(prefix, output, max_frames, overwrite)
+    print(f"{page}, {page.stat().st_size/1e6:.1f} MB")
+
+
 class _Chosen:
     """Some of a sequence of frames, each read when it is asked for."""
 
