@@ -6,7 +6,7 @@ import numpy as np
 
 
 def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
-    """Plot energies, area and volume, and acceptance rates against steps.
+    """Plot energies, area, volume and acceptance rates against steps, and the temperature if it changes.
 
     Parameters
     ----------
@@ -18,28 +18,43 @@ def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
         names for the axes
     """
     from matplotlib.figure import Figure
-    figure = Figure(figsize=(8, 9), layout="constrained")
-    energies, area, volume, rates = figure.subplots(4, 1, sharex=True)
-    steps = table["step"]
-    for name, values in table.items():
-        if name == "energy":
-            energies.plot(steps, values, color="black", label="total")
-        elif name.startswith("E_") and np.any(values):
-            energies.plot(steps, values, lw=1, label=name[2:])
-    energies.set_ylabel(f"energy ({energyUnit})")
-    energies.legend(fontsize="small", ncols=3)
+    steps, hasTemperatures = table["step"], "temperature" in table and np.ptp(table["temperature"]) > 0
+    figure = Figure(figsize=(8, 11 if hasTemperatures else 9), layout="constrained")
+    energies, area, volume, rates, *more = figure.subplots(4+hasTemperatures, 1, sharex=True)
+    _plotEnergies(energies, steps, table, energyUnit)
     area.plot(steps, table["area"], color="C0")
     area.set_ylabel(f"area ({lengthUnit}$^2$)")
+    _plotTarget(area, steps, table, "targetArea")
     _plotReducedVolume(volume, steps, table, lengthUnit)
+    _plotTarget(volume, steps, table, "targetVolume")
     for name, label in (("acceptance", "trajectories"), ("flipAcceptance", "flips")):
         if name in table:
             rates.plot(steps, table[name], label=label)
-    rates.set(ylabel="acceptance so far", ylim=(0, 1), xlabel="Monte Carlo step")
+    rates.set(ylabel="acceptance so far", ylim=(0, 1))
     if rates.lines:
         rates.legend(fontsize="small")
+    for axes in more:
+        axes.plot(steps, table["temperature"], color="C3")
+        axes.set_ylabel("temperature (K)")
+    (more or [rates])[-1].set_xlabel("Monte Carlo step")
     for axes in (area, volume):
         axes.ticklabel_format(useOffset=False)
     figure.savefig(file, dpi=120)
+
+
+def _plotEnergies(axes, steps, table, energyUnit):
+    for name, values in table.items():
+        if name == "energy":
+            axes.plot(steps, values, color="black", label="total")
+        elif name.startswith("E_") and np.any(values):
+            axes.plot(steps, values, lw=1, label=name[2:])
+    axes.set_ylabel(f"energy ({energyUnit})")
+    axes.legend(fontsize="small", ncols=3)
+
+
+def _plotTarget(axes, steps, table, name):
+    if name in table:
+        axes.plot(steps, table[name], color="0.5", ls="--", lw=1, zorder=0)
 
 
 def _plotReducedVolume(axes, steps, table, lengthUnit):

@@ -77,7 +77,7 @@ def _images(frames, lengthUnit, elevation, azimuth):
             mesh = frames[i].mesh
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             shape[title] = smoothMeanCurvature(mesh)
-            plotter.add_mesh(shape, name="membrane", scalars=title, clim=(-bound, bound), cmap="coolwarm", smooth_shading=True, reset_camera=False,
+            plotter.add_mesh(shape, name="membrane", scalars=title, clim=(-bound, bound), cmap="coolwarm", smooth_shading=True, ambient=0.3, diffuse=0.65, reset_camera=False,
                              show_scalar_bar=False)
             if i == 0:
                 plotter.add_scalar_bar(title+"\n", title_font_size=18, label_font_size=16, **SCALE)

@@ -2,13 +2,13 @@
 import base64
 import html
 import json
-import os
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
 from .conversion import requireNew
+from .files import replacing
 from .mesh import Mesh
 from .optional import require
 from .pictures import smoothMeanCurvature
@@ -73,7 +73,8 @@ def writeReport(prefix, file=None, maxFrames=100, overwrite=False):
     text = _fill(TEMPLATE.read_text(encoding="utf-8"), {
         "title": html.escape(prefix.name), "facts": _rows(_facts(frames, table, units)), "warnings": "".join(f"<li>{html.escape(line)}</li>" for line in warnings),
         "settings": html.escape(settings), "data": json.dumps({"shape": shape, "panels": panels}, separators=(",", ":")).replace("</", "<\\/"), "plotly": plotly})
-    _replace(file, text)
+    with replacing(file) as part:
+        part.write_text(text, encoding="utf-8")
     return file
 
 
@@ -161,7 +162,7 @@ def _facts(frames, table, units):
         mesh = frames[len(frames)-1].mesh
         facts += [("membrane", f"{len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles"), ("frames", str(len(frames)))]
     if table is not None:
-        half = len(table["step"])//2
+        half = _late(table)
         facts += [("steps", f"{int(table['step'][-1])}"), ("averages", f"with standard deviations, from step {int(table['step'][half])} on")]
         for name, label in (("energy", "energy"), ("area", "area"), ("volume", "volume"), ("reducedVolume", "reduced volume")):
             facts.append((label, f"{table[name][half:].mean():.5g} ± {table[name][half:].std():.2g} {units.get(name, '')}"))
@@ -169,6 +170,13 @@ def _facts(frames, table, units):
     from . import __version__
     import openmm as mm
     return facts+[("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")]
+
+
+def _late(table):
+    """Return the row from which to average: the middle of the last stage."""
+    stage = table.get("stage", np.zeros(len(table["step"])))
+    rows = np.flatnonzero(stage == stage[-1])
+    return rows[len(rows)//2]
 
 
 def _judge(table, warnings):
@@ -179,7 +187,7 @@ def _judge(table, warnings):
     if np.any(np.diff(table["step"]) <= 0):
         warnings.append("The steps in the table do not ascend: rows of several runs may be mixed.")
     rate = table.get("acceptance", [1])[-1]
-    if 0 < len(table["step"]) and rate < 0.2:
+    if rate < 0.2:
         warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
     if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
         warnings.append("No flip was accepted: the membrane does not flow.")
@@ -204,12 +212,3 @@ def _fill(template, parts):
     """Put the parts in the places that the template marks as @@name@@, each found before any is filled."""
     pieces = template.split("@@")
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
-
-
-def _replace(file, text):
-    part = file.with_name(f".{file.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, file)
-    finally:
-        part.unlink(missing_ok=True)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
+from .files import replacing
 from .mesh import Mesh
 
 VERSION = (2, 0)
@@ -72,23 +73,17 @@ def writeMeshTrajectory(file, frames, keep=0, precision="double", lengthUnit="nm
         if the file cannot be written
     """
     path = Path(file)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with _plainErrors(path):
-            # The new file grows from a copy in the same folder, where renaming it is atomic.
-            if keep:
-                shutil.copyfile(path, part)
-            with h5py.File(part, "a" if keep else "w") as out:
-                root = _existing(out, path, keep) if keep else None
-                for frame in frames:
-                    root = root or _create(out, frame, precision, lengthUnit)
-                    _append(root, frame)
-                if root is None:
-                    raise ValueError(f"{path}: there are no frames to write")
-            _sync(part)
-            os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    # The new file grows from a copy in the same folder, which then takes its place.
+    with _plainErrors(path), replacing(path) as part:
+        if keep:
+            shutil.copyfile(path, part)
+        with h5py.File(part, "a" if keep else "w") as out:
+            root = _existing(out, path, keep) if keep else None
+            for frame in frames:
+                root = root or _create(out, frame, precision, lengthUnit)
+                _append(root, frame)
+            if root is None:
+                raise ValueError(f"{path}: there are no frames to write")
 
 
 def readMeshTrajectory(file):
@@ -364,9 +359,5 @@ def _plainErrors(path):
     try:
         yield
     except (OSError, RuntimeError) as error:
-        raise OSError(f"{path} cannot be written: {error}") from None
-
-
-def _sync(file):
-    with open(file, "rb") as written:
-        os.fsync(written.fileno())
+        number = getattr(error, "errno", None)
+        raise OSError(number, f"{path} cannot be written: {os.strerror(number)}") if number else OSError(f"{path} cannot be written: {error}") from None
