@@ -1,4 +1,5 @@
 import re
+import shlex
 import subprocess
 import sys
 
@@ -53,3 +54,24 @@ def testScriptOfTheReadme(tmp_path):
     (tmp_path/"script.py").write_text(script)
     execute(tmp_path, "script.py")
     assert mdtraj.load_dcd(str(tmp_path/"vesicle.dcd"), top=str(tmp_path/"vesicle.psf")).n_frames > 1
+
+
+def testLooking(tmp_path, examples):
+    lines = execute(tmp_path, examples/"looking.py", 20).splitlines()
+    assert len(lines) == 10 and lines[-1].startswith("step 20: reduced volume 0.9")
+    assert {path.name for path in tmp_path.iterdir()} == {"looking.vtkhdf", "looking.ply", "looking.png"}
+    assert np.array_equal(mh.Mesh.read(tmp_path/"looking.ply").triangles, mh.readMeshTrajectory(tmp_path/"looking.vtkhdf")[-1].mesh.triangles)
+
+
+def testCommandsOfLooking(tmp_path, examples):
+    """The commands of the page work one after the other, as they stand but for the length of the run."""
+    blocks = re.findall(r"```bash\n(.*?)```", (ROOT/"docs/looking.md").read_text(), re.DOTALL)
+    commands = [line for block in blocks for line in block.splitlines()]
+    (tmp_path/"examples").symlink_to(examples)
+    for command in commands:
+        program, *arguments = shlex.split(command)
+        assert program == "openmm-helfrich"
+        execute(tmp_path, "-m", "openmmhelfrich.cli", *arguments, *(["--steps", 40] if arguments[0] == "run" else []))
+    written = {path.name for path in (tmp_path/"results").iterdir()}
+    assert {"cell.vtkhdf", "cell_report.html", "cell.png", "cell.gif", "cell_plot.png", "last.stl", "series.pvd", "series_0000.vtu", "frames.ply", "cell.xyz", "fromdcd.vtkhdf"} <= written
+    assert all((ROOT/"docs"/picture).exists() for picture in re.findall(r"\((\w+\.png)\)", (ROOT/"docs/looking.md").read_text()))
