@@ -95,6 +95,9 @@ def testSize(results, monkeypatch):
     monkeypatch.setattr(report, "MAX_BYTES", 6e6)
     page = writeReport("run", "small.html")
     assert 5e6 < page.stat().st_size < 6e6 and 5 < len(partsOf(page)[0]["shape"]["frames"]) < 20
+    monkeypatch.setattr(report, "MAX_BYTES", 5e6)
+    data, warnings, *_ = partsOf(writeReport("run", "none.html"))
+    assert data["shape"] is None and warnings == ["The page shows 0 of 120 frames."]
 
 
 def testManyVerticesAndManyRows(results):
@@ -117,11 +120,11 @@ def testWarnings(results):
         (results/name).unlink()
     lines = (results/"run.csv").read_text().splitlines()
     columns = lines[0].split(",")
-    bad = dict(zip(columns, lines[-1].split(",")), **{"step": "2", "energy (kT)": "nan", "acceptance": "0.05", "flipAcceptance": "0.0"})
+    bad = dict(zip(columns, lines[-1].split(",")), **{"step": "2", "energy (kT)": "nan", "acceptance": "0.05", "flipAcceptance": "0.0", "diverged": "3"})
     (results/"run.csv").write_text("\n".join([*lines, ",".join(bad.values())]))
     data, warnings, *_ = partsOf(writeReport("run"))
     for text in ("no mesh trajectory run.vtkhdf", "no settings run.resolved.toml", "passes through itself", "not finite numbers: energy", "do not ascend", "Only 5.0% of the trajectories",
-                 "No flip was accepted"):
+                 "3 trajectories diverged", "No flip was accepted"):
         assert sum(text in warning for warning in warnings) == 1
     assert len(data["shape"]["frames"]) == 1 and data["panels"]["panels"][0]["curves"][0]["values"][-1] is None
 

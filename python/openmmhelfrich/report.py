@@ -26,7 +26,8 @@ def writeReport(prefix, file=None, maxFrames=100, overwrite=False):
 
     It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none, the final mesh; the observables against
     steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages, versions and warnings.  What is missing is left out and listed among the
-    warnings.  The page is self-contained and stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances.
+    warnings.  The page is self-contained and stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances;
+    a shape of which not even one frame fits is left out.
     Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of their range.
 
     Parameters
@@ -65,7 +66,7 @@ def writeReport(prefix, file=None, maxFrames=100, overwrite=False):
     if not len(frames) and table is None:
         raise FileNotFoundError(f"there are no results {prefix}.vtkhdf, {prefix}.csv or {prefix}.ply")
     lengthUnit = units.get("area", getattr(frames, "lengthUnit", "nm")+"^2").removesuffix("^2")
-    rest = MAX_BYTES-len(plotly)-500e3
+    rest = MAX_BYTES-len(plotly.encode())-500e3
     shape = _shape(frames, maxFrames, rest, lengthUnit, warnings) if len(frames) else None
     panels = _panels(table, units) if table is not None else None
     if table is not None:
@@ -120,10 +121,12 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
     first = frames[0].mesh
     indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
     frameBytes = 4/3*(7*len(first.vertices)+3*np.dtype(indexType).itemsize*len(first.triangles))+200
-    count = int(min(len(frames), maxFrames, max(1, maxBytes//frameBytes)))
-    chosen = np.unique(np.linspace(0, len(frames)-1, count).round().astype(int)) if count > 1 else [len(frames)-1]
+    count = int(max(0, min(len(frames), maxFrames, maxBytes//frameBytes)))
     if count < len(frames):
         warnings.append(f"The page shows {count} of {len(frames)} frames.")
+    if count == 0:
+        return None
+    chosen = np.unique(np.linspace(0, len(frames)-1, count).round().astype(int)) if count > 1 else [len(frames)-1]
     shown = [(frames[i].step, frames[i].mesh) for i in chosen]
     low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
     curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
@@ -189,6 +192,9 @@ def _judge(table, warnings):
     rate = table.get("acceptance", [1])[-1]
     if rate < 0.2:
         warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
+    diverged = int(table.get("diverged", [0])[-1])
+    if diverged:
+        warnings.append(f"{diverged} trajectories diverged and were rejected; a smaller step_size avoids this.")
     if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
         warnings.append("No flip was accepted: the membrane does not flow.")
 

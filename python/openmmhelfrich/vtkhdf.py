@@ -3,7 +3,7 @@
 VTKHDF is VTK's own HDF5 layout, which ParaView and pyvista play as a time series.  A file of ours is a PolyData with Steps, version 2.0 of the
 specification (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html).  The numbers of vertices and of
 triangles are those of the first frame, so that the sizes of the one part and the Offsets of its triangles are stored once, and each frame is a
-chunk of every other array: what a frame costs does not depend on how many there are, and dropping the last ones leaves nothing behind.
+chunk of every other array: what a frame costs does not depend on how many there are, and the last ones can be dropped.
 """
 import contextlib
 import os
@@ -77,7 +77,7 @@ def writeMeshTrajectory(file, frames, keep=0, precision="double", lengthUnit="nm
     with _plainErrors(path), replacing(path) as part:
         if keep:
             shutil.copyfile(path, part)
-        with h5py.File(part, "a" if keep else "w") as out:
+        with h5py.File(part, "a" if keep else "w", locking=False) as out:
             root = _existing(out, path, keep) if keep else None
             for frame in frames:
                 root = root or _create(out, frame, precision, lengthUnit)
@@ -220,7 +220,7 @@ class MeshTrajectory(Frames):
         if not self._path.exists():
             raise FileNotFoundError(f"there is no mesh trajectory {file}")
         try:
-            self._file = h5py.File(self._path)
+            self._file = h5py.File(self._path, locking=False)  # files are replaced, never changed, and not every file system has locks
         except OSError:
             raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
         self._root = _polyData(self._file, self._path)
