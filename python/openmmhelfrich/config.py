@@ -210,7 +210,7 @@ class ContinueStage(Stage):
     @model_validator(mode="after")
     def _paths(self):
         if not self.targetNames():
-            raise ValueError(f"it has no target to go to; give one of {', '.join(Targets.model_fields)}")
+            raise ValueError(f"has no target to go to; give one of {', '.join(Targets.model_fields)}")
         for name, values in self.path.items():
             if name not in self.targetNames():
                 raise ValueError(f"path has '{name}'; it must be a target that the stage gives: {', '.join(self.targetNames())}")

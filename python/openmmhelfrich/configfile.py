@@ -28,13 +28,25 @@ def defaultText():
 def settingsText(config, comments=()):
     """Return the text of a configuration file of a Config, after some comments."""
     values = config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}} if config.stages else None)
-    return "".join(_comment(line)+"\n" for line in comments)+"\n"+tomli_w.dumps(values)
+    return configText(values, comments)
+
+
+def configText(data, comments=()):
+    """Return the text of a configuration file of a nested dict, after some comments."""
+    head = "".join(_comment(line)+"\n" for line in comments)
+    sectionsText = tomli_w.dumps({name: values for name, values in data.items() if name != "stages"})
+    return "\n".join([head, sectionsText, *map(_stageText, data.get("stages", ()))]).lstrip("\n")
 
 
 def writeSettings(file, config, comments=()):
     """Write a configuration file of a Config, after some comments, replacing one that exists in a single step."""
     with replacing(file) as part:
         part.write_text(settingsText(config, comments), encoding="utf-8")
+
+
+def _stageText(stage):
+    keys, path = {name: value for name, value in stage.items() if name != "path"}, stage.get("path")
+    return "[[stages]]\n"+tomli_w.dumps(keys)+(f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
 
 
 def _keys(model, leaveOut=()):

@@ -34,13 +34,19 @@ def setTargets(context, force, targets):
         context.setParameter(targetParameters(force)[name], value)
 
 
+def windowLambdas(windows, thereAndBack):
+    """Return how far along a path each window is: from 0 to 1 and, there and back, to 0 again."""
+    uniform = np.linspace(0, 1, int(windows)+1)
+    return np.concatenate((uniform, uniform[-2::-1])) if thereAndBack else uniform
+
+
 class ContinuationPath:
     """The targets of each window.
 
     Attributes
     ----------
     lambdas : array of float
-        how far along the path each window is: from 0 to 1 and, there and back, to 0 again
+        how far along the path each window is
     """
 
     def __init__(self, start: Dict[str, float], end: Dict[str, float], windows: int, thereAndBack: bool = False, path: Optional[Dict[str, Sequence[float]]] = None):
@@ -64,8 +70,7 @@ class ContinuationPath:
         """
         if windows != int(windows) or windows < 1:
             raise ValueError(f"continuation: windows is {windows}; it must be a whole number, 1 or more")
-        uniform = np.linspace(0, 1, int(windows)+1)
-        self.lambdas = np.concatenate((uniform, uniform[-2::-1])) if thereAndBack else uniform
+        self.lambdas, uniform = windowLambdas(windows, thereAndBack), windowLambdas(windows, False)
         self._values = {}
         for name, value in end.items():
             lambdas = self._lambdasOf(name, (path or {}).get(name), uniform)
@@ -187,7 +192,7 @@ def absoluteTargets(targets, start):
 
 def averageWindows(table, lambdas):
     """Return the averages and standard deviations of a Table's rows over each window, as a Table with a row for each."""
-    names = [name for name in table if name not in ("step", "window", "stage", "equilibrated")]
+    names = [name for name in table if name not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance")]
     rows = []
     for window in np.unique(table["window"]).astype(int):
         chosen = table["window"] == window

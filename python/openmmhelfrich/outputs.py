@@ -20,6 +20,8 @@ class Outputs:
     mesh: Path
     plot: Path
     picture: Path
+    path: Optional[Path]
+    pathPlot: Optional[Path]
     settings: Path
     checkpoint: Path
 
@@ -29,7 +31,8 @@ class Outputs:
         if Path(config.output.prefix+"x").stem == "x":
             raise ValueError(f"[output] prefix is '{config.output.prefix}'; the first part of the files' names must follow the folder")
         meshes = ".vtkhdf" if config.output.mesh_trajectory else None
-        endings = (".dcd", meshes, ".psf", ".csv", "."+config.output.mesh_format, "_observables.png", "_shape.png", ".resolved.toml", ".checkpoint")
+        paths = ("_path.csv", "_path.png") if any(stage.kind == "continue" for stage in config.stages) else (None, None)
+        endings = (".dcd", meshes, ".psf", ".csv", "."+config.output.mesh_format, "_observables.png", "_shape.png", *paths, ".resolved.toml", ".checkpoint")
         return cls(*(ending and Path(config.output.prefix+ending) for ending in endings))
 
     def paths(self):

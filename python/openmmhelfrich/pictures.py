@@ -66,6 +66,33 @@ def _plotReducedVolume(axes, steps, table, lengthUnit):
     twin.ticklabel_format(useOffset=False)
 
 
+def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
+    """Plot the average energy and shape in each window of a continuation against lambda, the ways there and back apart.
+
+    Parameters
+    ----------
+    windows : Table
+        the averages, as :func:`averageWindows` returns them
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit, energyUnit : str
+        names for the axes
+    """
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(8, 7), layout="constrained")
+    last = int(np.argmax(windows["lambda"]))
+    quantities = (("E_bending", f"bending energy ({energyUnit})"), ("reducedVolume", "reduced volume"), ("areaDifference", f"area difference ({lengthUnit}$^2$)"))
+    for axes, (name, label) in zip(figure.subplots(len(quantities), 1, sharex=True), quantities):
+        for part, style, text in ((slice(last+1), "o-", "there"), (slice(last, None), "s--", "back")):
+            if windows["lambda"][part].size > 1:
+                axes.errorbar(windows["lambda"][part], windows[name][part], windows[name+"Deviation"][part], fmt=style, capsize=3, label=text)
+        axes.set_ylabel(label)
+        axes.ticklabel_format(useOffset=False)
+        axes.legend(fontsize="small")
+    axes.set_xlabel("$\\lambda$; bars are standard deviations")
+    figure.savefig(file, dpi=120)
+
+
 def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
     """Draw a closed mesh, lit from above the viewer's shoulder and coloured by mean curvature, positive where it is convex.
 

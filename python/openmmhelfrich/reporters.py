@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from openmm import unit
 
+from .files import replacing
 from .mesh import Mesh, reducedVolume
 from .vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 
@@ -182,8 +183,10 @@ class MeshReporter:
 
     def close(self):
         """Write the last frames."""
-        self._writer.close()
-        self._end.detach()
+        try:
+            self._writer.close()
+        finally:
+            self._end.detach()
 
     def _requireSameMembrane(self, file):
         with readMeshTrajectory(file) as trajectory:
@@ -205,6 +208,17 @@ class Table(dict):
         """Return a pandas.DataFrame of the same columns."""
         import pandas
         return pandas.DataFrame(self)
+
+    def where(self, chosen):
+        """Return a Table of the rows that an array of booleans chooses."""
+        return Table((name, values[chosen]) for name, values in self.items())
+
+    def write(self, file):
+        """Write the table as comma-separated values, replacing a file that exists in a single step."""
+        with replacing(file) as part, open(part, "w", newline="") as out:
+            writer = csv.writer(out, lineterminator="\n")
+            writer.writerow(self)
+            writer.writerows(zip(*(values.tolist() for values in self.values())))
 
 
 def readObservables(file):

@@ -119,8 +119,10 @@ def resolve(config, mesh):
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
     config.stages = stagesOf(config)
     sampling.model_fields_set.discard("steps")
+    # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
-    output.trajectory_interval, output.observables_interval = min(output.trajectory_interval, steps), min(output.observables_interval, steps)  # the end is there
+    windows = [stage.steps for stage in config.stages if stage.kind == "continue"]
+    output.trajectory_interval, output.observables_interval = min(output.trajectory_interval, steps), min(output.observables_interval, steps, *windows)
     if config.mesh.file is not None:
         config.mesh.file = str(Path(config.mesh.file).resolve())
     return config

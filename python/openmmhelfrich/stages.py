@@ -77,12 +77,14 @@ class MonteCarloStage:
 
     def notes(self):
         """Return what is worth telling at the end of the stage."""
-        return []
+        diverged = self._counters()[4]-self._startCounters[4]
+        return [f"{self.title}: {diverged} trajectories diverged and were rejected; a smaller step_size avoids this"] if diverged else []
 
     def _counters(self):
         integrator = self._simulation.integrator
         flips = integrator.getFlipIntegrator()
-        return [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), flips.getNumAttempted(), flips.getNumAccepted()]
+        return [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), flips.getNumAttempted(), flips.getNumAccepted(),
+                integrator.getNumDivergedTrajectories()]
 
     def _temperature(self, n):
         return self._settings.temperature or self._config.sampling.temperature
@@ -125,9 +127,9 @@ class _Sample(MonteCarloStage):
 
     def notes(self):
         if self._adapter is None:
-            return []
+            return super().notes()
         if self._adapter.isFrozen:
-            return [f"{self.title}: step size {self._adapter.stepSize:.4g} ps, chosen for an acceptance of {self._adapter.acceptance:.0%}"]
+            return [f"{self.title}: step size {self._adapter.stepSize:.4g} ps, chosen for an acceptance of {self._adapter.acceptance:.0%}", *super().notes()]
         return [f"{self.title}: the burn-in has not ended, or was too short, and no step size has been chosen; it is {self._adapter.stepSize:.4g} ps"]
 
 

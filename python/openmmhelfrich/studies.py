@@ -1,6 +1,7 @@
 """Whole runs: from a configuration, or from a checkpoint, through the stages to the results."""
 import contextlib
 import errno
+import os
 import platform as python
 import signal
 import threading
@@ -14,9 +15,9 @@ from openmm import unit
 from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
 from .config import Config, SampleStage, parseConfig, readConfig
 from .configfile import writeSettings
-from .continuation import currentTargets
+from .continuation import averageWindows, currentTargets, windowLambdas
 from .outputs import Outputs, Recorder
-from .pictures import drawMesh, plotObservables
+from .pictures import drawMesh, plotObservables, plotPath
 from .psf import writePSF
 from .reporters import valueIn
 from .simulation import createForce, createSimulation, currentMesh, loadMesh, platformOf, resolve
@@ -212,7 +213,7 @@ class Study:
         try:
             yield
         except OSError as error:
-            what = "the disk is full" if error.errno == errno.ENOSPC else error.strerror or str(error)
+            what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
             raise OSError(f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step {self._savedAt[1]} is safe: "
                           f"openmm-helfrich resume {self.config.output.prefix} goes on from there") from None
 
@@ -221,6 +222,12 @@ class Study:
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
+        for i, stage in enumerate(self.config.stages):
+            rows = summary.table.where((summary.table["stage"] == i+1) & (summary.table["equilibrated"] == 1))
+            if stage.kind == "continue" and len(rows["step"]):
+                windows = averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
+                windows.write(self.outputs.path)
+                plotPath(windows, self.outputs.pathPlot, lengthUnit)
 
 
 def versions():

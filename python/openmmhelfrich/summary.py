@@ -32,7 +32,7 @@ class Summary:
     acceptance, flipAcceptance : float
         fractions of trajectories and flips that were accepted in the last stage
     diverged : int
-        number of trajectories that diverged
+        number of trajectories that diverged in the whole run, also while a step size was sought
     notes : list of str
         what the run found out, or has to warn of
     interrupted : bool
@@ -82,8 +82,6 @@ class Summary:
             lines.append(("E_B/8 pi kappa", f"{self.mean('E_bending')/(8*math.pi*kappa):.3f}, from {self.table['E_bending'][0]/(8*math.pi*kappa):.3f} at the start; "
                           "thermal undulations add about kT/2 a vertex"))
         lines += [("note", note) for note in self.notes]
-        if self.diverged:
-            lines.append(("warning", f"{self.diverged} trajectories diverged and were rejected; a smaller step_size avoids this"))
         return lines+[("files", ", ".join(map(str, self.outputs.paths())))]
 
     def _stepsLine(self):

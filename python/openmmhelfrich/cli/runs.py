@@ -56,10 +56,14 @@ def resume(prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Folder 
 
 @app.command(epilog="Example: openmm-helfrich config > vesicle.toml")
 @friendly
-def config():
+def config(fromTrimem: Annotated[Optional[Path], typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead.")] = None):
     """Print a configuration file with every key, its default, and the reason for it."""
     from ..configfile import defaultText
-    print(defaultText(), end="")
+    if fromTrimem is None:
+        print(defaultText(), end="")
+        return
+    from ..trimem import convertConfig
+    print(convertConfig(fromTrimem), end="")
 
 
 def _override(section, **values):
