@@ -50,10 +50,20 @@ void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     numTrajectories = numAccepted = numDiverged = 0;
     kernel = context->getPlatform().createKernel(IntegrateHamiltonianTrajectoryKernel::Name(), contextRef);
     kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().initialize(context->getSystem());
+    findMembranes();
+}
+
+void HamiltonianTrajectoryIntegrator::findMembranes() {
     hasOnlyMembranes = true;
     for (ForceImpl* impl : context->getForceImpls())
         if (dynamic_cast<HelfrichForceImpl*>(impl) == NULL)
             hasOnlyMembranes = false;
+    soleMembrane = NULL;
+    if (hasOnlyMembranes && context->getForceImpls().size() == 1) {
+        auto* membrane = dynamic_cast<HelfrichForceImpl*>(context->getForceImpls()[0]);
+        if (membrane->canMakeLeapfrogSteps(*context))
+            soleMembrane = membrane;
+    }
 }
 
 void HamiltonianTrajectoryIntegrator::cleanup() {
@@ -79,7 +89,7 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
 
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double kT = BOLTZMANN*temperature;
-    double startEnergy = context->calcForcesAndEnergy(true, true, getIntegrationForceGroups());
+    double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     startEnergy += trajectory.begin(*context, kT, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
     if (!isfinite(startEnergy))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; see the forces of the System");
@@ -105,6 +115,10 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
 double HamiltonianTrajectoryIntegrator::moveToEnd() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double dt = getStepSize();
+    if (movesByItself()) {
+        double potentialEnergy = soleMembrane->makeLeapfrogSteps(*context, dt, stepsPerTrajectory);
+        return potentialEnergy+trajectory.computeKineticEnergy(*context);
+    }
     trajectory.move(*context, 0.5*dt, dt);
     for (int i = 1; i < stepsPerTrajectory; i++) {
         addForces(false);
@@ -113,6 +127,10 @@ double HamiltonianTrajectoryIntegrator::moveToEnd() {
     double potentialEnergy = addForces(true);
     trajectory.move(*context, 0.5*dt, 0);
     return potentialEnergy+trajectory.computeKineticEnergy(*context);
+}
+
+bool HamiltonianTrajectoryIntegrator::movesByItself() const {
+    return soleMembrane != NULL && (getIntegrationForceGroups()&(1<<soleMembrane->getOwner().getForceGroup())) != 0;
 }
 
 double HamiltonianTrajectoryIntegrator::addForces(bool includeEnergy) {

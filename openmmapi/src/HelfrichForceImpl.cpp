@@ -136,6 +136,17 @@ double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool include
     return includeEnergy ? energy : 0;
 }
 
+bool HelfrichForceImpl::canMakeLeapfrogSteps(ContextImpl& context) const {
+    return mesh->getNumVertices() == context.getSystem().getNumParticles() && kernel.getAs<CalcHelfrichForceKernel>().canMakeLeapfrogSteps();
+}
+
+double HelfrichForceImpl::makeLeapfrogSteps(ContextImpl& context, double stepSize, int numSteps) {
+    HelfrichEnergyTerms terms;
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeLeapfrogSteps(context, getParameters(context), stepSize, numSteps, terms))
+        throwNonFinite(context, terms);
+    return terms.getTotal();
+}
+
 map<string, double> HelfrichForceImpl::getDefaultParameters() {
     return {{owner.getTargetAreaParameter(), owner.getTargetArea()},
             {owner.getTargetVolumeParameter(), owner.getTargetVolume()},

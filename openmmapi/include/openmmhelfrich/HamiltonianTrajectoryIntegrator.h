@@ -9,6 +9,8 @@
 
 namespace HelfrichPlugin {
 
+class HelfrichForceImpl;
+
 /**
  * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
  * trajectory: draw velocities from the Maxwell-Boltzmann distribution, make leapfrog steps, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
@@ -106,6 +108,8 @@ protected:
     void deserializeParameters(const OpenMM::SerializationNode& node);
 private:
     void makeTrajectory();
+    void findMembranes();
+    bool movesByItself() const;
     double moveToEnd();
     double addForces(bool includeEnergy);
     double temperature;
@@ -115,6 +119,7 @@ private:
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
     double lastEnergyChange = 0;
     bool hasOnlyMembranes = false;
+    HelfrichForceImpl* soleMembrane = NULL;
     OpenMM::Kernel kernel;
 };
 

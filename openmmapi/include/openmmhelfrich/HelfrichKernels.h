@@ -6,6 +6,7 @@
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
 #include "openmm/KernelImpl.h"
+#include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include <string>
 
@@ -45,6 +46,26 @@ public:
      * @param[out] geometry  the geometry; the area difference is left as it is
      */
     virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
+    /**
+     * Get whether makeLeapfrogSteps() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
+     * the surface.  It gives the same result, bit for bit.
+     */
+    virtual bool canMakeLeapfrogSteps() const {
+        return false;
+    }
+    /**
+     * Make leapfrog steps: the velocities change by half a step, then in turn the positions and the velocities by whole ones, and the velocities at last by half a step.
+     *
+     * @param context     the Context in which to execute the kernel
+     * @param parameters  the moduli and targets
+     * @param stepSize    the size of a step, measured in ps
+     * @param numSteps    the number of steps
+     * @param[out] terms  the terms of the energy at the end
+     * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of the last step made
+     */
+    virtual bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
+        throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no leapfrog steps");
+    }
 };
 
 /**

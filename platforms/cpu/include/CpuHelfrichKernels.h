@@ -47,15 +47,28 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    bool canMakeLeapfrogSteps() const {
+        return true;
+    }
+    bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();
-    void resizeArrays(bool needsCurvature, bool needsGeometry);
-    void compute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, bool needsGeometry);
-    void loadPositions(const std::vector<OpenMM::Vec3>& positions, int chunk);
-    void addUpTotals();
-    void computeForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, int chunk, std::vector<OpenMM::Vec3>& forces);
-    void computeRepulsion(const HelfrichParameters& parameters, int chunk, double* gradients);
+    CpuHelfrichArrays prepareArrays(bool needsCurvature, bool needsGeometry);
+    void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
+    void loadState(OpenMM::ContextImpl& context, int chunk);
+    void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
+    void computeRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
+    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
+    void addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
+    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double velocityStep, double positionStep,
+              double* nextPositions);
+    HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
+    // These are for all threads of a parallel region to call; they return the same on each.
+    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays);
+    void updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays);
+    bool makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
+                  HelfrichEnergyTerms& terms);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;
     int getLastGroup(int chunk) const;
@@ -66,12 +79,11 @@ private:
     long long revision;
     CpuHelfrichLayout layout;
     CpuHelfrichRepulsion repulsion;
-    CpuHelfrichArrays arrays;
     Array positions, bendingSlopes, areas, curvatures, anglesPerLength;
+    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass
+    Array nextPositions, velocities;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
-    HelfrichTotals totals;
-    double bendingEnergy, tetherEnergy, repulsionEnergy;
 };
 
 /**

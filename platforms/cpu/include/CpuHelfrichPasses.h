@@ -1,10 +1,10 @@
 #ifndef OPENMM_CPUHELFRICHPASSES_H_
 #define OPENMM_CPUHELFRICHPASSES_H_
 
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+
 namespace HelfrichPlugin {
 
-struct HelfrichParameters;
-struct HelfrichTotals;
 class CpuHelfrichLayout;
 
 /**
@@ -22,8 +22,8 @@ struct CpuHelfrichArrays {
 /**
  * Sums over some of the vertices.
  */
-struct CpuHelfrichSums {
-    double area = 0, volume = 0, curvature = 0, bending = 0, tether = 0, repulsion = 0;
+struct CpuHelfrichSums : HelfrichTotals {
+    double bending = 0, tether = 0, repulsion = 0;
 };
 
 /**

@@ -43,18 +43,20 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     revision = mesh->getRevision();
 }
 
-void CpuCalcHelfrichForceKernel::resizeArrays(bool needsCurvature, bool needsGeometry) {
+CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(bool needsCurvature, bool needsGeometry) {
+    updateLayout();
     if (needsCurvature) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.resize(layout.neighbors.size());
     }
-    arrays = {positions.data(), bendingSlopes.data(), NULL, NULL, anglesPerLength.data()};
+    CpuHelfrichArrays arrays = {positions.data(), bendingSlopes.data(), NULL, NULL, anglesPerLength.data()};
     if (needsGeometry) {
         areas.resize(layout.getNumSlots());
         curvatures.resize(layout.getNumSlots());
         arrays.areas = areas.data();
         arrays.curvatures = curvatures.data();
     }
+    return arrays;
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -117,83 +119,190 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
     return total.get();
 }
 
-void CpuCalcHelfrichForceKernel::addUpTotals() {
-    totals.area = addUp(chunkSums, &CpuHelfrichSums::area);
-    totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume);
-    totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature);
-    bendingEnergy = addUp(chunkSums, &CpuHelfrichSums::bending);
-    tetherEnergy = addUp(chunkSums, &CpuHelfrichSums::tether);
+CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays) {
+    int numChunks = getNumChunks();
+    #pragma omp for schedule(static)
+    for (int chunk = 0; chunk < numChunks; chunk++)
+        passes.computeEnergy(layout, parameters, needsCurvature, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+    CpuHelfrichSums sums;
+    double CpuHelfrichSums::*const members[] = {&CpuHelfrichSums::area, &CpuHelfrichSums::volume, &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending,
+                                                &CpuHelfrichSums::tether};
+    for (auto member : members)
+        sums.*member = addUp(chunkSums, member);
+    return sums;
 }
 
-void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, int chunk, double* gradients) {
-    chunkSums[chunk].repulsion = repulsion.compute(positions.data(), parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
+void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays) {
+    if (parameters.repulsionModulus != 0) {
+        #pragma omp single
+        repulsion.update(*mesh, layout, arrays.positions, parameters);
+    }
 }
 
-void CpuCalcHelfrichForceKernel::computeForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, int chunk, vector<Vec3>& forces) {
-    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int chunk, double* gradients) {
+    chunkSums[chunk].repulsion = repulsion.compute(arrays.positions, parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
+}
+
+void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
+                                                 double* gradients) {
     passes.computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
     if (parameters.repulsionModulus != 0)
-        computeRepulsion(parameters, chunk, gradients);
-    const double* gradient = gradients;
-    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4)
-        forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
+        computeRepulsion(parameters, arrays, chunk, gradients);
 }
 
-void CpuCalcHelfrichForceKernel::compute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, bool needsGeometry) {
-    bool needsCurvature = (needsGeometry || parameters.needsCurvature());
-    updateLayout();
-    resizeArrays(needsCurvature, needsGeometry);
+HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const {
+    HelfrichEnergyTerms terms;
+    terms.bending = sums.bending;
+    terms.tether = sums.tether;
+    if (parameters.repulsionModulus != 0)
+        terms.repulsion = addUp(chunkSums, &CpuHelfrichSums::repulsion);
+    addPenalties(parameters, sums, terms);
+    return terms;
+}
+
+bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
+    CpuHelfrichArrays arrays = prepareArrays(parameters.needsCurvature(), false);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
-    HelfrichTotals slopes;
-    bool hasRepulsion = (parameters.repulsionModulus != 0), isFinite = true;
+    CpuHelfrichSums sums;
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        #pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            passes.computeEnergy(layout, parameters, needsCurvature, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
-        #pragma omp single
-        {
-            addUpTotals();
-            slopes = penaltySlopes(parameters, totals);
-            isFinite = isfinite(totals.area);
-            if (hasRepulsion && isFinite)
-                repulsion.update(*mesh, layout, positions.data(), parameters);
-        }
-        if (isFinite && includeForces) {
+        CpuHelfrichSums found = computeEnergy(parameters, parameters.needsCurvature(), arrays);
+        if (isfinite(found.area)) {
+            updateRepulsion(parameters, arrays);
+            HelfrichTotals slopes = penaltySlopes(parameters, found);
             #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
-                computeForces(parameters, slopes, chunk, forces);
+                if (includeForces)
+                    addForces(parameters, slopes, arrays, chunk, forces);
+                else if (parameters.repulsionModulus != 0)
+                    computeRepulsion(parameters, arrays, chunk, NULL);
         }
-        else if (isFinite && hasRepulsion) {
-            #pragma omp for schedule(static)
-            for (int chunk = 0; chunk < numChunks; chunk++)
-                computeRepulsion(parameters, chunk, NULL);
-        }
+        #pragma omp master
+        sums = found;
     }
-    repulsionEnergy = addUp(chunkSums, &CpuHelfrichSums::repulsion);
+    terms = getTerms(parameters, sums);
+    return isfinite(sums.area);
 }
 
-bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
-    compute(context, parameters, includeForces, false);
-    terms = HelfrichEnergyTerms();
-    terms.bending = bendingEnergy;
-    terms.tether = tetherEnergy;
-    addPenalties(parameters, totals, terms);
-    if (parameters.repulsionModulus != 0)
-        terms.repulsion = repulsionEnergy;
-    return isfinite(totals.area);
+void CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
+                                           vector<Vec3>& forces) {
+    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    computeGradient(parameters, slopes, arrays, chunk, gradients);
+    const double* gradient = gradients;
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4)
+        forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
+}
+
+void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
+    loadPositions(*getData(context).positions, chunk);
+    const vector<Vec3>& source = *getData(context).velocities;
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
+        const Vec3& v = source[particles[slot]];
+        double mass = context.getSystem().getParticleMass(particles[slot]);
+        velocities[4*slot] = v[0];
+        velocities[4*slot+1] = v[1];
+        velocities[4*slot+2] = v[2];
+        velocities[4*slot+3] = (mass == 0 ? 0 : 1/mass);
+    }
+}
+
+void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* positions, int chunk) const {
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
+        const double *x = positions+4*slot, *v = &velocities[4*slot];
+        (*getData(context).positions)[particles[slot]] = Vec3(x[0], x[1], x[2]);
+        (*getData(context).velocities)[particles[slot]] = Vec3(v[0], v[1], v[2]);
+    }
+}
+
+void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double velocityStep,
+                                      double positionStep, double* nextPositions) {
+    // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
+
+    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    computeGradient(parameters, slopes, arrays, chunk, gradients);
+    const double* gradient = gradients;
+    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk)*layout.width; slot++, gradient += 4) {
+        const double* x = arrays.positions+4*slot;
+        double *v = &velocities[4*slot], *next = nextPositions+4*slot;
+        double scale = velocityStep*v[3], positionScale = v[3] == 0 ? 0 : positionStep;
+        for (int i = 0; i < 3; i++) {
+            v[i] -= scale*gradient[i];
+            next[i] = x[i]+positionScale*v[i];
+        }
+    }
+}
+
+bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
+                                          HelfrichEnergyTerms& terms) {
+    CpuHelfrichSums sums = computeEnergy(parameters, parameters.needsCurvature(), arrays);
+    if (!isfinite(sums.area))
+        return false;
+    updateRepulsion(parameters, arrays);
+    HelfrichTotals slopes = penaltySlopes(parameters, sums);
+    int numChunks = getNumChunks();
+    #pragma omp for schedule(static)
+    for (int chunk = 0; chunk < numChunks; chunk++)
+        move(parameters, slopes, arrays, chunk, velocityStep, positionStep, nextPositions);
+    terms = getTerms(parameters, sums);
+    return isfinite(terms.getTotal());
+}
+
+bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
+    // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
+
+    CpuHelfrichArrays startArrays = prepareArrays(parameters.needsCurvature(), false);
+    nextPositions.resize(positions.size());
+    velocities.resize(positions.size());
+    bool isFinite = true;
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    #pragma omp parallel num_threads(numThreads)
+    {
+        CpuHelfrichArrays arrays = startArrays;
+        double* next = nextPositions.data();
+        HelfrichEnergyTerms now;
+        #pragma omp for schedule(static)
+        for (int chunk = 0; chunk < numChunks; chunk++)
+            loadState(context, chunk);
+        bool canGoOn = makeStep(parameters, arrays, 0.5*stepSize, stepSize, next, now);
+        for (int step = 1; step <= numSteps && canGoOn; step++) {
+            swap(arrays.positions, next);
+            bool isLast = (step == numSteps);
+            canGoOn = makeStep(parameters, arrays, isLast ? 0.5*stepSize : stepSize, isLast ? 0 : stepSize, next, now);
+        }
+        #pragma omp for schedule(static)
+        for (int chunk = 0; chunk < numChunks; chunk++)
+            storeState(context, arrays.positions, chunk);
+        #pragma omp master
+        {
+            isFinite = canGoOn;
+            terms = now;
+        }
+    }
+    return isFinite;
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    compute(context, HelfrichParameters(), false, true);
-    geometry.area = totals.area;
-    geometry.volume = totals.volume;
-    geometry.integratedMeanCurvature = totals.curvature;
+    CpuHelfrichArrays arrays = prepareArrays(true, true);
+    const vector<Vec3>& source = *getData(context).positions;
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    #pragma omp parallel num_threads(numThreads)
+    {
+        #pragma omp for schedule(static)
+        for (int chunk = 0; chunk < numChunks; chunk++)
+            loadPositions(source, chunk);
+        CpuHelfrichSums sums = computeEnergy(HelfrichParameters(), true, arrays);
+        #pragma omp master
+        {
+            geometry.area = sums.area;
+            geometry.volume = sums.volume;
+            geometry.integratedMeanCurvature = sums.curvature;
+        }
+    }
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
     for (int slot = 0; slot < mesh->getNumVertices(); slot++) {

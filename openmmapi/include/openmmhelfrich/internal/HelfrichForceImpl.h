@@ -27,6 +27,16 @@ public:
     void updateContextState(OpenMM::ContextImpl& context, bool& forcesInvalid) {
     }
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy, int groups);
+    /**
+     * Get whether makeLeapfrogSteps() can move the particles: the platform must be able to, and all particles must be vertices.
+     */
+    bool canMakeLeapfrogSteps(OpenMM::ContextImpl& context) const;
+    /**
+     * Make leapfrog steps under this force alone.  See CalcHelfrichForceKernel::makeLeapfrogSteps() for the parameters.
+     *
+     * @return the energy at the end
+     */
+    double makeLeapfrogSteps(OpenMM::ContextImpl& context, double stepSize, int numSteps);
     std::map<std::string, double> getDefaultParameters();
     std::vector<std::string> getKernelNames();
     std::vector<std::pair<int, int> > getBondedParticles() const;
