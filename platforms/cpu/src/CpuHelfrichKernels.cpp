@@ -224,9 +224,14 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
     // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
 
     alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk)*layout.width;
+    for (int slot = firstSlot; slot < lastSlot; slot += 2) {
+        __builtin_prefetch(&velocities[4*slot], 1);
+        __builtin_prefetch(nextPositions+4*slot, 1);
+    }
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
-    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk)*layout.width; slot++, gradient += 4) {
+    for (int slot = firstSlot; slot < lastSlot; slot++, gradient += 4) {
         const double* x = arrays.positions+4*slot;
         double *v = &velocities[4*slot], *next = nextPositions+4*slot;
         double scale = velocityStep*v[3], positionScale = v[3] == 0 ? 0 : positionStep;

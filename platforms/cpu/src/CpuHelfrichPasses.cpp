@@ -12,13 +12,27 @@ namespace {
 
 typedef Vector3<Simd> Point;
 
+/* How far ahead to ask for what is in no cache.  A group's neighbors are in its patch, in an order that the processor does not foresee; and where it does, it stops at the end of
+   each page. */
+const int GROUPS_AHEAD = 2*HelfrichMesh::PATCH/WIDTH, CORNERS_AHEAD = 24;
+
+/**
+ * Ask for the cache lines of an array's elements, which need not exist.
+ */
+template <class T>
+inline void prefetch(const T* data, int count) {
+    for (int i = 0; i < count; i += 64/sizeof(T))
+        __builtin_prefetch(data+i);
+}
+
 /**
  * The ring of a group of vertices.
  */
 class Ring {
 public:
     Ring(const CpuHelfrichLayout& layout, const double* positions, int g) : group(layout.groups[g]), positions(positions), neighbors(layout.neighbors.data()+group.start),
-            valences(load(&layout.valences[g*WIDTH])) {
+            valences(layout.valences.data()+g*WIDTH) {
+        prefetch(positions+4*(g+GROUPS_AHEAD)*WIDTH, 4*WIDTH);
         int own[WIDTH];
         for (int lane = 0; lane < WIDTH; lane++)
             own[lane] = 4*(g*WIDTH+lane);
@@ -44,14 +58,14 @@ public:
     }
     /// where the vertices have a neighbor of this number that is not padding
     SimdMask has(int i) const {
-        return valences > broadcast(i);
+        return load(valences) > broadcast(i);
     }
     const CpuHelfrichLayout::Group& group;
     Point center;
 private:
     const double* positions;
     const int* neighbors;
-    Simd valences;
+    const double* valences;
 };
 
 /**
@@ -210,6 +224,8 @@ void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& 
         Simd u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
         if (HasCurvature) {
             alpha = load(arrays.bendingSlopes+g*WIDTH);
+            prefetch(arrays.bendingSlopes+(g+GROUPS_AHEAD)*WIDTH, WIDTH);
+            prefetch(arrays.anglesPerLength+group.start+CORNERS_AHEAD*WIDTH, group.length*WIDTH);
             firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
         }
         for (int i = 0; i < group.length; i++) {
