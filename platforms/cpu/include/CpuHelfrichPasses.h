@@ -24,6 +24,8 @@ struct CpuHelfrichArrays {
  */
 struct CpuHelfrichSums : HelfrichTotals {
     double bending = 0, tether = 0, repulsion = 0;
+    /// not 0 where the repulsion's list of pairs is
+    double outdated = 0;
 };
 
 /**

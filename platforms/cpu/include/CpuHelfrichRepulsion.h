@@ -19,11 +19,18 @@ namespace HelfrichPlugin {
 class CpuHelfrichRepulsion {
 public:
     /**
+     * Get whether a vertex in a range of slots has moved so far that there may be pairs which are not in the lists.
+     *
+     * @param positions  the position of each slot: x, y, z, unused
+     */
+    bool hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const;
+    /**
      * Bring the lists up to date.
      *
      * @param positions  the position of each slot: x, y, z, unused; all finite
+     * @param hasMoved   hasMoved() of any slots
      */
-    void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters);
+    void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters, bool hasMoved);
     /**
      * Compute the energy of the vertices in a range of slots, and add their gradients.
      *
@@ -39,7 +46,6 @@ private:
         int vertex;
     };
     void adaptSkin();
-    bool hasMoved(const CpuHelfrichLayout& layout, const double* positions) const;
     void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
     Cell findCell(const std::array<double, 3>& x) const;
     unsigned int findBucket(const Cell& cell) const;

@@ -122,8 +122,11 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
 CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays) {
     int numChunks = getNumChunks();
     #pragma omp for schedule(static)
-    for (int chunk = 0; chunk < numChunks; chunk++)
+    for (int chunk = 0; chunk < numChunks; chunk++) {
         passes.computeEnergy(layout, parameters, needsCurvature, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        if (parameters.repulsionModulus != 0)
+            chunkSums[chunk].outdated = repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
+    }
     CpuHelfrichSums sums;
     double CpuHelfrichSums::*const members[] = {&CpuHelfrichSums::area, &CpuHelfrichSums::volume, &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending,
                                                 &CpuHelfrichSums::tether};
@@ -135,7 +138,7 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays) {
     if (parameters.repulsionModulus != 0) {
         #pragma omp single
-        repulsion.update(*mesh, layout, arrays.positions, parameters);
+        repulsion.update(*mesh, layout, arrays.positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
     }
 }
 
@@ -234,10 +237,10 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
     for (int slot = firstSlot; slot < lastSlot; slot++, gradient += 4) {
         const double* x = arrays.positions+4*slot;
         double *v = &velocities[4*slot], *next = nextPositions+4*slot;
-        double scale = velocityStep*v[3], positionScale = v[3] == 0 ? 0 : positionStep;
+        bool isFrozen = (v[3] == 0);
         for (int i = 0; i < 3; i++) {
-            v[i] -= scale*gradient[i];
-            next[i] = x[i]+positionScale*v[i];
+            v[i] = isFrozen ? v[i] : v[i]-velocityStep*v[3]*gradient[i];
+            next[i] = isFrozen ? x[i] : x[i]+positionStep*v[i];
         }
     }
 }
@@ -363,12 +366,11 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double 
     vector<Vec3>& forces = *getData(context).forces;
     forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++) {
-            double scale = velocityStep*inverseMasses[i], positionScale = inverseMasses[i] == 0 ? 0 : positionStep;
-            for (int j = 0; j < 3; j++) {
-                velocities[i][j] += scale*forces[i][j];
-                positions[i][j] += positionScale*velocities[i][j];
-                forces[i][j] = 0;
+            if (inverseMasses[i] != 0) {
+                velocities[i] += forces[i]*(velocityStep*inverseMasses[i]);
+                positions[i] += velocities[i]*positionStep;
             }
+            forces[i] = Vec3();
         }
     });
 }

@@ -6,12 +6,13 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p) {
+void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p,
+                                  bool hasMoved) {
     bool isNew = (p.repulsionOnset != onset);
     if (isNew)
         skin = 0.5*p.repulsionOnset;
     numUpdates++;
-    if (isNew || hasMoved(layout, positions)) {
+    if (isNew || hasMoved) {
         onset = p.repulsionOnset;
         adaptSkin();
         findCandidates(layout, positions);
@@ -34,11 +35,14 @@ void CpuHelfrichRepulsion::adaptSkin() {
     numUpdates = 0;
 }
 
-bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions) const {
+bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const {
+    if (reference.empty())
+        return true;
     double limit = 0.25*skin*skin;
-    for (size_t v = 0; v < reference.size(); v++) {
-        const double* x = positions+4*layout.slots[v];
-        double dx = x[0]-reference[v][0], dy = x[1]-reference[v][1], dz = x[2]-reference[v][2];
+    for (int slot = firstSlot; slot < lastSlot; slot++) {
+        const double* x = positions+4*slot;
+        const array<double, 3>& start = reference[layout.vertices[slot]];
+        double dx = x[0]-start[0], dy = x[1]-start[1], dz = x[2]-start[2];
         if (!(dx*dx+dy*dy+dz*dz <= limit))
             return true;
     }

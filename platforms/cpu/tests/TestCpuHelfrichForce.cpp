@@ -1,5 +1,7 @@
 #include "TestHelfrichForce.h"
+#include "openmm/CustomExternalForce.h"
 #include "openmm/cpu/CpuPlatform.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include <cstdlib>
 
 extern "C" void registerHelfrichCpuKernelFactories();
@@ -50,6 +52,47 @@ void testHistoryDoesNotMatter() {
         MembraneContext fresh(blob, p);
         ASSERT_EQUAL(fresh.getEnergy(), context.getEnergy());
         ASSERT_EQUAL_CONTAINERS(fresh.getForces(), context.getForces());
+    }
+}
+
+/**
+ * A few trajectories of a blob, accepted or not, some vertices of which are frozen; and where they end.
+ */
+vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p, bool isAlone, const string& threads, vector<double>& energyChanges) {
+    System system;
+    for (size_t i = 0; i < blob.positions.size(); i++)
+        system.addParticle(i%10 == 0 ? 0 : 1+0.1*(i%3));
+    system.addForce(createForce(blob, p));
+    if (!isAlone)
+        system.addForce(new CustomExternalForce("0"));
+    HamiltonianTrajectoryIntegrator integrator(300, 1, 5);
+    integrator.setRandomNumberSeed(5);
+    Context context(system, integrator, *platform, {{"Threads", threads}});
+    context.setPositions(blob.positions);
+    energyChanges.clear();
+    for (double stepSize : {1e-6, 1e-5, 1e-3, 100.0}) {
+        integrator.setStepSize(stepSize);
+        integrator.step(1);
+        energyChanges.push_back(integrator.getLastEnergyChange());
+    }
+    State state = context.getState(State::Positions | State::Velocities);
+    vector<Vec3> result = state.getPositions();
+    result.insert(result.end(), state.getVelocities().begin(), state.getVelocities().end());
+    return result;
+}
+
+void testMembraneAlone() {
+    // A membrane that is alone in its System moves its vertices itself, and just as the integrator would.
+
+    Membrane blob = createBlob(4);
+    for (auto& p : createAllParameters(blob)) {
+        vector<double> expectedChanges, changes;
+        vector<Vec3> expected = makeTrajectories(blob, p, false, "1", expectedChanges);
+        for (string threads : {"1", "2"}) {
+            vector<Vec3> found = makeTrajectories(blob, p, true, threads, changes);
+            ASSERT_EQUAL_CONTAINERS(expectedChanges, changes);
+            ASSERT_EQUAL_CONTAINERS(expected, found);
+        }
     }
 }
 
@@ -115,6 +158,7 @@ void testLargeSum() {
 void runPlatformTests() {
     testThreads();
     testHistoryDoesNotMatter();
+    testMembraneAlone();
     testAllInstructionSets();
     testUnknownInstructionSet();
     testLargeSum();
