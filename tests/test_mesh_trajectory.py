@@ -38,8 +38,9 @@ def frames():
 
 
 def same(frame, other):
-    return (frame.step == other.step and np.array_equal(frame.mesh.vertices, other.mesh.vertices) and np.array_equal(frame.mesh.triangles, other.mesh.triangles)
-            and set(frame.data) == set(other.data) and all(np.array_equal(np.float32(frame.data[name]), np.float32(other.data[name])) for name in frame.data))
+    return (frame.step == other.step and set(frame.data) == set(other.data)
+            and np.array_equal(frame.mesh.vertices, other.mesh.vertices) and np.array_equal(frame.mesh.triangles, other.mesh.triangles)
+            and all(np.array_equal(np.float32(frame.data[name]), np.float32(other.data[name])) for name in frame.data))
 
 
 def readWithVTK(file):
@@ -329,7 +330,8 @@ simulation.step(6)
 
 
 def testScriptThatJustEnds(inFolder, examples):
-    done = subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {str(examples.parent/'tests')!r})\n{SCRIPT}"], capture_output=True, text=True)
+    script = f"import sys; sys.path.insert(0, {str(examples.parent/'tests')!r})\n{SCRIPT}"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr == ""
     assert list(mh.readMeshTrajectory("end.vtkhdf").steps) == [2, 4, 6]
 

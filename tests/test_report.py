@@ -123,8 +123,8 @@ def testWarnings(results):
     bad = dict(zip(columns, lines[-1].split(",")), **{"step": "2", "energy (kT)": "nan", "acceptance": "0.05", "flipAcceptance": "0.0", "diverged": "3"})
     (results/"run.csv").write_text("\n".join([*lines, ",".join(bad.values())]))
     data, warnings, *_ = partsOf(writeReport("run"))
-    for text in ("no mesh trajectory run.vtkhdf", "no settings run.resolved.toml", "passes through itself", "not finite numbers: energy", "do not ascend", "Only 5.0% of the trajectories",
-                 "3 trajectories diverged", "No flip was accepted"):
+    for text in ("no mesh trajectory run.vtkhdf", "no settings run.resolved.toml", "passes through itself", "not finite numbers: energy",
+                 "do not ascend", "Only 5.0% of the trajectories", "3 trajectories diverged", "No flip was accepted"):
         assert sum(text in warning for warning in warnings) == 1
     assert len(data["shape"]["frames"]) == 1 and data["panels"]["panels"][0]["curves"][0]["values"][-1] is None
 
@@ -143,7 +143,8 @@ def testCommand(results):
     before = (results/"run_report.html").read_bytes()
     (results/"torn.vtkhdf").write_bytes((results/"run.vtkhdf").read_bytes()[:5000])
     (results/"empty.csv").write_text((results/"run.csv").read_text().splitlines()[0])
-    for arguments, message in ((("run",), "run_report.html exists already"), (("nothing",), "there are no results nothing.vtkhdf"), (("torn",), "torn.vtkhdf is not a VTKHDF file"),
+    for arguments, message in ((("run",), "run_report.html exists already"), (("nothing",), "there are no results nothing.vtkhdf"),
+                               (("torn",), "torn.vtkhdf is not a VTKHDF file"),
                                (("empty",), "empty.csv has no rows"), (("run", "-o", "nowhere/page.html"), "nowhere")):
         result = invoke(*arguments)
         assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output

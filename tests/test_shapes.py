@@ -4,7 +4,6 @@ import sys
 import mdtraj
 import meshio
 import numpy as np
-import openmm as mm
 import pytest
 from openmm import app as openmmapp
 from PIL import Image
@@ -90,7 +89,8 @@ def testCheckCommand(inFolder):
     mh.Mesh.icosphere(3).write("sphere.ply")
     result = invoke("check", "sphere.ply", "--length-unit", "um")
     assert result.exit_code == 0
-    for text in ("642 vertices, 1920 edges, 1280 triangles", "one membrane of genus 0", f"{mh.Mesh.icosphere(3).area:.6g} um^2", "5 to 6 of a vertex", "min_length 0.1", "ps by default", "no vertices that"):
+    for text in ("642 vertices, 1920 edges, 1280 triangles", "one membrane of genus 0", f"{mh.Mesh.icosphere(3).area:.6g} um^2",
+                 "5 to 6 of a vertex", "min_length 0.1", "ps by default", "no vertices that"):
         assert text in result.output
     assert "warning" not in result.output
 
@@ -187,7 +187,8 @@ def testBadDCD(dcd):
     mh.Mesh.icosphere(1).write("small.ply")
     (dcd/"torn.dcd").write_bytes((dcd/"a.dcd").read_bytes()[:150])
     (dcd/"text.psf").write_text("PSF\n\nnothing")
-    for source, topology, message in (("a.dcd", None, "a.dcd has no triangles; give a topology"), ("a.dcd", "small.ply", "small.ply has 42 vertices and a.dcd has 324 atoms"),
+    for source, topology, message in (("a.dcd", None, "a.dcd has no triangles; give a topology"),
+                                      ("a.dcd", "small.ply", "small.ply has 42 vertices and a.dcd has 324 atoms"),
                                       ("torn.dcd", "a.ply", "torn.dcd is not a complete DCD file"), ("none.dcd", "a.ply", "there is no file none.dcd"),
                                       ("a.dcd", "none.ply", "there is no file none.ply"), ("a.dcd", "text.psf", "text.psf"),
                                       ("a.ply", "a.psf", "is not a DCD file; only those need one")):
@@ -204,7 +205,8 @@ def testWithoutMdtraj(dcd, monkeypatch):
 
 def testNothingIsOverwritten(folder):
     (folder/"b_0003.ply").write_text("mine")
-    for arguments in (("run.vtkhdf", "start.ply", "--frame", 0), ("run.vtkhdf", "b.ply"), ("start.ply", "start.ply", "--overwrite"), ("run.vtkhdf", "run.vtkhdf", "--overwrite")):
+    for arguments in (("run.vtkhdf", "start.ply", "--frame", 0), ("run.vtkhdf", "b.ply"),
+                      ("start.ply", "start.ply", "--overwrite"), ("run.vtkhdf", "run.vtkhdf", "--overwrite")):
         before = {path.name: path.read_bytes() for path in folder.iterdir()}
         result = invoke("convert", *arguments)
         assert result.exit_code == 1 and "choose another name" in result.output
@@ -216,6 +218,7 @@ def testNothingIsOverwritten(folder):
 @pytest.mark.parametrize("arguments, message", [
     (("run.vtkhdf", "a.ply", "--frame", 6), "run.vtkhdf has no frame 6; it has 6: 0 to 5, or -1 for the last"),
     (("run.vtkhdf", "a.ply", "--frame", -7), "has no frame -7"),
+    (("run.vtkhdf", "a.ply", "--frame", 1, "--every", 2), "frame 1 and every 2 are both given"),
     (("run.vtkhdf", "a.foo"), "no mesh format has the suffix '.foo'"),
     (("run.vtkhdf", "a"), "no mesh format has the suffix ''"),
     (("run.foo", "a.ply"), "there is no mesh file run.foo"),

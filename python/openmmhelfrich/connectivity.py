@@ -72,7 +72,8 @@ def trianglesFromEdges(edges, vertices):
     rings = {(i, j): neighbours[i] & neighbours[j] for i, j in np.sort(edges, axis=1).tolist()}
     for edge, corners in rings.items():
         if len(corners) != 2:
-            raise ValueError(f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; give a mesh file")
+            raise ValueError(f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; "
+                             "give a mesh file")
     triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
     return _orient(triangles, vertices)
 

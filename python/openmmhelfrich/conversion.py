@@ -1,15 +1,17 @@
 """From one file of membranes to another: mesh trajectories, DCD files, and the mesh formats."""
 from pathlib import Path
+from typing import Iterable, List, Optional, Sequence
 from xml.etree import ElementTree
 
 from .dcdframes import DCDTrajectory
+from .files import PathLike
 from .mesh import Mesh
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
 
 TRAJECTORIES = (".vtkhdf", ".hdf")
 
 
-def openFrames(file, topology=None):
+def openFrames(file: PathLike, topology: Optional[PathLike] = None) -> Sequence[MeshFrame]:
     """Open a mesh trajectory, a DCD file, or a single mesh as a sequence of frames.
 
     Parameters
@@ -34,9 +36,11 @@ def openFrames(file, topology=None):
     return readMeshTrajectory(file) if suffix in TRAJECTORIES else [MeshFrame(0, Mesh.read(file), {})]
 
 
-def selectFrames(file, frames, frame=None, every=1):
+def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: Optional[int] = None, every: int = 1) -> List[int]:
     """Return the indices that a choice of one frame, or of every so many, means.  Raises a ValueError if there is no such frame."""
     if frame is not None:
+        if every != 1:
+            raise ValueError(f"frame {frame} and every {every} are both given; give one of them")
         if not -len(frames) <= frame < len(frames):
             raise ValueError(f"{file} has no frame {frame}; it has {len(frames)}: 0 to {len(frames)-1}, or -1 for the last")
         return [frame % len(frames)]
@@ -45,12 +49,13 @@ def selectFrames(file, frames, frame=None, every=1):
     return list(range(0, len(frames), every))
 
 
-def convert(file, output, frame=None, every=1, topology=None, overwrite=False):
+def convert(file: PathLike, output: PathLike, frame: Optional[int] = None, every: int = 1, topology: Optional[PathLike] = None,
+            overwrite: bool = False) -> List[Path]:
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
-    .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates are in angstroms.  The mesh formats hold
-    one mesh: with several frames, as many files are written, with the number of the frame in each name.  VTU, VTK and PLY files have the
-    values at the vertices too.
+    .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates are in angstroms.
+    The mesh formats hold one mesh: with several frames, as many files are written, with the number of the frame in each name.  VTU, VTK and
+    PLY files have the values at the vertices too.
 
     Parameters
     ----------
@@ -96,14 +101,15 @@ def convert(file, output, frame=None, every=1, topology=None, overwrite=False):
     return names
 
 
-def requireNew(files, source, overwrite):
+def requireNew(files: Iterable[PathLike], source: PathLike, overwrite: bool) -> None:
     """Raise a FileExistsError if one of the files to write exists and may not be replaced, or is the one to read from."""
     existing = [Path(file) for file in files if Path(file).exists()]
     if any(file.samefile(source) for file in existing):
         raise FileExistsError(f"the result would replace {source}; choose another name")
     if existing and not overwrite:
         more = f" and {len(existing)-3} more" if len(existing) > 3 else ""
-        raise FileExistsError(f"{', '.join(map(str, existing[:3]))}{more} exist{'s' if len(existing) == 1 else ''} already; choose another name, or use --overwrite")
+        raise FileExistsError(f"{', '.join(map(str, existing[:3]))}{more} exist{'s' if len(existing) == 1 else ''} already; "
+                              "choose another name, or ask to overwrite files with --overwrite")
 
 
 def _names(output, indices):

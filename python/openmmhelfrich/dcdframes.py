@@ -1,9 +1,11 @@
 """DCD trajectories as sequences of meshes.  DCD has positions alone: the triangles come from a topology, and stay as they are there."""
 from pathlib import Path
+from typing import Optional
 
 import numpy as np
 
 from .connectivity import trianglesFromEdges
+from .files import PathLike
 from .mesh import Mesh
 from .optional import require
 from .vtkhdf import Frames, meshFrame
@@ -13,7 +15,7 @@ class DCDTrajectory(Frames):
     """The frames of a DCD file, with the triangles of a topology."""
     lengthUnit = "nm"
 
-    def __init__(self, file, topology):
+    def __init__(self, file: PathLike, topology: Optional[PathLike]):
         """Open a DCD file.
 
         Parameters
@@ -54,16 +56,13 @@ class DCDTrajectory(Frames):
 
 def _trianglesOf(topology, positions, dcd):
     """Return the triangles that a mesh file or a PSF file gives to these positions."""
-    if topology.suffix.lower() != ".psf":
-        mesh = Mesh.read(topology)
-        size, triangles = len(mesh.vertices), lambda: mesh.triangles
-    else:
-        bonds, size = _readBonds(topology)
-        triangles = lambda: trianglesFromEdges(bonds, positions)
+    isMesh = topology.suffix.lower() != ".psf"
+    mesh = Mesh.read(topology) if isMesh else None
+    bonds, size = (None, len(mesh.vertices)) if isMesh else _readBonds(topology)
     if size != len(positions):
         raise ValueError(f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal")
     try:
-        return triangles()
+        return mesh.triangles if isMesh else trianglesFromEdges(bonds, positions)
     except ValueError as error:
         raise ValueError(f"{topology}: {error}") from None
 

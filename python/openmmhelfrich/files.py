@@ -2,6 +2,9 @@
 import contextlib
 import os
 from pathlib import Path
+from typing import Union
+
+PathLike = Union[str, os.PathLike]
 
 
 @contextlib.contextmanager

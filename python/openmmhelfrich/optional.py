@@ -7,4 +7,5 @@ def require(module, purpose):
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise ValueError(f"{purpose} needs {module.split('.')[0]}, which cannot be imported ({error}); pip install 'openmm-helfrich[looking]' brings it") from None
+        raise ValueError(f"{purpose} needs {module.split('.')[0]}, which cannot be imported ({error}); "
+                         "pip install 'openmm-helfrich[looking]' brings it") from None

@@ -1,5 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself, and what to simulate it with."""
 from dataclasses import dataclass
+from typing import List, Optional, Tuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -32,14 +33,14 @@ class MeshQuality:
         the vertices of an edge and the number of a triangle through which it passes, for each such pair
     """
     mesh: Mesh
-    genera: list
+    genera: List[int]
     valences: np.ndarray
     angles: np.ndarray
     aspectRatios: np.ndarray
-    closestPair: tuple
+    closestPair: Optional[Tuple[int, int, float]]
     crossings: np.ndarray
 
-    def lines(self, lengthUnit="nm"):
+    def lines(self, lengthUnit: str = "nm") -> List[Tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
         mesh, u = self.mesh, lengthUnit
         lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
@@ -55,7 +56,8 @@ class MeshQuality:
                  ("contact", self._contact(mean, u))]
         if len(self.crossings):
             a, b, t = self.crossings[0]
-            lines.append(("warning", f"the surface passes through itself {len(self.crossings)} times, first where edge ({a}, {b}) passes through triangle {t}"))
+            lines.append(("warning", f"the surface passes through itself {len(self.crossings)} times, "
+                                     f"first where edge ({a}, {b}) passes through triangle {t}"))
         return lines
 
     def _contact(self, mean, u):
@@ -65,7 +67,7 @@ class MeshQuality:
         return f"vertices {a} and {b}, three or more edges apart, are {distance:.4g} {u} from each other: {distance/mean:.2f} mean edge lengths"
 
 
-def assess(mesh):
+def assess(mesh: Mesh) -> MeshQuality:
     """Describe a closed mesh.
 
     Raises
@@ -81,7 +83,7 @@ def assess(mesh):
     return MeshQuality(mesh, _genera(mesh), np.bincount(mesh.edges.ravel()), *_shapes(mesh), closestPair(mesh), crossings(mesh))
 
 
-def closestPair(mesh):
+def closestPair(mesh: Mesh) -> Optional[Tuple[int, int, float]]:
     """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther than two mean edge lengths."""
     pairs = cKDTree(mesh.vertices).query_pairs(2*mesh.edgeLengths.mean(), output_type="ndarray")
     a, b = mesh.edges.T
@@ -96,7 +98,7 @@ def closestPair(mesh):
     return int(pairs[closest, 0]), int(pairs[closest, 1]), float(distances[closest])
 
 
-def crossings(mesh, block=100000):
+def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
     """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a (K, 3) array.
 
     Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch without passing through are not found.

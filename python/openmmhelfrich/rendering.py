@@ -1,11 +1,14 @@
 """Pictures and films of membranes in 3D, off screen, with pyvista where there is one."""
 import io
 from pathlib import Path
+from typing import Sequence
 
 import numpy as np
 
+from .files import PathLike
 from .optional import require
 from .pictures import drawMesh, smoothMeanCurvature
+from .vtkhdf import MeshFrame
 
 STILL = (".png", ".jpg", ".jpeg")
 FILMS = (".gif", ".mp4")
@@ -13,7 +16,8 @@ SCALE = {"color": "black", "n_labels": 5, "fmt": "{:.2g}", "vertical": False, "p
 SIZE = (1024, 768)  # pixels; multiples of 16, which film formats want
 
 
-def render(frames, file, lengthUnit="nm", elevation=30.0, azimuth=30.0, framesPerSecond=10.0):
+def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", elevation: float = 30.0, azimuth: float = 30.0,
+           framesPerSecond: float = 10.0) -> None:
     """Render membranes, coloured by mean curvature, positive where they are convex, on the same scale in all frames.
 
     Parameters
@@ -47,7 +51,7 @@ def render(frames, file, lengthUnit="nm", elevation=30.0, azimuth=30.0, framesPe
         write(_images(frames, lengthUnit, elevation, azimuth), file, framesPerSecond)
 
 
-def requireFormat(file):
+def requireFormat(file: PathLike) -> None:
     """Raise a ValueError unless the suffix of a file's name is that of a picture or film."""
     if Path(file).suffix.lower() not in STILL+FILMS:
         raise ValueError(f"{file}: no picture has the suffix '{Path(file).suffix}'; use one of {', '.join(STILL+FILMS)}")
@@ -77,8 +81,8 @@ def _images(frames, lengthUnit, elevation, azimuth):
             mesh = frames[i].mesh
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             shape[title] = smoothMeanCurvature(mesh)
-            plotter.add_mesh(shape, name="membrane", scalars=title, clim=(-bound, bound), cmap="coolwarm", smooth_shading=True, ambient=0.3, diffuse=0.65, reset_camera=False,
-                             show_scalar_bar=False)
+            plotter.add_mesh(shape, name="membrane", scalars=title, clim=(-bound, bound), cmap="coolwarm", smooth_shading=True,
+                             ambient=0.3, diffuse=0.65, reset_camera=False, show_scalar_bar=False)
             if i == 0:
                 plotter.add_scalar_bar(title+"\n", title_font_size=18, label_font_size=16, **SCALE)
             if len(frames) > 1:
@@ -90,11 +94,13 @@ def _images(frames, lengthUnit, elevation, azimuth):
 
 def _bounds(frames):
     """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost hundredth."""
-    meshes = (frames[i].mesh for i in range(len(frames)))
-    low, high, bounds = zip(*((mesh.vertices.min(axis=0), mesh.vertices.max(axis=0), np.quantile(np.abs(smoothMeanCurvature(mesh)), 0.99)) for mesh in meshes))
-    middle = (np.min(low, axis=0)+np.max(high, axis=0))/2
-    radius = max(np.linalg.norm(frames[i].mesh.vertices-middle, axis=1).max() for i in range(len(frames)))
-    return middle, radius, max(*bounds, 1e-12)
+    low, high, bound = np.full(3, np.inf), np.full(3, -np.inf), 1e-12
+    for i in range(len(frames)):
+        mesh = frames[i].mesh
+        low, high = np.minimum(low, mesh.vertices.min(axis=0)), np.maximum(high, mesh.vertices.max(axis=0))
+        bound = max(bound, np.quantile(np.abs(smoothMeanCurvature(mesh)), 0.99))
+    middle = (low+high)/2
+    return middle, max(np.linalg.norm(frames[i].mesh.vertices-middle, axis=1).max() for i in range(len(frames))), bound
 
 
 def _aim(plotter, middle, radius, elevation, azimuth):

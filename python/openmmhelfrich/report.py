@@ -4,11 +4,12 @@ import html
 import json
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Optional
 
 import numpy as np
 
 from .conversion import requireNew
-from .files import replacing
+from .files import PathLike, replacing
 from .mesh import Mesh
 from .optional import require
 from .pictures import smoothMeanCurvature
@@ -18,10 +19,11 @@ from .vtkhdf import MeshFrame, readMeshTrajectory
 
 MAX_BYTES = 20e6   # of a page: what mail and browsers take without complaint
 MAX_ROWS = 2000    # of the table: more than a plot has pixels
+ACCEPTANCE = {"acceptance": "trajectories", "flipAcceptance": "flips"}
 TEMPLATE = Path(__file__).with_name("report.html")
 
 
-def writeReport(prefix, file=None, maxFrames=100, overwrite=False):
+def writeReport(prefix: PathLike, file: Optional[PathLike] = None, maxFrames: int = 100, overwrite: bool = False) -> Path:
     """Write a page about the results of a run.
 
     It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none, the final mesh; the observables against
@@ -62,18 +64,18 @@ def writeReport(prefix, file=None, maxFrames=100, overwrite=False):
     plotly = require("plotly.offline", "writing a report").get_plotlyjs()
     requireNew([file], _beside(prefix, ".csv"), overwrite)
     warnings = []
-    frames, table, units, settings = _readFrames(prefix, warnings), *_readTable(prefix, warnings), _readSettings(prefix, warnings)
+    frames, (table, units), settings = _readFrames(prefix, warnings), _readTable(prefix, warnings), _readSettings(prefix, warnings)
     if not len(frames) and table is None:
         raise FileNotFoundError(f"there are no results {prefix}.vtkhdf, {prefix}.csv or {prefix}.ply")
     lengthUnit = units.get("area", getattr(frames, "lengthUnit", "nm")+"^2").removesuffix("^2")
-    rest = MAX_BYTES-len(plotly.encode())-500e3
-    shape = _shape(frames, maxFrames, rest, lengthUnit, warnings) if len(frames) else None
-    panels = _panels(table, units) if table is not None else None
+    data = {"shape": _shape(frames, maxFrames, MAX_BYTES-len(plotly.encode())-500e3, lengthUnit, warnings) if len(frames) else None,
+            "panels": _panels(table, units) if table is not None else None}
     if table is not None:
         _judge(table, warnings)
     text = _fill(TEMPLATE.read_text(encoding="utf-8"), {
-        "title": html.escape(prefix.name), "facts": _rows(_facts(frames, table, units)), "warnings": "".join(f"<li>{html.escape(line)}</li>" for line in warnings),
-        "settings": html.escape(settings), "data": json.dumps({"shape": shape, "panels": panels}, separators=(",", ":")).replace("</", "<\\/"), "plotly": plotly})
+        "title": html.escape(prefix.name), "plotly": plotly, "data": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        "facts": "".join(f"<tr><th>{html.escape(label)}</th><td>{html.escape(text)}</td></tr>" for label, text in _facts(frames, table, units)),
+        "warnings": "".join(f"<li>{html.escape(line)}</li>" for line in warnings), "settings": html.escape(settings)})
     with replacing(file) as part:
         part.write_text(text, encoding="utf-8")
     return file
@@ -117,7 +119,7 @@ def _readSettings(prefix, warnings):
 
 
 def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
-    """Return what the page needs to draw the frames."""
+    """Return what the page needs to draw the frames, or None if there is no room for one."""
     first = frames[0].mesh
     indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
     frameBytes = 4/3*(7*len(first.vertices)+3*np.dtype(indexType).itemsize*len(first.triangles))+200
@@ -126,15 +128,21 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
         warnings.append(f"The page shows {count} of {len(frames)} frames.")
     if count == 0:
         return None
-    chosen = np.unique(np.linspace(0, len(frames)-1, count).round().astype(int)) if count > 1 else [len(frames)-1]
+    chosen = np.unique(np.linspace(0, len(frames)-1, count).round().astype(int)).tolist() if count > 1 else [len(frames)-1]
     shown = [(frames[i].step, frames[i].mesh) for i in chosen]
-    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
-    curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
-    size, bound = float(max(high-low)), float(max(max(np.quantile(np.abs(c), 0.99) for c in curvatures), 1e-12))
     _judgeMesh(*shown[-1], warnings)
-    return {"low": ((low+high-size)/2).tolist(), "size": size, "bound": bound, "lengthUnit": lengthUnit, "wide": indexType == "u4", "index": [int(i) for i in chosen],
-            "frames": [{"step": step, "positions": _base64((mesh.vertices-(low+high-size)/2).T/size*65535, "u2"), "triangles": _base64(mesh.triangles.T, indexType),
-                        "curvatures": _base64((np.clip(curvature/bound, -1, 1)+1)*127.5, "u1")} for (step, mesh), curvature in zip(shown, curvatures)]}
+    return {"lengthUnit": lengthUnit, "index": chosen, "wide": indexType == "u4", **_encode(shown, indexType)}
+
+
+def _encode(shown, indexType):
+    """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
+    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
+    size, low = max(high-low), (low+high-max(high-low))/2  # a cube around all
+    curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
+    bound = max(*(np.quantile(np.abs(curvature), 0.99) for curvature in curvatures), 1e-12)
+    frames = [{"step": step, "positions": _base64((mesh.vertices-low).T/size*65535, "u2"), "triangles": _base64(mesh.triangles.T, indexType),
+               "curvatures": _base64((np.clip(curvature/bound, -1, 1)+1)*127.5, "u1")} for (step, mesh), curvature in zip(shown, curvatures)]
+    return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
 
 
 def _base64(values, kind):
@@ -145,17 +153,20 @@ def _base64(values, kind):
 def _panels(table, units):
     """Return the curves of each panel of the plot."""
     rows = np.unique(np.linspace(0, len(table["step"])-1, MAX_ROWS).round().astype(int))
-    curve = lambda name, label=None: {"name": label or name, "values": [float(f"{v:.7g}") if np.isfinite(v) else None for v in table[name][rows]]}
-    terms = [curve("energy", "total")]+[curve(name, name[2:]) for name in table if name.startswith("E_") and np.any(table[name])]
-    panels = [(f"energy ({units['energy']})", terms)]
-    for name, label in (("area", "area"), ("volume", "volume")):
-        target = "target"+name.capitalize()
-        panels.append((f"{label} ({units[name]})", [curve(name, label)]+([curve(target, label+" target")] if target in table else [])))
-    panels.append(("reduced volume", [curve("reducedVolume", "reduced volume")]))
-    panels.append(("accepted so far", [curve(name, label) for name, label in (("acceptance", "trajectories"), ("flipAcceptance", "flips")) if name in table]))
+
+    def panel(title, names):
+        curves = [{"name": label, "values": [float(f"{v:.7g}") if np.isfinite(v) else None for v in table[name][rows]]}
+                  for name, label in names.items() if name in table]
+        return [{"title": title, "curves": curves}] if curves else []
+    terms = {name: name[2:] for name in table if name.startswith("E_") and np.any(table[name])}
+    panels = panel(f"energy ({units['energy']})", {"energy": "total", **terms})
+    panels += panel(f"area ({units['area']})", {"area": "area", "targetArea": "area target"})
+    panels += panel(f"volume ({units['volume']})", {"volume": "volume", "targetVolume": "volume target"})
+    panels += panel("reduced volume", {"reducedVolume": "reduced volume"})
+    panels += panel("accepted so far", ACCEPTANCE)
     if "temperature" in table and np.ptp(table["temperature"]) > 0:
-        panels.append((f"temperature ({units.get('temperature', 'K')})", [curve("temperature")]))
-    return {"steps": [int(step) for step in table["step"][rows]], "panels": [{"title": title, "curves": curves} for title, curves in panels if curves]}
+        panels += panel(f"temperature ({units['temperature']})", {"temperature": "temperature"})
+    return {"steps": [int(step) for step in table["step"][rows]], "panels": panels}
 
 
 def _facts(frames, table, units):
@@ -169,7 +180,7 @@ def _facts(frames, table, units):
         facts += [("steps", f"{int(table['step'][-1])}"), ("averages", f"with standard deviations, from step {int(table['step'][half])} on")]
         for name, label in (("energy", "energy"), ("area", "area"), ("volume", "volume"), ("reducedVolume", "reduced volume")):
             facts.append((label, f"{table[name][half:].mean():.5g} ± {table[name][half:].std():.2g} {units.get(name, '')}"))
-        facts += [(f"{label} accepted", f"{table[name][-1]:.1%}") for name, label in (("acceptance", "trajectories"), ("flipAcceptance", "flips")) if name in table]
+        facts += [(f"{label} accepted", f"{table[name][-1]:.1%}") for name, label in ACCEPTANCE.items() if name in table]
     from . import __version__
     import openmm as mm
     return facts+[("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")]
@@ -208,10 +219,6 @@ def _judgeMesh(step, mesh, warnings):
         return
     if len(crossings):
         warnings.append(f"The surface passes through itself {len(crossings)} times at step {step}; a repulsion prevents this.")
-
-
-def _rows(pairs):
-    return "".join(f"<tr><th>{html.escape(label)}</th><td>{html.escape(text)}</td></tr>" for label, text in pairs)
 
 
 def _fill(template, parts):

@@ -3,11 +3,13 @@ import csv
 import math
 import weakref
 from pathlib import Path
+from typing import Dict, Optional
 
 import numpy as np
 from openmm import unit
 
-from .files import replacing
+from .files import PathLike, replacing
+from .helfrich import HelfrichForce
 from .mesh import Mesh, reducedVolume
 from .vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 
@@ -118,7 +120,8 @@ class MeshReporter:
     as `numFrames`: later frames, which the run will make again, are dropped.
     """
 
-    def __init__(self, file, reportInterval, force, append=False, numFrames=None, precision="double", lengthUnit="nm"):
+    def __init__(self, file: PathLike, reportInterval: int, force: HelfrichForce, append: bool = False, numFrames: Optional[int] = None,
+                 precision: str = "double", lengthUnit: str = "nm"):
         """Create a MeshReporter.
 
         Parameters
@@ -173,15 +176,15 @@ class MeshReporter:
         mesh = Mesh(positions[self._vertices], triangles)
         self._writer.add(MeshFrame(simulation.currentStep, mesh, {"MeanCurvature": np.float32(curvatures/areas), "Area": np.float32(areas)}))
 
-    def getNumFrames(self):
+    def getNumFrames(self) -> int:
         """Get the number of frames so far, in the file and waiting."""
         return self._writer.numFrames
 
-    def flush(self):
+    def flush(self) -> None:
         """Make the file complete with all frames so far.  This copies it, which takes time in proportion to its size."""
         self._writer.flush()
 
-    def close(self):
+    def close(self) -> None:
         """Write the last frames."""
         try:
             self._writer.close()
@@ -236,7 +239,7 @@ def plainName(column):
     return column.split(" (")[0]
 
 
-def observableUnits(file):
+def observableUnits(file: PathLike) -> Dict[str, str]:
     """Return the units of the columns of a table that an :class:`ObservablesReporter` wrote: a dict from column names to what their heads have in brackets."""
     with open(file, newline="") as table:
         heads = next(csv.reader(table), [])

@@ -10,12 +10,12 @@ import os
 import shutil
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Union
 
 import h5py
 import numpy as np
 
-from .files import replacing
+from .files import PathLike, replacing
 from .mesh import Mesh
 
 VERSION = (2, 0)
@@ -40,16 +40,16 @@ class MeshFrame(NamedTuple):
     """
     step: int
     mesh: Mesh
-    data: dict
+    data: Dict[str, np.ndarray]
 
 
-def meshFrame(step, mesh):
+def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
     """Return a MeshFrame of a closed mesh with the mean curvature and the area of its vertices."""
     area = mesh.vertexAreas
     return MeshFrame(step, mesh, {"MeanCurvature": mesh.vertexMeanCurvatures/area, "Area": area})
 
 
-def writeMeshTrajectory(file, frames, keep=0, precision="double", lengthUnit="nm"):
+def writeMeshTrajectory(file: PathLike, frames: Iterable[MeshFrame], keep: int = 0, precision: str = "double", lengthUnit: str = "nm") -> None:
     """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one, never half of one.
 
     Parameters
@@ -86,7 +86,7 @@ def writeMeshTrajectory(file, frames, keep=0, precision="double", lengthUnit="nm
                 raise ValueError(f"{path}: there are no frames to write")
 
 
-def readMeshTrajectory(file):
+def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
     """Open a mesh trajectory: a sequence of :class:`MeshFrame`, each read when it is asked for.
 
     ::
@@ -112,7 +112,7 @@ class MeshTrajectoryWriter:
     or earlier when 64 MB wait.  The first frame is written at once.
     """
 
-    def __init__(self, file, numFrames=0, precision="double", lengthUnit="nm"):
+    def __init__(self, file: PathLike, numFrames: Optional[int] = 0, precision: str = "double", lengthUnit: str = "nm"):
         """Open a file.
 
         Parameters
@@ -136,11 +136,11 @@ class MeshTrajectoryWriter:
         self._waiting, self._nextFlush, self._closed = [], 0.0, False
 
     @property
-    def numFrames(self):
+    def numFrames(self) -> int:
         """The number of frames, with those that wait."""
         return self._kept+len(self._waiting)
 
-    def add(self, frame):
+    def add(self, frame: MeshFrame) -> None:
         """Add a MeshFrame."""
         if self._closed:
             raise ValueError(f"{self._path} is closed; no frame can be added")
@@ -149,7 +149,7 @@ class MeshTrajectoryWriter:
         if time.monotonic() >= self._nextFlush or size*len(self._waiting) > 64e6:
             self.flush()
 
-    def flush(self):
+    def flush(self) -> None:
         """Make the file complete with all frames so far.  If this fails, the file is as it was and the frames go on waiting."""
         start = time.monotonic()
         if self._waiting or self._surplus:
@@ -158,7 +158,7 @@ class MeshTrajectoryWriter:
         end = time.monotonic()
         self._nextFlush = end+max(60, 50*(end-start))
 
-    def close(self):
+    def close(self) -> None:
         """Flush, and take no more frames."""
         if not self._closed:
             self.flush()
@@ -178,10 +178,13 @@ class Frames:
         the name of the unit of length
     """
 
-    def __len__(self):
+    steps: np.ndarray
+    lengthUnit: str
+
+    def __len__(self) -> int:
         return len(self.steps)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: Union[int, slice]) -> Union[MeshFrame, List[MeshFrame]]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -190,13 +193,16 @@ class Frames:
         with self._complaint(f"is damaged at frame {index}"):
             return self._read(index)
 
+    def __iter__(self) -> Iterator[MeshFrame]:
+        return (self[i] for i in range(len(self)))
+
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
         self.close()
 
-    def close(self):
+    def close(self) -> None:
         """Close the file."""
         self._file.close()
 
@@ -215,7 +221,7 @@ class Frames:
 class MeshTrajectory(Frames):
     """The frames of a VTKHDF file."""
 
-    def __init__(self, file):
+    def __init__(self, file: PathLike):
         self._path = Path(file)
         if not self._path.exists():
             raise FileNotFoundError(f"there is no mesh trajectory {file}")
@@ -233,7 +239,8 @@ class MeshTrajectory(Frames):
         if steps.get("NumberOfParts") is not None and steps["NumberOfParts"][i] != 1:
             raise ValueError("it has several parts; one is expected")
         part = steps["PartOffsets"][i]
-        numVertices, numCells, numCorners = (int(d[part]) for d in (self._root["NumberOfPoints"], polygons["NumberOfCells"], polygons["NumberOfConnectivityIds"]))
+        numVertices = int(self._root["NumberOfPoints"][part])
+        numCells, numCorners = int(polygons["NumberOfCells"][part]), int(polygons["NumberOfConnectivityIds"][part])
         cell, first = int(steps["CellOffsets"][i, 2]), int(steps["ConnectivityIdOffsets"][i, 2])
         if np.any(np.diff(polygons["Offsets"][cell+part:cell+part+numCells+1]) != 3):
             raise ValueError("it has cells that are not triangles")
@@ -268,7 +275,8 @@ def _polyData(file, path):
     if kind is None:
         raise ValueError(f"{path} is not a VTKHDF file; it has no group VTKHDF with a Type")
     if bytes(kind) != b"PolyData" or "Steps" not in root:
-        raise ValueError(f"{path} holds {bytes(kind).decode(errors='replace')}{'' if 'Steps' in root else ' without time steps'}; PolyData with steps is expected")
+        found = bytes(kind).decode(errors="replace")+("" if "Steps" in root else " without time steps")
+        raise ValueError(f"{path} holds {found}; PolyData with steps is expected")
     return root
 
 
@@ -338,7 +346,8 @@ def _append(root, frame):
     count = int(steps.attrs["NSteps"])
     expected = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfCells"][0]), set(data)
     if (len(mesh.vertices), len(mesh.triangles), set(frame.data)) != expected:
-        raise ValueError(f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles and the data {sorted(frame.data)}; "
+        raise ValueError(f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles "
+                         f"and the data {sorted(frame.data)}; "
                          f"those before it have {expected[0]}, {expected[1]} and {sorted(expected[2])}")
     _resize(root, count+1)
     point, corner = count*len(mesh.vertices), count*mesh.triangles.size

@@ -61,7 +61,8 @@ def convert(source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh
 @app.command()
 @friendly
 def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")],
-         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png.")] = None,
+         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", 
+                                                                help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png.")] = None,
          overwrite: Overwrite = False):
     """Plot energies by term, area, volume and acceptance against steps.
 
@@ -83,16 +84,17 @@ def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help
 @app.command()
 @friendly
 def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
-           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The picture: .png or .jpg, or .gif or .mp4 for an animation; by default FILE.png.")] = None,
+           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", 
+                                                                  help="The picture: .png or .jpg, or .gif or .mp4 for an animation; by default FILE.png.")] = None,
            frame: Frame = None, every: Every = 1, topology: Topology = None,
            elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
            azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
            fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
-           length_unit: Annotated[Optional[str], typer.Option(metavar="NAME", help="What one unit of length is called; by default what the file says.")] = None,
+           length_unit: Annotated[Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")] = None,
            overwrite: Overwrite = False):
     """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
 
-    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich[looking]'; without it a PNG is drawn with matplotlib.
+    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG is drawn with matplotlib.
 
     Examples:
 
@@ -119,7 +121,7 @@ def report(prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The pr
            overwrite: Overwrite = False):
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
-    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich[looking]'.
+    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich\\[looking]'.
 
     Example: openmm-helfrich report results/cell
     """
@@ -149,7 +151,8 @@ def _suggestions(mesh, scale, unit):
     from ..simulation import defaultStepSize, tetherParameters
     length = mesh.edgeLengths.mean()
     if not 0.01 <= length <= 10:
-        return [("warning", f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {scale*10**-round(math.log10(4*length)):g} in [mesh]")]
+        better = scale*10**-round(math.log10(4*length))
+        return [("warning", f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]")]
     config = parseConfig({"mesh": {"file": "mesh"}})
     modulus, minLength, maxLength = tetherParameters(config, mesh)
     return [("tether", f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT by default"),
