@@ -44,6 +44,38 @@ def testRedBloodCell(tmp_path, examples):
     mh.Mesh.read(summary.outputs.mesh).check()
 
 
+def runSmall(file, prefix, **steps):
+    """Do the run of a configuration with stages on a sphere of 162 vertices, with fewer steps in each stage."""
+    config = readConfig(file)
+    config.mesh.icosphere, config.output.prefix, config.sampling.steps_per_trajectory, config.output.trajectory_interval = 2, str(prefix), 50, 20
+    for stage in config.stages:
+        for name, value in steps[stage.kind].items():
+            setattr(stage, name, value)
+    return run(config)
+
+
+def testStomatocyte(tmp_path, examples):
+    """At this size and haste it is a dented sphere: turned inwards, deflated and cold."""
+    summary = runSmall(examples/"stomatocyte.toml", tmp_path/"a", **{"continue": {"windows": 10, "equilibration": 100}, "anneal": {"steps": 300}, "sample": {"steps": 100}})
+    assert summary.mean("reducedVolume") == pytest.approx(0.55, abs=0.05) and summary.mean("areaDifference") < 20
+    assert list(np.unique(summary.table["stage"])) == [1, 2, 3] and summary.table["temperature"][-1] == 3
+    assert summary.mean("E_bending") < summary.table["E_bending"][summary.table["stage"] == 1][-1], "it should have relaxed"
+    with mh.readMeshTrajectory(summary.outputs.meshTrajectory) as frames:
+        assert not np.array_equal(frames[0].mesh.triangles, frames[-1].mesh.triangles)
+
+
+def testHysteresis(tmp_path, examples):
+    summary = runSmall(examples/"hysteresis.toml", tmp_path/"a", **{"continue": {"windows": 3, "equilibration": 50, "steps": 50}, "anneal": {"steps": 200}, "sample": {"steps": 200}})
+    windows = mh.readObservables(summary.outputs.path)
+    assert list(windows["window"]) == list(range(7)) and windows["reducedVolume"][3] < 0.75 < 0.85 < windows["reducedVolume"][[0, 6]].min()
+
+
+def testStudiesScript(tmp_path, examples):
+    lines = execute(tmp_path, examples/"studies.py", 2, 30).splitlines()
+    assert [float(line[7:11]) for line in lines[1:-1]] == [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0]
+    assert lines[0].startswith("step size") and lines[-1].startswith("at 3.0 K")
+
+
 def testRedBloodCellScript(tmp_path, examples):
     assert "2562 vertices, area 134.09 um^2" in execute(tmp_path, examples/"red_blood_cell.py", tmp_path/"cell.stl")
     assert mh.Mesh.read(tmp_path/"cell.stl").area == pytest.approx(134.09, rel=1e-3)

@@ -77,8 +77,10 @@ class MonteCarloStage:
 
     def notes(self):
         """Return what is worth telling at the end of the stage."""
-        diverged = self._counters()[4]-self._startCounters[4]
-        return [f"{self.title}: {diverged} trajectories diverged and were rejected; a smaller step_size avoids this"] if diverged else []
+        trajectories, *_, diverged = np.subtract(self._counters(), self._startCounters)
+        if diverged <= 0.01*trajectories:  # they were rejected, as they should be
+            return []
+        return [f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size avoids this"]
 
     def _counters(self):
         integrator = self._simulation.integrator

@@ -63,15 +63,16 @@ class Summary:
         return float(np.max(np.abs(deviation[rows if rows.any() else slice(None)])))
 
     def mean(self, name):
-        """Return the average of a column of the table over the second half of the last stage, when its start is forgotten."""
-        values = self.table[name][self.table["stage"] == self.table["stage"][-1]]
+        """Return the average of a column of the table over the second half of the last stage, or of its last window, when its start is forgotten."""
+        stage, window = self.table["stage"], self.table["window"]
+        values = self.table[name][(stage == stage[-1]) & (window == window[-1])]
         return float(values[len(values)//2:].mean())
 
     def lines(self):
         """Return a label and a text for each thing worth knowing at the end."""
         u, kappa = self.config.mesh.length_unit, self.config.membrane.bending_modulus
         lines = [("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"), ("steps", self._stepsLine()),
-                 ("averages", f"over the second half of the {'run' if len(self.config.stages) == 1 else 'last stage'}:"),
+                 ("averages", f"over the second half of the {self._lastPart()}:"),
                  ("area", self._mean("area", f"{u}^2")),
                  ("volume", self._mean("volume", f"{u}^3")),
                  ("reduced volume", f"{self.mean('reducedVolume'):.4f}")]
@@ -83,6 +84,11 @@ class Summary:
                           "thermal undulations add about kT/2 a vertex"))
         lines += [("note", note) for note in self.notes]
         return lines+[("files", ", ".join(map(str, self.outputs.paths())))]
+
+    def _lastPart(self):
+        if self.config.stages[-1].kind == "continue":
+            return "last window"
+        return "run" if len(self.config.stages) == 1 else "last stage"
 
     def _stepsLine(self):
         made = f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
