@@ -68,7 +68,7 @@ static void energy(benchmark::State& state) {
     const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
     CpuHelfrichSums sums;
     for (auto _ : state)
-        passes.computeEnergy(scene.layout, scene.parameters, true, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+        passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     reportPerVertex(state, scene);
 }
 
@@ -79,7 +79,7 @@ static void gradient(benchmark::State& state) {
     HelfrichTotals slopes;
     slopes.area = slopes.volume = slopes.curvature = 1;
     vector<double> gradients(4*scene.layout.getNumSlots());
-    passes.computeEnergy(scene.layout, scene.parameters, true, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+    passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     for (auto _ : state)
         for (int g = 0; g < scene.layout.getNumGroups(); g += 8)
             passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, min(g+8, scene.layout.getNumGroups()), gradients.data());

@@ -54,7 +54,7 @@ public:
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void updateLayout();
-    CpuHelfrichArrays prepareArrays(bool needsCurvature, bool needsGeometry);
+    CpuHelfrichArrays prepareArrays(const HelfrichParameters& parameters, bool needsGeometry);
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
@@ -65,7 +65,7 @@ private:
               double* nextPositions);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
     // These are for all threads of a parallel region to call; they return the same on each.
-    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays);
+    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays);
     void updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays);
     bool makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
                   HelfrichEnergyTerms& terms);

@@ -35,9 +35,10 @@ struct CpuHelfrichPasses {
     const char* name;
     /// the number of vertices in a group
     int width;
-    /// compute areas, curvatures and energies, and what the second pass needs
-    void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays, int firstGroup,
-                          int lastGroup, CpuHelfrichSums& sums);
+    /// compute energies, what of areas, volumes and curvatures they need, all of those if the areas are wanted, and what the second pass needs; the sum of the areas is finite
+    /// if the positions are
+    void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup,
+                          CpuHelfrichSums& sums);
     /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the groups; slopes are the derivatives of the energy by
     /// the totals
     void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays,

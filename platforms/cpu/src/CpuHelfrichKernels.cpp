@@ -43,9 +43,9 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     revision = mesh->getRevision();
 }
 
-CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(bool needsCurvature, bool needsGeometry) {
+CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, bool needsGeometry) {
     updateLayout();
-    if (needsCurvature) {
+    if (parameters.needsCurvature() || needsGeometry) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.resize(layout.neighbors.size());
     }
@@ -119,11 +119,11 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
     return total.get();
 }
 
-CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, bool needsCurvature, const CpuHelfrichArrays& arrays) {
+CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays) {
     int numChunks = getNumChunks();
     #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++) {
-        passes.computeEnergy(layout, parameters, needsCurvature, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        passes.computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
         if (parameters.repulsionModulus != 0)
             chunkSums[chunk].outdated = repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
@@ -164,7 +164,7 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 }
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
-    CpuHelfrichArrays arrays = prepareArrays(parameters.needsCurvature(), false);
+    CpuHelfrichArrays arrays = prepareArrays(parameters, false);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSums sums;
@@ -174,7 +174,7 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        CpuHelfrichSums found = computeEnergy(parameters, parameters.needsCurvature(), arrays);
+        CpuHelfrichSums found = computeEnergy(parameters, arrays);
         if (isfinite(found.area)) {
             updateRepulsion(parameters, arrays);
             HelfrichTotals slopes = penaltySlopes(parameters, found);
@@ -247,7 +247,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
 
 bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
                                           HelfrichEnergyTerms& terms) {
-    CpuHelfrichSums sums = computeEnergy(parameters, parameters.needsCurvature(), arrays);
+    CpuHelfrichSums sums = computeEnergy(parameters, arrays);
     if (!isfinite(sums.area))
         return false;
     updateRepulsion(parameters, arrays);
@@ -263,7 +263,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
 bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
 
-    CpuHelfrichArrays startArrays = prepareArrays(parameters.needsCurvature(), false);
+    CpuHelfrichArrays startArrays = prepareArrays(parameters, false);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
     bool isFinite = true;
@@ -295,7 +295,7 @@ bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const H
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    CpuHelfrichArrays arrays = prepareArrays(true, true);
+    CpuHelfrichArrays arrays = prepareArrays(HelfrichParameters(), true);
     const vector<Vec3>& source = *getData(context).positions;
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
@@ -303,7 +303,7 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        CpuHelfrichSums sums = computeEnergy(HelfrichParameters(), true, arrays);
+        CpuHelfrichSums sums = computeEnergy(HelfrichParameters(), arrays);
         #pragma omp master
         {
             geometry.area = sums.area;

@@ -104,6 +104,11 @@ inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters&
 }
 
 /**
+ * What of the ring the terms need: each is evaluated with what comes before it.
+ */
+enum Parts {Edges, Triangles, Angles};
+
+/**
  * The sums over the rings of a group.
  */
 struct RingSums {
@@ -111,14 +116,14 @@ struct RingSums {
     Point normals;
 };
 
-template <bool HasCurvature, bool HasTether>
+template <Parts parts, bool HasTether>
 inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& previousNormal, const Point& toNeighbor, const Point& toPrevious,
                     const HelfrichParameters& p, const CpuHelfrichArrays& arrays, RingSums& sums) {
-    if (!HasCurvature && !HasTether)
+    if (parts != Angles && !HasTether)
         return;
     Simd length2 = dot(toNeighbor, toNeighbor);
     Simd inverse = inverseLength(length2), length = length2*inverse;
-    if (HasCurvature) {
+    if (parts == Angles) {
         Simd sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
         Simd angle = angleOf<SimdMath>(sine, cosine);
@@ -131,10 +136,16 @@ inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& p
     }
 }
 
-template <bool HasCurvature, bool HasTether>
+template <Parts parts, bool HasTether>
 inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const CpuHelfrichArrays& arrays) {
     RingSums sums = {};
     const CpuHelfrichLayout::Group& group = ring.group;
+    if (parts == Edges) {
+        const Point none = {};
+        for (int i = 0; i < group.length && HasTether; i++)
+            addEdge<Edges, HasTether>(ring, i, none, none, ring.toNeighbor(i), none, p, arrays, sums);
+        return sums;
+    }
     Point first = ring.toNeighbor(0), current = first;
     Point firstNormal = {}, previous = {}, previousNormal = {}, last = {}, lastNormal = {};
     for (int i = 0; i < group.length; i++) {
@@ -146,7 +157,7 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
         if (i == 0)
             firstNormal = normal;
         else
-            addEdge<HasCurvature, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
+            addEdge<parts, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
         if (group.isPadded) {
             SimdMask exists = ring.has(i);
             last = {choose(exists, current.x, last.x), choose(exists, current.y, last.y), choose(exists, current.z, last.z)};
@@ -160,23 +171,25 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
         last = previous;
         lastNormal = previousNormal;
     }
-    addEdge<HasCurvature, HasTether>(ring, 0, firstNormal, lastNormal, first, last, p, arrays, sums);
+    addEdge<parts, HasTether>(ring, 0, firstNormal, lastNormal, first, last, p, arrays, sums);
     return sums;
 }
 
-template <bool HasCurvature, bool HasTether>
+template <Parts parts, bool HasTether>
 void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
     Simd area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
     Point origin = {broadcast(arrays.positions[0]), broadcast(arrays.positions[1]), broadcast(arrays.positions[2])};
     for (int g = firstGroup; g < lastGroup; g++) {
         Ring ring(layout, arrays.positions, g);
-        RingSums ringSums = sumRing<HasCurvature, HasTether>(ring, p, arrays);
-        Simd vertexArea = ringSums.doubleAreas*(1.0/6.0);
+        RingSums ringSums = sumRing<parts, HasTether>(ring, p, arrays);
+        Point offset = ring.center-origin;
+        // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
+        Simd vertexArea = parts == Edges ? 0.0*dot(offset, offset) : ringSums.doubleAreas*(1.0/6.0);
         area += vertexArea;
-        volume += dot(ringSums.normals, ring.center-origin);
+        volume += dot(ringSums.normals, offset);
         if (arrays.areas != nullptr)
             store(arrays.areas+g*WIDTH, vertexArea);
-        if (HasCurvature) {
+        if (parts == Angles) {
             Simd vertexCurvature = 0.25*ringSums.curvature;
             Simd meanCurvature = choose(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
             curvature += vertexCurvature;
@@ -195,12 +208,31 @@ void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
     sums.tether = 0.5*sum(tether);
 }
 
-void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, bool needsCurvature, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup,
-                  CpuHelfrichSums& sums) {
+void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
     bool hasTether = (p.tetherModulus != 0);
-    auto compute = needsCurvature ? (hasTether ? computeEnergy<true, true> : computeEnergy<true, false>) :
-                                    (hasTether ? computeEnergy<false, true> : computeEnergy<false, false>);
+    auto compute = hasTether ? computeEnergy<Edges, true> : computeEnergy<Edges, false>;
+    if (p.needsCurvature() || arrays.areas != nullptr)
+        compute = hasTether ? computeEnergy<Angles, true> : computeEnergy<Angles, false>;
+    else if (p.needsTriangles())
+        compute = hasTether ? computeEnergy<Triangles, true> : computeEnergy<Triangles, false>;
     compute(layout, p, arrays, firstGroup, lastGroup, sums);
+}
+
+/**
+ * The gradient of the tether alone.
+ */
+template <bool HasTether>
+inline Point edgeGradient(const Ring& ring, const HelfrichParameters& p) {
+    Point gradient = {};
+    for (int i = 0; i < ring.group.length && HasTether; i++) {
+        Point u = ring.toNeighbor(i);
+        Simd u2 = dot(u, u), slope;
+        if (any(isTetherTaut(u2, p))) {
+            tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
+            gradient = gradient-u*slope;
+        }
+    }
+    return gradient;
 }
 
 /**
@@ -212,46 +244,53 @@ void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, 
  *
  * An edge's coefficient is C_e = (alpha_i+alpha_j)/4 with alpha = dE/dM_i, so that only differences of alpha are left in the last.
  */
-template <bool HasCurvature, bool HasTether>
+template <Parts parts, bool HasTether>
+inline Point ringGradient(const Ring& ring, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int g) {
+    if (parts == Edges)
+        return edgeGradient<HasTether>(ring, p);
+    const double byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus);
+    const CpuHelfrichLayout::Group& group = ring.group;
+    Point gradient = {};
+    Point first = ring.toNeighbor(0), u = first;
+    Simd u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
+    if (parts == Angles) {
+        alpha = load(arrays.bendingSlopes+g*WIDTH);
+        prefetch(arrays.bendingSlopes+(g+GROUPS_AHEAD)*WIDTH, WIDTH);
+        prefetch(arrays.anglesPerLength+group.start+CORNERS_AHEAD*WIDTH, group.length*WIDTH);
+        firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
+    }
+    for (int i = 0; i < group.length; i++) {
+        bool isLast = (i+1 == group.length);
+        Point w = isLast ? first : ring.toNeighbor(i+1);
+        Simd w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
+        Point normal = ring.normal(i, u, w);
+        Simd inverse = inverseLength(dot(normal, normal));
+        Simd byNormal = broadcast(slopes.volume*(1.0/6.0)), byArea = broadcast(slopes.area), byEdge = {};
+        if (parts == Angles) {
+            Simd alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
+            byArea += byBendingSlope2*(alpha*alpha+alphaU*alphaU+alphaW*alphaW);
+            byNormal -= 0.25*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
+            byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+group.start+i*WIDTH);
+            alphaU = alphaW;
+        }
+        if (HasTether && any(isTetherTaut(u2, p))) {
+            Simd slope;
+            tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
+            byEdge += slope;
+        }
+        Simd byAreaHalf = 0.5*byArea*inverse;
+        gradient = gradient+normal*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
+        u = w;
+        u2 = w2;
+    }
+    return gradient;
+}
+
+template <Parts parts, bool HasTether>
 void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
                      int lastGroup, double* gradients) {
-    const double byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus);
     for (int g = firstGroup; g < lastGroup; g++) {
-        Ring ring(layout, arrays.positions, g);
-        const CpuHelfrichLayout::Group& group = ring.group;
-        Point gradient = {};
-        Point first = ring.toNeighbor(0), u = first;
-        Simd u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
-        if (HasCurvature) {
-            alpha = load(arrays.bendingSlopes+g*WIDTH);
-            prefetch(arrays.bendingSlopes+(g+GROUPS_AHEAD)*WIDTH, WIDTH);
-            prefetch(arrays.anglesPerLength+group.start+CORNERS_AHEAD*WIDTH, group.length*WIDTH);
-            firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
-        }
-        for (int i = 0; i < group.length; i++) {
-            bool isLast = (i+1 == group.length);
-            Point w = isLast ? first : ring.toNeighbor(i+1);
-            Simd w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
-            Point normal = ring.normal(i, u, w);
-            Simd inverse = inverseLength(dot(normal, normal));
-            Simd byNormal = broadcast(slopes.volume*(1.0/6.0)), byArea = broadcast(slopes.area), byEdge = {};
-            if (HasCurvature) {
-                Simd alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
-                byArea += byBendingSlope2*(alpha*alpha+alphaU*alphaU+alphaW*alphaW);
-                byNormal -= 0.25*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
-                byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+group.start+i*WIDTH);
-                alphaU = alphaW;
-            }
-            if (HasTether && any(isTetherTaut(u2, p))) {
-                Simd slope;
-                tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
-                byEdge += slope;
-            }
-            Simd byAreaHalf = 0.5*byArea*inverse;
-            gradient = gradient+normal*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
-            u = w;
-            u2 = w2;
-        }
+        Point gradient = ringGradient<parts, HasTether>(Ring(layout, arrays.positions, g), p, slopes, arrays, g);
         for (int lane = 0; lane < WIDTH; lane++, gradients += 4) {
             gradients[0] = gradient.x[lane];
             gradients[1] = gradient.y[lane];
@@ -263,8 +302,11 @@ void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& 
 void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
                     int lastGroup, double* gradients) {
     bool hasTether = (p.tetherModulus != 0);
-    auto compute = p.needsCurvature() ? (hasTether ? computeGradient<true, true> : computeGradient<true, false>) :
-                                        (hasTether ? computeGradient<false, true> : computeGradient<false, false>);
+    auto compute = hasTether ? computeGradient<Edges, true> : computeGradient<Edges, false>;
+    if (p.needsCurvature())
+        compute = hasTether ? computeGradient<Angles, true> : computeGradient<Angles, false>;
+    else if (p.needsTriangles())
+        compute = hasTether ? computeGradient<Triangles, true> : computeGradient<Triangles, false>;
     compute(layout, p, slopes, arrays, firstGroup, lastGroup, gradients);
 }
 

@@ -21,6 +21,9 @@ struct HelfrichParameters {
     bool needsCurvature() const {
         return bendingModulus != 0 || areaDifferenceModulus != 0;
     }
+    bool needsTriangles() const {
+        return areaModulus != 0 || volumeModulus != 0 || needsCurvature();
+    }
 };
 
 /**
