@@ -266,6 +266,17 @@ def testRenderedPicture(folder, examples):
     assert invoke("render", "run.vtkhdf", "--frame", 2).exit_code == 0 and Image.open("run.png").size == (1024, 768)
 
 
+def testCutPicture(inFolder):
+    """Of a sphere around a smaller one, the cut shows the smaller one, which is curved more."""
+    pytest.importorskip("pyvista")
+    inner = mh.Mesh.icosphere(3, radius=0.6)
+    together(mh.Mesh.icosphere(3), mh.Mesh(inner.vertices, inner.triangles[:, ::-1])).write("nested.ply")
+    for name, options in (("whole", ()), ("cut", ("--cut",))):
+        assert invoke("render", "nested.ply", "-o", f"{name}.png", *options).exit_code == 0
+    blue = {name: coloursOf(Image.open(f"{name}.png"))[1] for name in ("whole", "cut")}
+    assert blue["whole"] > 0.9 > 0.8 > blue["cut"], "the inner sphere, turned inside out, should be blue"
+
+
 def testRenderedFilm(folder):
     pytest.importorskip("pyvista")
     assert invoke("render", "run.vtkhdf", "-o", "run.gif", "--every", 2).exit_code == 0
@@ -286,8 +297,9 @@ def testRenderWithoutPyvista(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     assert invoke("render", "run.vtkhdf").exit_code == 0
     assert coloursOf(Image.open("run.png"))[0] > 0.1
-    result = invoke("render", "run.vtkhdf", "-o", "run.gif")
-    assert result.exit_code == 1 and "rendering needs pyvista" in result.output and not (folder/"run.gif").exists()
+    for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):
+        result = invoke("render", "run.vtkhdf", *arguments)
+        assert result.exit_code == 1 and "rendering needs pyvista" in result.output and not (folder/arguments[1]).exists()
 
 
 @pytest.mark.parametrize("arguments, message", [

@@ -17,7 +17,7 @@ SIZE = (1024, 768)  # pixels; multiples of 16, which film formats want
 
 
 def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", elevation: float = 30.0, azimuth: float = 30.0,
-           framesPerSecond: float = 10.0) -> None:
+           framesPerSecond: float = 10.0, cut: bool = False) -> None:
     """Render membranes, coloured by mean curvature, positive where they are convex, on the same scale in all frames.
 
     Parameters
@@ -32,6 +32,8 @@ def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", 
         direction of view, in degrees: above the xy plane, and around z from x
     framesPerSecond : float
         of an animation
+    cut : bool
+        leave out the half that is nearer to the viewer, to show what is inside
 
     Raises
     ------
@@ -42,13 +44,16 @@ def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", 
     requireFormat(file)
     if not len(frames):
         raise ValueError(f"{file}: there are no frames to show")
-    if suffix == ".png" and not _havePyvista():
+    if suffix == ".png" and not cut and not _havePyvista():
         drawMesh(frames[len(frames)-1].mesh, file, lengthUnit, elevation, azimuth)
-    elif suffix in STILL:
-        _save(next(_images([frames[len(frames)-1]], lengthUnit, elevation, azimuth)), file)
-    else:
+        return
+    isFilm = suffix in FILMS
+    images = _images(frames if isFilm else [frames[len(frames)-1]], lengthUnit, elevation, azimuth, cut)
+    if isFilm:
         write = _writeGIF if suffix == ".gif" else _writeMP4
-        write(_images(frames, lengthUnit, elevation, azimuth), file, framesPerSecond)
+        write(images, file, framesPerSecond)
+    else:
+        _save(next(images), file)
 
 
 def requireFormat(file: PathLike) -> None:
@@ -65,7 +70,7 @@ def _havePyvista():
     return True
 
 
-def _images(frames, lengthUnit, elevation, azimuth):
+def _images(frames, lengthUnit, elevation, azimuth, cut):
     """Yield the picture of each frame as an array of bytes (height, width, 3)."""
     pyvista = require("pyvista", "rendering")
     middle, radius, bound = _bounds(frames)
@@ -74,13 +79,15 @@ def _images(frames, lengthUnit, elevation, azimuth):
     plotter = pyvista.Plotter(off_screen=True, window_size=SIZE, lighting="three lights")
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
-    _aim(plotter, middle, radius, np.radians(elevation), np.radians(azimuth))
+    direction = _direction(np.radians(elevation), np.radians(azimuth))
+    _aim(plotter, middle, radius, direction)
     title = f"mean curvature (1/{lengthUnit})"
     try:
         for i in range(len(frames)):
             mesh = frames[i].mesh
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             shape[title] = smoothMeanCurvature(mesh)
+            shape = shape.clip(normal=direction, origin=middle) if cut else shape
             plotter.add_mesh(shape, name="membrane", scalars=title, clim=(-bound, bound), cmap="coolwarm", smooth_shading=True,
                              ambient=0.3, diffuse=0.65, reset_camera=False, show_scalar_bar=False)
             if i == 0:
@@ -103,12 +110,18 @@ def _bounds(frames):
     return middle, max(np.linalg.norm(frames[i].mesh.vertices-middle, axis=1).max() for i in range(len(frames))), bound
 
 
-def _aim(plotter, middle, radius, elevation, azimuth):
-    direction = np.array([np.cos(elevation)*np.cos(azimuth), np.cos(elevation)*np.sin(azimuth), np.sin(elevation)])
-    plotter.camera.focal_point, plotter.camera.position = middle, middle+4.2*radius*direction
+def _direction(elevation, azimuth):
+    """Return the unit vector towards the viewer."""
+    return np.array([np.cos(elevation)*np.cos(azimuth), np.cos(elevation)*np.sin(azimuth), np.sin(elevation)])
+
+
+def _aim(plotter, middle, radius, direction):
+    """Let the camera see a sphere, above the scale of colours."""
+    plotter.camera.focal_point, plotter.camera.position = middle, middle+4.7*radius*direction
+    plotter.camera.SetWindowCenter(0, -0.14)
     plotter.camera.up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)
     plotter.camera.view_angle = 30
-    plotter.camera.clipping_range = (3*radius, 5.5*radius)
+    plotter.camera.clipping_range = (3.5*radius, 6*radius)
 
 
 def _save(image, file):

@@ -89,6 +89,7 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
            frame: Frame = None, every: Every = 1, topology: Topology = None,
            elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
            azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
+           cut: Annotated[bool, typer.Option("--cut", help="Leave out the half that is nearer to the viewer, to show what is inside.")] = False,
            fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
            length_unit: Annotated[Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")] = None,
            overwrite: Overwrite = False):
@@ -101,6 +102,8 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
     openmm-helfrich render results/cell.vtkhdf -o cell.png
 
     openmm-helfrich render results/cell.vtkhdf -o cell.mp4 --every 2
+
+    openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
     """
     from ..conversion import openFrames, requireNew, selectFrames
     from ..rendering import render as renderFrames, requireFormat
@@ -109,7 +112,7 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
     requireNew([output], source, overwrite)
     frames = openFrames(source, topology)
     chosen = _Chosen(frames, selectFrames(source, frames, frame, every))
-    renderFrames(chosen, output, length_unit or getattr(frames, "lengthUnit", "nm"), elevation, azimuth, fps)
+    renderFrames(chosen, output, length_unit or getattr(frames, "lengthUnit", "nm"), elevation, azimuth, fps, cut)
     print(output)
 
 
