@@ -10,6 +10,7 @@ from conftest import ROOT
 
 import openmmhelfrich as mh
 from openmmhelfrich.config import readConfig
+from openmmhelfrich.rendering import canRender
 from openmmhelfrich.studies import run
 
 
@@ -95,6 +96,7 @@ def testLooking(tmp_path, examples):
     assert np.array_equal(mh.Mesh.read(tmp_path/"looking.ply").triangles, mh.readMeshTrajectory(tmp_path/"looking.vtkhdf")[-1].mesh.triangles)
 
 
+@pytest.mark.skipif(not canRender(), reason="there is no pyvista, or nothing that it could draw with")
 def testCommandsOfLooking(tmp_path, examples):
     """The commands of the page work one after the other, as they stand but for the length of the run."""
     blocks = re.findall(r"```bash\n(.*?)```", (ROOT/"docs/looking.md").read_text(), re.DOTALL)

@@ -15,7 +15,11 @@ from openmmhelfrich.cli import app
 from openmmhelfrich.connectivity import trianglesFromEdges
 from openmmhelfrich.conversion import convert
 from openmmhelfrich.quality import assess, closestPair, crossings
+from openmmhelfrich.rendering import canRender
 from test_mesh_trajectory import frames, same, simulate  # noqa: F401
+
+
+in3D = pytest.mark.skipif(not canRender(), reason="there is no pyvista, or nothing that it could draw with")
 
 
 def invoke(*arguments):
@@ -258,17 +262,17 @@ def coloursOf(image):
     return seen.mean(), (pixels[seen][:, 0] > pixels[seen][:, 2]+20).mean()
 
 
+@in3D
 def testRenderedPicture(folder, examples):
-    pytest.importorskip("pyvista")
     assert invoke("render", examples/"red_blood_cell.stl", "-o", "cell.png").exit_code == 0
     seen, red = coloursOf(Image.open("cell.png"))
     assert 0.2 < seen < 0.8 and 0.5 < red < 0.98, "a convex rim around a dimple should fill the picture"
     assert invoke("render", "run.vtkhdf", "--frame", 2).exit_code == 0 and Image.open("run.png").size == (1024, 768)
 
 
+@in3D
 def testCutPicture(inFolder):
     """Of a sphere around a smaller one, the cut shows the smaller one, which is curved more."""
-    pytest.importorskip("pyvista")
     inner = mh.Mesh.icosphere(3, radius=0.6)
     together(mh.Mesh.icosphere(3), mh.Mesh(inner.vertices, inner.triangles[:, ::-1])).write("nested.ply")
     for name, options in (("whole", ()), ("cut", ("--cut",))):
@@ -277,8 +281,8 @@ def testCutPicture(inFolder):
     assert blue["whole"] > 0.9 > 0.8 > blue["cut"], "the inner sphere, turned inside out, should be blue"
 
 
+@in3D
 def testRenderedFilm(folder):
-    pytest.importorskip("pyvista")
     assert invoke("render", "run.vtkhdf", "-o", "run.gif", "--every", 2).exit_code == 0
     film = Image.open("run.gif")
     images = []
@@ -293,13 +297,18 @@ def testRenderedFilm(folder):
     assert imageio.get_reader("run.mp4").count_frames() == 2
 
 
-def testRenderWithoutPyvista(folder, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyvista", None)
+@pytest.mark.parametrize("missing", ["pyvista", "an OpenGL library"])
+def testRenderWithout(folder, monkeypatch, missing):
+    if missing == "pyvista":
+        monkeypatch.setitem(sys.modules, "pyvista", None)
+    else:
+        pytest.importorskip("pyvista")
+        monkeypatch.setattr("openmmhelfrich.rendering._hasOpenGL", lambda: False)
     assert invoke("render", "run.vtkhdf").exit_code == 0
     assert coloursOf(Image.open("run.png"))[0] > 0.1
     for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):
         result = invoke("render", "run.vtkhdf", *arguments)
-        assert result.exit_code == 1 and "rendering needs pyvista" in result.output and not (folder/arguments[1]).exists()
+        assert result.exit_code == 1 and f"rendering needs {missing}" in result.output and not (folder/arguments[1]).exists()
 
 
 @pytest.mark.parametrize("arguments, message", [

@@ -1,5 +1,8 @@
 """Pictures and films of membranes in 3D, off screen, with pyvista where there is one."""
+import ctypes
 import io
+import os
+import sys
 from pathlib import Path
 from typing import Sequence
 
@@ -25,7 +28,7 @@ def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", 
     frames : sequence of MeshFrame
         what to show.  A still picture shows the last; an animation all.  They are read more than once
     file : path
-        the picture to write: .png or .jpg, or .gif or .mp4 for an animation.  Without pyvista a .png is drawn with matplotlib instead
+        the picture to write: .png or .jpg, or .gif or .mp4 for an animation.  Without pyvista or OpenGL a .png is drawn with matplotlib instead
     lengthUnit : str
         the name of the unit of length
     elevation, azimuth : float
@@ -44,7 +47,7 @@ def render(frames: Sequence[MeshFrame], file: PathLike, lengthUnit: str = "nm", 
     requireFormat(file)
     if not len(frames):
         raise ValueError(f"{file}: there are no frames to show")
-    if suffix == ".png" and not cut and not _havePyvista():
+    if suffix == ".png" and not cut and not canRender():
         drawMesh(frames[len(frames)-1].mesh, file, lengthUnit, elevation, azimuth)
         return
     isFilm = suffix in FILMS
@@ -62,17 +65,38 @@ def requireFormat(file: PathLike) -> None:
         raise ValueError(f"{file}: no picture has the suffix '{Path(file).suffix}'; use one of {', '.join(STILL+FILMS)}")
 
 
-def _havePyvista():
+def canRender() -> bool:
+    """Return whether there is all that drawing in 3D takes: pyvista, and an OpenGL library that works off screen."""
     try:
-        require("pyvista", "rendering")
+        _requirePyvista()
     except ValueError:
         return False
     return True
 
 
+def _requirePyvista():
+    pyvista = require("pyvista", "rendering")
+    if not _hasOpenGL():
+        raise ValueError("rendering needs an OpenGL library, libEGL or libOSMesa; Debian's packages are libegl1 and libosmesa6")
+    return pyvista
+
+
+def _hasOpenGL():
+    """Return whether VTK will find something to draw with.  Where it does not, it ends the program."""
+    if sys.platform != "linux" or os.environ.get("DISPLAY"):
+        return True
+    for name in ("libEGL.so.1", "libOSMesa.so", "libOSMesa.so.8"):
+        try:
+            ctypes.CDLL(name)
+            return True
+        except OSError:
+            pass
+    return False
+
+
 def _images(frames, lengthUnit, elevation, azimuth, cut):
     """Yield the picture of each frame as an array of bytes (height, width, 3)."""
-    pyvista = require("pyvista", "rendering")
+    pyvista = _requirePyvista()
     middle, radius, bound = _bounds(frames)
     # VTK warns of every way to draw that it tries before the one that works.
     pyvista.vtk_verbosity("error")
