@@ -1,4 +1,6 @@
 import os
+import pty
+import re
 import subprocess
 import sys
 
@@ -54,6 +56,59 @@ def testOptionsTakeThePlaceOfTheConfiguration(folder):
     result = invoke("run", "run.toml", "--platform", "Reference", "--seed", 7, "--steps", 4, "--output", "other")
     assert result.exit_code == 0 and "4 in" in result.output and "seed 7" in result.output
     assert mh.readObservables("other.csv")["step"][-1] == 4
+
+
+STAGES_OF_TWO = """
+[[stages]]
+name = "warm"
+kind = "sample"
+steps = 6
+[[stages]]
+kind = "anneal"
+steps = 4
+end_temperature = 30
+"""
+
+
+def testStagesAndTheirProgress(folder):
+    configure(sampling="seed = 1", other=STAGES_OF_TWO)
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 0, result.output
+    for stage in ("1/2 warm: step 6 of 6", "2/2 anneal: step 4 of 4"):
+        assert re.search(stage+r", .*steps/s, energy \d+ kT, accepted \d+%, flips \d+%", result.output)
+    result = invoke("run", "run.toml", "--steps", 3, "--output", "b")
+    assert result.exit_code == 1 and "stages have steps of their own" in result.output
+
+
+def testBarsOnATerminal(folder):
+    configure(sampling="seed = 1", other=STAGES_OF_TWO)
+    shown = []
+
+    def read(terminal):
+        shown.append(os.read(terminal, 4096))
+        return shown[-1]
+    pty.spawn([sys.executable, "-c", "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', 'run.toml'])"], read)
+    text = b"".join(shown).decode()
+    for word in ("1/2 warm", "6/6", "2/2 anneal", "4/4", "\u2501", "steps/s", "kT", "accepted", "162 vertices"):
+        assert word in text
+
+
+def testResume(folder):
+    assert invoke("run", "run.toml", "-q").exit_code == 0
+    result = invoke("resume", "run")
+    assert result.exit_code == 1 and "openmm-helfrich: the run run is complete, at step 10; ask for more steps to go on" in result.output
+    result = invoke("resume", "run", "--steps", 5)
+    assert result.exit_code == 0 and "15, of which the last 5 in" in result.output
+    result = invoke("resume", "another")
+    assert result.exit_code == 1 and "there is no checkpoint another.checkpoint" in result.output
+    assert invoke("resume", "run", "--steps", 0).exit_code == 2
+
+
+def testConfig(folder):
+    result = invoke("config")
+    assert result.exit_code == 0 and "bending_modulus = 20.0" in result.output and "kappa_B in kT; 20 is typical" in result.output
+    result = invoke("config", "--from-trimem", "no.inp")
+    assert result.exit_code == 1 and "there is no configuration file no.inp" in result.output
 
 
 def testVersion():
@@ -149,6 +204,9 @@ def testPlaceThatTakesNoFiles(folder):
     assert result.exit_code == 1 and "file is not a folder" in result.output
     result = invoke("run", "run.toml", "--output", "folder/")
     assert result.exit_code == 1 and "prefix is 'folder/'" in result.output
+    if os.path.isdir("/proc/self"):  # where not even the superuser makes files
+        result = invoke("run", "run.toml", "--output", "/proc/a")
+        assert result.exit_code == 1 and "/proc is not writable" in result.output
     os.mkdir("closed", 0o500)
     if not os.access("closed", os.W_OK):  # the superuser may write anywhere
         result = invoke("run", "run.toml", "--output", "closed/a")

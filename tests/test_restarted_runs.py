@@ -2,6 +2,7 @@
 import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
+from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.outputs import Recorder
 from openmmhelfrich.studies import resume, run
 
@@ -167,6 +168,28 @@ def testFullDisk(uninterrupted, tmp_path, monkeypatch):
         assert json.loads(checkpoint.read("run.json"))["step"] == 50
     resume(tmp_path/"a")
     assertSame(tmp_path/"a", uninterrupted)
+
+
+def testFileThatCannotGrow(uninterrupted, tmp_path):
+    """A write that does fail, in the midst of a frame or a row."""
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    config = configure(tmp_path/"a", output={"checkpoint_interval": 25})
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40000, hard))
+    try:
+        with pytest.raises(OSError, match="cannot be written: File too large; everything up to step"):
+            run(config)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    resume(tmp_path/"a")
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+def testSettingsRepeatTheRun(uninterrupted, tmp_path):
+    run(configure(tmp_path/"a"))
+    again = readConfig(tmp_path/"a.resolved.toml")
+    again.output.prefix = str(tmp_path/"b")
+    run(again)
+    assertSame(tmp_path/"b", uninterrupted)
 
 
 LONG = """

@@ -1,6 +1,7 @@
 """The files that a run writes."""
 import contextlib
 import os
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Optional
@@ -57,7 +58,11 @@ class Outputs:
             folder.mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise NotADirectoryError(f"{folder} is not a folder; choose another output prefix") from None
-        for path in [folder]+existing:
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise PermissionError(f"{folder} is not writable ({error.strerror}); choose another output prefix") from None
+        for path in existing:
             if not os.access(path, os.W_OK):
                 raise PermissionError(f"{path} is not writable; choose another output prefix")
 

@@ -88,7 +88,8 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
                 axes.errorbar(windows["lambda"][part], windows[name][part], windows[name+"Deviation"][part], fmt=style, capsize=3, label=text)
         axes.set_ylabel(label)
         axes.ticklabel_format(useOffset=False)
-        axes.legend(fontsize="small")
+        if axes.lines:
+            axes.legend(fontsize="small")
     axes.set_xlabel("$\\lambda$; bars are standard deviations")
     figure.savefig(file, dpi=120)
 

@@ -77,6 +77,8 @@ def writeMeshTrajectory(file: PathLike, frames: Iterable[MeshFrame], keep: int =
     with _plainErrors(path), replacing(path) as part:
         if keep:
             shutil.copyfile(path, part)
+        if isinstance(frames, list):
+            _requireRoom(part, frames)
         with h5py.File(part, "a" if keep else "w", locking=False) as out:
             root = _existing(out, path, keep) if keep else None
             for frame in frames:
@@ -145,7 +147,7 @@ class MeshTrajectoryWriter:
         if self._closed:
             raise ValueError(f"{self._path} is closed; no frame can be added")
         self._waiting.append(frame)
-        size = frame.mesh.vertices.nbytes+frame.mesh.triangles.nbytes+sum(values.nbytes for values in frame.data.values())
+        size = _sizeOf(frame)
         if time.monotonic() >= self._nextFlush or size*len(self._waiting) > 64e6:
             self.flush()
 
@@ -360,6 +362,22 @@ def _append(root, frame):
                "CellOffsets": 0, "ConnectivityIdOffsets": [0, 0, corner, 0]}
     for name, entry in entries.items():
         steps[name][count] = entry
+
+
+def _requireRoom(part, frames):
+    """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program with it."""
+    if not hasattr(os, "posix_fallocate"):
+        return
+    raw = sum(_sizeOf(frame)+1024 for frame in frames)
+    with open(part, "ab") as out:
+        size = out.tell()
+        os.posix_fallocate(out.fileno(), 0, size+raw+65536)
+        out.truncate(size)
+
+
+def _sizeOf(frame):
+    """Return the number of bytes of a frame in a file, before compression; indices have 64 bits there."""
+    return frame.mesh.vertices.nbytes+2*frame.mesh.triangles.nbytes+sum(values.nbytes for values in frame.data.values())
 
 
 @contextlib.contextmanager
