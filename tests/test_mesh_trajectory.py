@@ -52,7 +52,7 @@ def readWithVTK(file):
     reader.SetFileName(str(file))
     reader.UpdateInformation()
     information = reader.GetOutputInformation(0)
-    steps = [information.Get(times, i) for i in range(information.Length(times))]
+    steps = [information.Get(times, i) for i in range(information.Length(times))] or [0.0]  # VTK tells no times if there is one step
     found = {}
     for step in random.Random(1).sample(steps, len(steps)):
         reader.UpdateTimeStep(step)
@@ -84,6 +84,21 @@ def testReadWithPyvista(frames, tmp_path):
         shape = reader.read()
         assert shape.is_manifold and np.array_equal(shape.regular_faces, frames[i].mesh.triangles)
         assert shape.volume == pytest.approx(frames[i].mesh.volume, rel=1e-12)
+
+
+def testFileOfAnotherProgram(frames, tmp_path):
+    """VTK's own writer, which gives each step a part of its own and Offsets of its own."""
+    vtk = pytest.importorskip("vtkmodules.vtkIOHDF")
+    mh.writeMeshTrajectory(tmp_path/"a.vtkhdf", frames)
+    reader, writer = vtk.vtkHDFReader(), vtk.vtkHDFWriter()
+    reader.SetFileName(str(tmp_path/"a.vtkhdf"))
+    writer.SetInputConnection(reader.GetOutputPort())
+    writer.SetFileName(str(tmp_path/"b.vtkhdf"))
+    writer.SetWriteAllTimeSteps(True)
+    writer.Write()
+    with h5py.File(tmp_path/"b.vtkhdf") as file:
+        assert file["VTKHDF/NumberOfPoints"].shape == (6,)
+    assert all(same(a, b) for a, b in zip(mh.readMeshTrajectory(tmp_path/"b.vtkhdf"), frames, strict=True))
 
 
 def testSinglePrecision(frames, tmp_path):
@@ -204,7 +219,7 @@ def testKilledAtAnyMoment(tmp_path):
         for frame in (trajectory[0], trajectory[-1]):
             assert np.allclose(np.linalg.norm(frame.mesh.vertices, axis=1), 1+frame.step) and np.all(frame.data["Step"] == frame.step)
         assert len(readWithVTK(tmp_path/"a")) == written
-    assert written > 5
+    assert written >= 5
 
 
 FULL = """

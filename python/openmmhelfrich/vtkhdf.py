@@ -273,12 +273,12 @@ def _requireFolder(path):
 def _polyData(file, path):
     """Return the group of an open file that holds the PolyData."""
     root = file.get("VTKHDF")
-    kind = root.attrs.get("Type") if root is not None else None
+    kind = root.attrs.get("Type") if isinstance(root, h5py.Group) else None
     if kind is None:
         raise ValueError(f"{path} is not a VTKHDF file; it has no group VTKHDF with a Type")
-    if bytes(kind) != b"PolyData" or "Steps" not in root:
-        found = bytes(kind).decode(errors="replace")+("" if "Steps" in root else " without time steps")
-        raise ValueError(f"{path} holds {found}; PolyData with steps is expected")
+    kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+    if kind != "PolyData" or "Steps" not in root:
+        raise ValueError(f"{path} holds {kind}{'' if 'Steps' in root else ' without time steps'}; PolyData with steps is expected")
     return root
 
 
