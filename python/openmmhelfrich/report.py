@@ -18,12 +18,13 @@ from .reporters import observableUnits, readObservables
 from .vtkhdf import MeshFrame, readMeshTrajectory
 
 MAX_BYTES = 20e6   # of a page: what mail and browsers take without complaint
+MAX_FRAMES = 101   # the start and a hundred more
 MAX_ROWS = 2000    # of the table: more than a plot has pixels
 ACCEPTANCE = {"acceptance": "trajectories", "flipAcceptance": "flips"}
 TEMPLATE = Path(__file__).with_name("report.html")
 
 
-def writeReport(prefix: PathLike, file: Optional[PathLike] = None, maxFrames: int = 100, overwrite: bool = False) -> Path:
+def writeReport(prefix: PathLike, file: Optional[PathLike] = None, maxFrames: int = MAX_FRAMES, overwrite: bool = False) -> Path:
     """Write a page about the results of a run.
 
     It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none, the final mesh; the observables against
@@ -205,7 +206,7 @@ def _judge(table, warnings):
         warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
     diverged = int(table.get("diverged", [0])[-1])
     if diverged:
-        warnings.append(f"{diverged} trajectories diverged and were rejected; a smaller step_size avoids this.")
+        warnings.append(f"{'One trajectory' if diverged == 1 else f'{diverged} trajectories'} diverged and had to be rejected; a smaller step_size avoids this.")
     if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
         warnings.append("No flip was accepted: the membrane does not flow.")
 

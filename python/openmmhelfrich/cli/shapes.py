@@ -120,7 +120,7 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
 @friendly
 def report(prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
            output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")] = None,
-           max_frames: Annotated[int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")] = 100,
+           max_frames: Annotated[int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")] = 101,
            overwrite: Overwrite = False):
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
