@@ -5,10 +5,12 @@ from .adaptation import StepSizeAdapter, StepSizeTracker, adaptStepSize
 from .annealing import anneal
 from .continuation import ContinuationResult, continueTo
 from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
-from .mesh import Mesh
+from .mesh import Mesh, reducedVolume
+from .minimization import MinimizationResult, minimize, minimizeFluid
 from .psf import writePSF
 from .reporters import MeshReporter, ObservablesReporter, readObservables
 from .schedules import ExponentialSchedule, TableSchedule, createSchedule
+from .shapes import spheroid, spheroidAspectRatio, surfaceOfRevolution
 from .vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
 
 try:
@@ -28,6 +30,7 @@ def __getattr__(name):
 __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
+    "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
     "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",

@@ -1,0 +1,197 @@
+"""Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the way."""
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import openmm as mm
+import pytest
+from openmm import app, unit
+
+import openmmhelfrich as mh
+from membranes import forcesOf, positionsOf, termsOf
+
+KAPPA = 50.0
+KJ = unit.kilojoules_per_mole
+
+
+def createSimulation(mesh, reducedVolume, stiffness=1e6, tether=(10, 0.8, 1.25), integrator=None, extra=()):
+    edge = mesh.edgeLengths.mean()
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(KAPPA)
+    force.setAreaModulus(stiffness*KAPPA)
+    force.setTargetArea(mesh.area)
+    force.setVolumeModulus(stiffness*KAPPA)
+    force.setTargetVolume(reducedVolume*mesh.area**1.5/(6*math.sqrt(math.pi)))
+    force.setTether(tether[0]*KAPPA, tether[1]*edge, tether[2]*edge, 2)
+    system = mesh.createSystem()
+    for f in (force, *extra):
+        system.addForce(f)
+    integrator = integrator or mh.HybridMonteCarloIntegrator(300, 1e-4)
+    integrator.setRandomNumberSeed(2)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    return force, simulation
+
+
+def axisymmetricMinima():
+    with open(Path(__file__).parent/"data"/"axisymmetric_minima.csv", newline="") as file:
+        rows = csv.DictReader(line for line in file if not line.startswith("#"))
+        return {(row["branch"], float(row["v"])): float(row["energy_over_8pi_kappa"]) for row in rows}
+
+
+@pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.9), ("prolate", 0.8), ("oblate", 0.9), ("oblate", 0.7)])
+def test_axisymmetric_minima(kind, reducedVolume):
+    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B."""
+    force, simulation = createSimulation(mh.spheroid(642, mh.spheroidAspectRatio(reducedVolume, kind)), reducedVolume)
+    result = mh.minimizeFluid(simulation, force)
+    assert result.converged and not result.warnings
+    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(axisymmetricMinima()[kind, reducedVolume], rel=0.01)
+    geometry = force.getGeometryInContext(simulation.context)
+    assert mh.reducedVolume(geometry.area._value, geometry.volume._value) == pytest.approx(reducedVolume, rel=2e-4)
+    mh.Mesh(positionsOf(simulation.context), force.getTrianglesInContext(simulation.context)).check()
+
+
+def test_stiff_penalties_from_far():
+    """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple the membrane."""
+    force, simulation = createSimulation(mh.spheroid(642, 1.3), 0.85)
+    result = mh.minimizeFluid(simulation, force)
+    assert result.converged and result.flips > 0
+    geometry = force.getGeometryInContext(simulation.context)
+    assert geometry.volume/force.getTargetVolume() == pytest.approx(1, abs=2e-4)
+    assert geometry.area/force.getTargetArea() == pytest.approx(1, abs=2e-4)
+    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx((1.18964+1.38744)/2, rel=0.02)  # the branch between v = 0.9 and 0.8
+    assert force.getAreaModulus()/KJ == force.getVolumeModulus()/KJ == 1e6*KAPPA
+
+
+def test_result_is_what_the_context_holds():
+    mesh = mh.spheroid(162, 1.5)
+    force, simulation = createSimulation(mesh, 0.95, 1e4)
+    calls = []
+    result = mh.minimize(simulation, force, progress=lambda iteration, energy: calls.append((iteration, energy)))
+    context = simulation.context
+    assert result.converged and result.iterations == len(result.history) == len(calls) and calls[-1] == (result.iterations, result.history[-1])
+    assert result.history[-1] == pytest.approx(result.energy/KJ, rel=1e-12)
+    assert sum(termsOf(force, context).values()) == pytest.approx(result.energy/KJ, rel=1e-12)
+    assert np.all(np.diff(result.history) <= 0)
+    assert np.sqrt(np.mean(forcesOf(context)**2)) == pytest.approx(result.rmsForce._value)
+    assert np.array_equal(force.getTrianglesInContext(context), mesh.triangles)
+    again = mh.minimize(simulation, force)
+    assert again.converged and again.iterations == 0
+    frame = result.toDataFrame() if pytest.importorskip("pandas") else None
+    assert list(frame["energy"]) == list(result.history)
+
+
+def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
+    mesh = mh.Mesh.icosphere(2)
+    mesh.vertices = mesh.vertices*[1, 1, 1.4]
+    results = []
+    for function in (mh.minimize, mh.minimizeFluid):
+        force, simulation = createSimulation(mesh, 0.97, 1e3, tether=(10, 0.6, 1.5))
+        simulation.integrator.getIntegrator(1).setTemperature(1e4)
+        simulation.integrator.getIntegrator(1).step(5)  # makes a bad mesh
+        simulation.integrator.setTemperature(123)
+        simulation.context.setStepCount(7)
+        results.append(function(simulation, force))
+    fixed, fluid = results
+    assert fixed.flips == 0 < fluid.flips and fluid.energy < 0.95*fixed.energy
+    flips = simulation.integrator.getIntegrator(1)
+    assert flips.getTemperature()/unit.kelvin == 123 and flips.getFraction() == 0.1
+    assert simulation.currentStep == 7
+
+
+def test_limits_and_the_callers_wish():
+    for function in (mh.minimize, mh.minimizeFluid):
+        force, simulation = createSimulation(mh.spheroid(162, 1.5), 0.9)
+        start = force.getEnergyTermsInContext(simulation.context)["volume"]
+        limited = function(simulation, force, maxIterations=20)
+        assert limited.iterations == 20 and not limited.converged and "greatest number of iterations" in limited.reason
+        assert force.getVolumeModulus()/KJ == 1e6*KAPPA and force.getEnergyTermsInContext(simulation.context)["volume"] < start
+        stopped = function(simulation, force, progress=lambda iteration, energy: iteration == 5)
+        assert stopped.iterations == 5 and not stopped.converged and stopped.reason == "the caller ended it"
+
+
+def test_a_tether_that_bends_the_shape_is_told():
+    mesh = mh.spheroid(162, 1.5)
+    force, simulation = createSimulation(mesh, 0.9, tether=(1000, 0.99, 1.0))
+    warning, = mh.minimizeFluid(simulation, force, maxIterations=200).warnings
+    assert "the tether holds" in warning and "of the bending energy" in warning
+
+
+def test_a_wall_of_infinite_energy_is_no_end():
+    """Where steps of the line search lead to no finite energy, the best positions so far are kept."""
+    mesh = mh.spheroid(162, 1.5)
+    wall = mm.CustomExternalForce("1000*(x-3)^2-1e-9*sqrt(1.5-x)")
+    for i in range(len(mesh.vertices)):
+        wall.addParticle(i)
+    force, simulation = createSimulation(mesh, 0.9, 10, extra=[wall])
+    before = simulation.context.getState(energy=True).getPotentialEnergy()
+    result = mh.minimize(simulation, force, maxIterations=100)
+    assert result.energy <= before and np.all(np.isfinite(positionsOf(simulation.context))) and positionsOf(simulation.context)[:, 0].max() <= 1.5
+
+
+@pytest.mark.parametrize("function", [mh.minimize, mh.minimizeFluid])
+def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
+    mesh = mh.spheroid(162, 1.5)
+    wall = mm.CustomExternalForce("sqrt(0.5-x)")
+    for i in range(len(mesh.vertices)):
+        wall.addParticle(i)
+    force, simulation = createSimulation(mesh, 0.9, extra=[wall])
+    with pytest.raises(mm.OpenMMException, match="nan.*must be finite"):
+        function(simulation, force)
+    assert np.array_equal(positionsOf(simulation.context), mesh.vertices)
+    assert np.array_equal(force.getTrianglesInContext(simulation.context), mesh.triangles)
+    assert force.getVolumeModulus()/KJ == 1e6*KAPPA and simulation.integrator.getTemperature()/unit.kelvin == 300
+
+
+@pytest.mark.parametrize("call, problem", [
+    (lambda s, f: mh.minimize(s, f, tolerance=0), "tolerance is 0.0 kJ/mol/nm; it must be positive"),
+    (lambda s, f: mh.minimize(s, f, tolerance=math.nan), "tolerance is nan"),
+    (lambda s, f: mh.minimize(s, f, maxIterations=-1), "maxIterations is -1"),
+    (lambda s, f: mh.minimizeFluid(s, f, maxIterations=0), "maxIterations is 0 and iterationsPerRound 50; both must be at least 1"),
+    (lambda s, f: mh.minimizeFluid(s, f), "has a VerletIntegrator, which flips no edges")])
+def test_what_is_refused(call, problem):
+    mesh = mh.Mesh.icosphere(1)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(1)
+    system = mesh.createSystem()
+    system.addForce(force)
+    simulation = app.Simulation(mesh.topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference"))
+    simulation.context.setPositions(mesh.vertices)
+    with pytest.raises(ValueError, match=problem):
+        call(simulation, force)
+
+
+def test_without_bending_a_tolerance_is_asked_for():
+    mesh = mh.Mesh.icosphere(1)
+    force, simulation = createSimulation(mesh, 0.95, 1e3)
+    force.setBendingModulus(0)
+    with pytest.raises(ValueError, match="bending modulus is 0.*give a tolerance"):
+        mh.minimize(simulation, force)
+
+
+@pytest.mark.parametrize("kind, low, high", [("prolate", 1, 50), ("oblate", 0.02, 1)])
+def test_spheroids(kind, low, high):
+    for reducedVolume in (0.5, 0.7, 0.9):
+        ratio = mh.spheroidAspectRatio(reducedVolume, kind)
+        mesh = mh.spheroid(642, ratio, area=7)
+        mesh.check()
+        assert low < ratio < high and mesh.area == pytest.approx(7)
+        assert mesh.reducedVolume == pytest.approx(reducedVolume, rel=0.02)
+        extent = np.ptp(mesh.vertices, axis=0)
+        assert extent[2]/extent[0] == pytest.approx(ratio, rel=0.03)
+        lengths = mesh.edgeLengths/mesh.edgeLengths.mean()
+        assert lengths.min() > 0.7 and lengths.max() < 1.35
+    assert mh.spheroidAspectRatio(1, kind) == 1
+
+
+@pytest.mark.parametrize("create, problem", [
+    (lambda: mh.spheroid(5, 1), "numVertices is 5"), (lambda: mh.spheroid(100, 0), "aspectRatio is 0"), (lambda: mh.spheroid(100, 1, math.nan), "area nan"),
+    (lambda: mh.spheroidAspectRatio(0.9, "pear"), "kind is 'pear'"), (lambda: mh.spheroidAspectRatio(1.1, "prolate"), "reducedVolume is 1.1"),
+    (lambda: mh.surfaceOfRevolution([[0, 1], [1, 0], [1, -1]], 100), "begin and end on the axis"),
+    (lambda: mh.surfaceOfRevolution([[0, 1, 0]], 100), r"shape \(1, 3\)")])
+def test_shapes_that_are_refused(create, problem):
+    with pytest.raises(ValueError, match=problem):
+        create()
