@@ -1,0 +1,374 @@
+"""What shapes and trajectories of membranes say: size and form, fluctuations, correlation in time, diffusion.
+
+Trajectories are arrays of positions of shape (frames, N, 3), in nm, wherever they come from: ``mdtraj.load_dcd(...).xyz`` is one.  Functions that need triangles take
+one set for all frames or one for each; a DCD file has none, so that those of a fluid membrane come from a MeshReporter's file.
+"""
+import math
+from dataclasses import dataclass
+from typing import Iterable, Optional
+
+import numpy as np
+from openmm import unit
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from .mesh import Mesh, reducedVolume
+from .reporters import valueIn
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeDescription:
+    """Size and form of a closed surface.
+
+    Attributes
+    ----------
+    area, volume : float
+        A, in nm^2, and V, in nm^3
+    reducedVolume : float
+        v = 6 sqrt(pi) V/A^(3/2), 1 for a sphere
+    reducedAreaDifference : float
+        M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi): 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991)
+    gyrationTensor : (3, 3) array of float
+        S = 1/A int (x-c)(x-c)^T dA over the triangles, with their centre of area c, in nm^2
+    radiusOfGyration : float
+        sqrt(tr S), in nm
+    asphericity : float
+        l_1-(l_2+l_3)/2 with the eigenvalues l_1 >= l_2 >= l_3 of S, in nm^2 (Theodorou and Suter, Macromolecules 18, 1206, 1985)
+    relativeShapeAnisotropy : float
+        1-3 (l_1 l_2+l_2 l_3+l_3 l_1)/(tr S)^2: 0 for a sphere, 1 for points on a line (the same source)
+    shapeClass : str
+        "sphere", "prolate", "oblate", "stomatocyte" or "budded": see :func:`classifyShape`
+    """
+    area: float
+    volume: float
+    reducedVolume: float
+    reducedAreaDifference: float
+    gyrationTensor: np.ndarray
+    radiusOfGyration: float
+    asphericity: float
+    relativeShapeAnisotropy: float
+    shapeClass: str
+
+
+def describeShape(mesh: Mesh) -> ShapeDescription:
+    """Return size and form of a closed mesh."""
+    tensor = gyrationTensor(mesh)
+    l3, l2, l1 = np.linalg.eigvalsh(tensor)
+    trace = l1+l2+l3
+    return ShapeDescription(mesh.area, mesh.volume, mesh.reducedVolume, reducedAreaDifference(mesh), tensor, math.sqrt(trace), float(l1-(l2+l3)/2),
+                            float(1-3*(l1*l2+l2*l3+l3*l1)/trace**2), classifyShape(mesh))
+
+
+def describeTrajectory(frames: Iterable, triangles) -> list:
+    """Return the :class:`ShapeDescription` of each frame.
+
+    Parameters
+    ----------
+    frames : (n, N, 3) array
+        positions, in nm
+    triangles : (T, 3) or (n, T, 3) array of int
+        the triangles of all frames, or of each
+    """
+    frames = _frames(frames)
+    triangles = np.broadcast_to(triangles, (len(frames),)+np.shape(triangles)[-2:])
+    return [describeShape(Mesh(x, t)) for x, t in zip(frames, triangles)]
+
+
+def toDataFrame(descriptions):
+    """Return a pandas.DataFrame with a row for each :class:`ShapeDescription`, without the tensors."""
+    import pandas
+    return pandas.DataFrame([{name: value for name, value in vars(d).items() if name != "gyrationTensor"} for d in descriptions])
+
+
+def reducedAreaDifference(mesh: Mesh) -> float:
+    """Return M/(4 pi R_A) of a closed mesh: see :class:`ShapeDescription`."""
+    return float(mesh.vertexMeanCurvatures.sum()/(4*math.pi*math.sqrt(mesh.area/(4*math.pi))))
+
+
+def gyrationTensor(mesh: Mesh) -> np.ndarray:
+    """Return the gyration tensor of a surface, (3, 3) in nm^2: the integral over its flat triangles is exact.  See :class:`ShapeDescription`."""
+    corners, areas = mesh.vertices[mesh.triangles], mesh.triangleAreas
+    corners = corners-np.average(corners.mean(axis=1), axis=0, weights=areas)
+    sums = corners.sum(axis=1)
+    moments = np.einsum("tci,tcj->tij", corners, corners)+np.einsum("ti,tj->tij", sums, sums)
+    return np.einsum("t,tij->ij", areas, moments)/(12*areas.sum())
+
+
+def classifyShape(mesh: Mesh) -> str:
+    """Name the form of a closed, connected surface.
+
+    With the square roots a >= b >= c of the gyration tensor's eigenvalues, the first of these that applies:
+
+    - "stomatocyte": the reduced area difference is below 0.8.  Along the axisymmetric branches it is at most 0.51 for stomatocytes, and above 1.02 for oblates and prolates
+    - "budded": along the longest axis there is a neck, a place at which the mean distance of the surface from the axis is less than half of its greatest
+      value on either side
+    - "sphere": c > 0.9 a
+    - "prolate": a-b > b-c
+    - "oblate": otherwise
+    """
+    if reducedAreaDifference(mesh) < 0.8:
+        return "stomatocyte"
+    values, axes = np.linalg.eigh(gyrationTensor(mesh))
+    if _hasNeck(mesh, axes[:, 2]):
+        return "budded"
+    c, b, a = np.sqrt(values)
+    if c > 0.9*a:
+        return "sphere"
+    return "prolate" if a-b > b-c else "oblate"
+
+
+def _hasNeck(mesh, axis):
+    """Return whether the distance from an axis through the centre has a minimum below half of the maxima on either side."""
+    x = mesh.vertices-np.average(mesh.vertices, axis=0, weights=mesh.vertexAreas)
+    height = x @ axis
+    distance = np.linalg.norm(x-np.outer(height, axis), axis=1)
+    # As wide as two edges, so that none is empty, and not so wide that it hides a neck.
+    bins = max(8, int(np.ptp(height)/(2*mesh.edgeLengths.mean())))
+    place = np.minimum(((height-height.min())/np.ptp(height)*bins).astype(int), bins-1)
+    weight = np.bincount(place, mesh.vertexAreas, bins)
+    filled = weight > 0
+    profile = np.bincount(place, mesh.vertexAreas*distance, bins)[filled]/weight[filled]
+    before, after = np.maximum.accumulate(profile), np.maximum.accumulate(profile[::-1])[::-1]
+    return bool(np.any(profile < 0.5*np.minimum(before, after)))
+
+
+@dataclass(frozen=True, eq=False)
+class FluctuationSpectrum:
+    """Fluctuations of a quasi-spherical vesicle, r = R (1 + sum_lm u_lm Y_lm), with the radius R of the sphere of its volume.
+
+    Attributes
+    ----------
+    degrees : array of int
+        l, from 2
+    powers : array of float
+        mean of |u_lm|^2 over m and the frames
+    errors : array of float
+        their standard errors, from the autocorrelation of each degree's |u_lm|^2 along the trajectory
+    autocorrelationTimes : array of float
+        integrated autocorrelation times of the degrees, in frames
+    series : (frames, degrees) array of float
+        the mean of |u_lm|^2 over m in each frame
+    """
+    degrees: np.ndarray
+    powers: np.ndarray
+    errors: np.ndarray
+    autocorrelationTimes: np.ndarray
+    series: np.ndarray
+
+    def toDataFrame(self):
+        """Return a pandas.DataFrame with a row for each degree."""
+        import pandas
+        return pandas.DataFrame({"degree": self.degrees, "power": self.powers, "error": self.errors, "autocorrelationTime": self.autocorrelationTimes})
+
+    def fit(self, minDegree: int = 2, maxDegree: Optional[int] = None) -> "SpectrumFit":
+        """Fit kT/(kappa (l-1)(l+2)[l(l+1)+sigma]) (Milner and Safran, Phys. Rev. A 36, 4371, 1987).
+
+        The fit is linear: 1/[(l-1)(l+2)<|u_lm|^2>] = (kappa/kT) l(l+1) + (kappa/kT) sigma, weighted by the errors.
+
+        Parameters
+        ----------
+        minDegree, maxDegree : int
+            the degrees to use; at least two of them.  The high ones see the mesh: stay where l is small against pi R over the edge length
+        """
+        chosen = (self.degrees >= minDegree) & (self.degrees <= (maxDegree or self.degrees[-1]))
+        if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
+            raise ValueError(f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors that are not 0")
+        l, power, error = self.degrees[chosen], self.powers[chosen], self.errors[chosen]
+        y = 1/((l-1)*(l+2)*power)
+        weight = power/(y*error)
+        design = np.column_stack((l*(l+1), np.ones(len(l))))*weight[:, np.newaxis]
+        covariance = np.linalg.inv(design.T @ design)
+        kappa, product = covariance @ (design.T @ (y*weight))
+        sigma = product/kappa
+        slope = np.array([-sigma, 1])/kappa
+        return SpectrumFit(float(kappa), math.sqrt(covariance[0, 0]), float(sigma), math.sqrt(slope @ covariance @ slope))
+
+
+@dataclass(frozen=True)
+class SpectrumFit:
+    """Bending modulus in kT and reduced tension sigma, with standard errors."""
+    bendingModulus: float
+    bendingModulusError: float
+    tension: float
+    tensionError: float
+
+
+def fluctuationSpectrum(frames, maxDegree: int = 10) -> FluctuationSpectrum:
+    """Compute the spectrum of a quasi-spherical vesicle's fluctuations on spherical harmonics.
+
+    In each frame the radii of the vertices, seen from the centre of volume, are fitted by spherical harmonics up to a degree, by least squares weighted with
+    the solid angle of each vertex.  The triangles are those of the directions' convex hull, so that none are needed.
+
+    Parameters
+    ----------
+    frames : (n, N, 3) array
+        positions, in nm, of a surface that every ray from its centre meets once
+    maxDegree : int
+        the highest degree to fit, at least 2; (maxDegree+1)^2 coefficients must be fewer than the vertices
+
+    Raises
+    ------
+    ValueError
+        if an argument is out of range
+    """
+    frames = _frames(frames)
+    if maxDegree < 2 or (maxDegree+1)**2 >= frames.shape[1]:
+        raise ValueError(f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree+1)**2} coefficients fewer than the {frames.shape[1]} vertices")
+    degrees = np.arange(2, maxDegree+1)
+    series = np.array([[np.mean(u[l*l:(l+1)**2]**2) for l in degrees] for u in (sphericalHarmonicCoefficients(x, maxDegree) for x in frames)])
+    statistics = [_meanErrorTime(column) for column in series.T]
+    mean, error, time = np.array(statistics).T
+    return FluctuationSpectrum(degrees, mean, error, time, series)
+
+
+def sphericalHarmonicCoefficients(vertices, maxDegree: int) -> np.ndarray:
+    """Return the coefficients u_lm of r = R (1 + sum_lm u_lm Y_lm) for real, orthonormal spherical harmonics, an array in the order l^2+l+m.
+
+    See :func:`fluctuationSpectrum` for the method.  Sums over m of their squares are those of the complex coefficients.
+    """
+    x = np.asarray(vertices, dtype=float)
+    x = x-x.mean(axis=0)
+    for _ in range(2):  # the centre of volume, and then the triangles seen from there
+        triangles = _starTriangles(x)
+        a, b, c = (x[triangles[:, i]] for i in range(3))
+        volumes = np.einsum("ti,ti->t", a, np.cross(b, c))/6
+        x = x-np.einsum("t,ti->i", volumes, a+b+c)/(4*volumes.sum())
+    radius = (3*volumes.sum()/(4*math.pi))**(1/3)
+    r = np.linalg.norm(x, axis=1)
+    directions = x/r[:, np.newaxis]
+    weight = np.sqrt(_solidAngles(directions, triangles))
+    harmonics = _realHarmonics(directions, maxDegree)
+    return np.linalg.lstsq(harmonics*weight[:, np.newaxis], (r/radius-1)*weight, rcond=None)[0]
+
+
+def _starTriangles(x):
+    """Return the triangles of points' directions from the origin, counter-clockwise seen from outside."""
+    directions = x/np.linalg.norm(x, axis=1)[:, np.newaxis]
+    triangles = ConvexHull(directions).simplices
+    a, b, c = (directions[triangles[:, i]] for i in range(3))
+    inwards = np.einsum("ti,ti->t", a, np.cross(b, c)) < 0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    return triangles
+
+
+def _solidAngles(directions, triangles):
+    """Return the solid angle of each vertex, a third of that of its triangles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 125, 1983)."""
+    a, b, c = (directions[triangles[:, i]] for i in range(3))
+    triple = np.einsum("ti,ti->t", a, np.cross(b, c))
+    angles = 2*np.arctan2(triple, 1+np.sum(a*b+b*c+c*a, axis=1))
+    return np.bincount(triangles.ravel(), np.repeat(angles/3, 3), len(directions))
+
+
+def _realHarmonics(directions, maxDegree):
+    """Return the real spherical harmonics at directions: an (N, (maxDegree+1)^2) array."""
+    try:
+        from scipy.special import sph_harm_y
+    except ImportError:  # scipy before 1.15
+        from scipy.special import sph_harm
+
+        def sph_harm_y(l, m, theta, phi):
+            return sph_harm(m, l, phi, theta)
+    theta, phi = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
+    columns = []
+    for l in range(maxDegree+1):
+        positive = [math.sqrt(2)*(-1)**m*sph_harm_y(l, m, theta, phi) for m in range(1, l+1)]
+        columns += [y.imag for y in reversed(positive)]+[sph_harm_y(l, 0, theta, phi).real]+[y.real for y in positive]
+    return np.column_stack(columns)
+
+
+def autocorrelationTime(series) -> float:
+    """Return the integrated autocorrelation time 1 + 2 sum_t rho(t) of a series, in its steps: 1 if its values are independent.
+
+    emcee computes it, with A. Sokal's automatic window.  Below some fifty times as many values as the result it is an underestimate.
+
+    Raises
+    ------
+    ValueError
+        if the series has fewer than two values, or one that is not finite
+    ImportError
+        if emcee is not installed
+    """
+    series = np.asarray(series, dtype=float)
+    if series.ndim != 1 or len(series) < 2 or not np.all(np.isfinite(series)):
+        raise ValueError(f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row")
+    if np.ptp(series) == 0:
+        return 1.0
+    try:
+        from emcee.autocorr import integrated_time
+    except ImportError:
+        raise ImportError("autocorrelation times need emcee: pip install 'openmm-helfrich[analysis]'") from None
+    return max(1.0, float(integrated_time(series, tol=0)[0]))
+
+
+def meanAndError(series) -> tuple:
+    """Return the mean of a correlated series and its standard error, s sqrt(tau/n) with the integrated autocorrelation time tau."""
+    return _meanErrorTime(series)[:2]
+
+
+def _meanErrorTime(series):
+    series = np.asarray(series, dtype=float)
+    if len(series) < 2:
+        return float(series.mean()), math.nan, math.nan
+    time = autocorrelationTime(series)
+    return float(series.mean()), float(series.std(ddof=1)*math.sqrt(time/len(series))), time
+
+
+@dataclass(frozen=True, eq=False)
+class Diffusion:
+    """Mean squared displacement of vertices along the surface, in nm^2, against the lag, in frames: 4D times the lag where they diffuse."""
+    lags: np.ndarray
+    meanSquaredDisplacements: np.ndarray
+
+    def toDataFrame(self):
+        """Return a pandas.DataFrame with a row for each lag."""
+        import pandas
+        return pandas.DataFrame({"lag": self.lags, "meanSquaredDisplacement": self.meanSquaredDisplacements})
+
+
+def vertexDiffusion(frames, triangles, maxLag: Optional[int] = None) -> Diffusion:
+    """Compute how far vertices move along the surface.
+
+    Displacements are those that remain when the translation and rotation of the whole surface between two frames is taken out, projected to the tangent plane at the
+    earlier position.  They must be small against the radius of the surface.
+
+    Parameters
+    ----------
+    frames : (n, N, 3) array
+        positions, in nm
+    triangles : (T, 3) or (n, T, 3) array of int
+        the triangles of all frames, or of each: they give the normals
+    maxLag : int
+        the greatest lag, in frames; by default a quarter of their number
+    """
+    frames = _frames(frames)
+    maxLag = max(1, len(frames)//4) if maxLag is None else maxLag
+    if not 1 <= maxLag < len(frames):
+        raise ValueError(f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(frames)-1}, for {len(frames)} frames")
+    frames = frames-frames.mean(axis=1, keepdims=True)
+    triangles = np.broadcast_to(triangles, (len(frames),)+np.shape(triangles)[-2:])
+    normals = [_vertexNormals(x, t) for x, t in zip(frames, triangles)]
+    lags = np.arange(1, maxLag+1)
+    return Diffusion(lags, np.array([np.mean([_tangentialSquare(frames[n], frames[n+lag], normals[n]) for n in range(len(frames)-lag)]) for lag in lags]))
+
+
+def _tangentialSquare(start, end, normals):
+    rotation, _ = Rotation.align_vectors(start, end)
+    displacement = rotation.apply(end)-start
+    return np.mean(np.sum(displacement**2, axis=1)-np.sum(displacement*normals, axis=1)**2)
+
+
+def _vertexNormals(x, triangles):
+    a, b, c = (x[triangles[:, i]] for i in range(3))
+    normals, faces = np.zeros_like(x), np.cross(b-a, c-a)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], faces)
+    return normals/np.linalg.norm(normals, axis=1)[:, np.newaxis]
+
+
+def _frames(frames):
+    frames = np.asarray(valueIn(frames, unit.nanometer), dtype=float)
+    if frames.ndim != 3 or frames.shape[2] != 3 or len(frames) == 0:
+        raise ValueError(f"the frames have the shape {frames.shape}; it must be (n, N, 3), with at least one frame")
+    if not np.all(np.isfinite(frames)):
+        raise ValueError(f"frame {np.argwhere(~np.isfinite(frames))[0, 0]} has a coordinate that is not finite")
+    return frames
