@@ -133,6 +133,7 @@ def trimemText(mesh, case, kT, **values):
     repulsion = {"n_search": "cell-list", "rlist": 0.2, "lc1": case["repulsion"]["onset"], "r": 2, "exclusion_level": 2}
     sections = {"GENERAL": {"algorithm": "hmc", "input": mesh, "info": 5}, "BONDS": bonds, "SURFACEREPULSION": repulsion,
                 "ENERGY": {**kappas, **targets, "continuation_delta": 0.0, "continuation_lambda": 1.0},
+                "MINIMIZATION": {"maxiter": 10, "out_every": 0},
                 "HMC": {"num_steps": 100, "step_size": 1e-4, "traj_steps": 20, "momentum_variance": 2.0, "thin": 10, "flip_type": "parallel", "flip_ratio": 0.2,
                         "initial_temperature": kT, "cooling_factor": 0.0}}
     for name, value in values.items():
@@ -182,6 +183,9 @@ def testStagesOfTriMem(tmp_path):
     assert (move.kind, move.windows, move.totalSteps, sample.steps) == ("continue", 20, 42, 60) and "lambda moves in 20 windows" in text
     assert (config.membrane.target_area, config.membrane.target_volume) == pytest.approx((own["area"], own["volume"]), rel=1e-9)
     assert (move.target_area, move.target_volume) == pytest.approx((targets["area"], targets["volume"]), rel=1e-9)
+    config, _ = convert(tmp_path, algorithm="minimize", maxiter=7)
+    stage, = config.stages
+    assert (stage.kind, stage.fluid, stage.max_iterations) == ("minimize", False, 7)
     config, text = convert(tmp_path, flip_type="none", kappa_d=3)
     assert config.sampling.flip_fraction == 0 and "Unknown, and left out: [HMC] kappa_d." in text
 

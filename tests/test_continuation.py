@@ -123,4 +123,13 @@ def testEachWindowIsEquilibratedAndThenRecorded(tmp_path):
     assert table["targetVolume"][1:] == pytest.approx(np.repeat([mesh.volume, (mesh.volume+3)/2, 3], 10))
     assert table["targetArea"][1:] == pytest.approx(np.repeat([mesh.area, mesh.area, 12], 10))
     windows = mh.readObservables(summary.outputs.path)
-    assert np.all(windows["samples"] == 6) and windows["energy"][1] == pytest.approx(table["energy"][15:21].mean())
+    assert np.all(windows["samples"] == 6) and np.all(windows["stage"] == 1) and windows["energy"][1] == pytest.approx(table["energy"][15:21].mean())
+
+
+def testSeveralPathsInARun(tmp_path):
+    stages = [{"kind": "continue", "windows": 1, "equilibration": 1, "steps": 2, "target_volume": v} for v in (3.5, 3.0)]
+    summary = run(parseConfig({"mesh": {"icosphere": 1}, "platform": {"name": "Reference"}, "stages": stages, "output": {"prefix": str(tmp_path/"a")},
+                               "sampling": {"steps_per_trajectory": 5, "seed": 1}}))
+    windows = mh.readObservables(summary.outputs.path)
+    assert list(windows["stage"]) == [1, 1, 2, 2] and list(windows["window"]) == [0, 1, 0, 1]
+    assert windows["targetVolume"] == pytest.approx([mh.Mesh.icosphere(1).volume, 3.5, 3.5, 3.0])

@@ -17,7 +17,7 @@ from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.outputs import Recorder
 from openmmhelfrich.studies import resume, run
 
-STAGES = [{"kind": "sample", "steps": 60}, {"kind": "anneal", "steps": 40, "end_temperature": 30.0},
+STAGES = [{"kind": "sample", "steps": 60}, {"kind": "minimize", "max_iterations": 200, "reduced_volume": 0.95}, {"kind": "anneal", "steps": 40, "end_temperature": 30.0},
           {"kind": "continue", "windows": 2, "reduced_volume": 0.9, "equilibration": 5, "steps": 10, "there_and_back": True}]
 
 
@@ -62,16 +62,27 @@ class StopAt:
 def uninterrupted(tmp_path_factory):
     prefix = tmp_path_factory.mktemp("run")/"a"
     summary = run(configure(prefix))
-    assert not summary.interrupted and summary.steps == 175
+    assert not summary.interrupted and summary.steps == 176
     return contentsOf(prefix)
 
 
-@pytest.mark.parametrize("steps", [1, 20, 60, 61, 120])
+@pytest.mark.parametrize("steps", [1, 20, 60, 61, 62, 120])
 def testStoppedAndResumed(uninterrupted, tmp_path, steps):
     summary = run(configure(tmp_path/"a"), StopAt(steps))
     assert summary.interrupted and summary.steps == steps
     summary = resume(tmp_path/"a")
-    assert not summary.interrupted and summary.steps == 175 and summary.newSteps == 175-steps
+    assert not summary.interrupted and summary.steps == 176 and summary.newSteps == 176-steps
+    assertSame(tmp_path/"a", uninterrupted)
+
+
+def testStoppedWhileItMinimises(uninterrupted, tmp_path):
+    """A minimisation is done as a whole: it begins anew where it was stopped."""
+    def stop(study):
+        if study.stage.title == "minimize" and study.stage.position == 50:
+            raise KeyboardInterrupt
+    summary = run(configure(tmp_path/"a"), stop)
+    assert summary.interrupted and summary.steps == 60
+    assert resume(tmp_path/"a").steps == 176
     assertSame(tmp_path/"a", uninterrupted)
 
 
@@ -107,13 +118,13 @@ def testMoreSteps(tmp_path):
 
 
 def testMoreStepsAfterAnotherKindOfStage(tmp_path):
-    run(configure(tmp_path/"a", STAGES[1:2]))
+    run(configure(tmp_path/"a", STAGES[2:3]))
     summary = resume(tmp_path/"a", steps=10)
     assert summary.steps == 50 and list(summary.table["stage"][-2:]) == [2, 2] and summary.table["temperature"][-1] == 300
 
 
 def testRunThatIsComplete(tmp_path):
-    run(configure(tmp_path/"a", STAGES[1:2]))
+    run(configure(tmp_path/"a", STAGES[2:3]))
     with pytest.raises(ValueError, match="complete, at step 40; ask for more steps"):
         resume(tmp_path/"a")
     (tmp_path/"a_shape.png").unlink()  # a run that was killed while it drew
@@ -162,10 +173,10 @@ def testFullDisk(uninterrupted, tmp_path, monkeypatch):
         return original(self)
     with monkeypatch.context() as patch:
         patch.setattr(Recorder, "sync", sync)
-        with pytest.raises(OSError, match="the disk is full; everything up to step 50 is safe: openmm-helfrich resume"):
+        with pytest.raises(OSError, match="the disk is full; everything up to step 60 is safe: openmm-helfrich resume"):
             run(configure(tmp_path/"a", output={"checkpoint_interval": 25}))
     with zipfile.ZipFile(tmp_path/"a.checkpoint") as checkpoint:
-        assert json.loads(checkpoint.read("run.json"))["step"] == 50
+        assert json.loads(checkpoint.read("run.json"))["step"] == 60
     resume(tmp_path/"a")
     assertSame(tmp_path/"a", uninterrupted)
 
@@ -208,6 +219,10 @@ trajectory_jitter = 0.3
 trajectory_interval = 20
 observables_interval = 5
 checkpoint_interval = 100
+[[stages]]
+kind = "minimize"
+max_iterations = 1000
+reduced_volume = 0.97
 [[stages]]
 kind = "sample"
 steps = 2600

@@ -196,7 +196,8 @@ def averageWindows(table, lambdas):
     rows = []
     for window in np.unique(table["window"]).astype(int):
         chosen = table["window"] == window
-        row = {"window": window, "lambda": lambdas[window], "samples": int(chosen.sum())}
+        row = {"stage": table["stage"][chosen][0]} if "stage" in table else {}
+        row |= {"window": window, "lambda": lambdas[window], "samples": int(chosen.sum())}
         for name in names:
             row[name], row[name+"Deviation"] = float(table[name][chosen].mean()), float(table[name][chosen].std())
         rows.append(row)

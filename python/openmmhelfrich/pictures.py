@@ -80,18 +80,23 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
     """
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8, 7), layout="constrained")
-    last = int(np.argmax(windows["lambda"]))
     quantities = (("E_bending", f"bending energy ({energyUnit})"), ("reducedVolume", "reduced volume"), ("areaDifference", f"area difference ({lengthUnit}$^2$)"))
     for axes, (name, label) in zip(figure.subplots(len(quantities), 1, sharex=True), quantities):
-        for part, style, text in ((slice(last+1), "o-", "there"), (slice(last, None), "s--", "back")):
-            if windows["lambda"][part].size > 1:
-                axes.errorbar(windows["lambda"][part], windows[name][part], windows[name+"Deviation"][part], fmt=style, capsize=3, label=text)
+        for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
+            _plotBranches(axes, windows if stage is None else windows.where(windows["stage"] == stage), name, "" if stage is None else f"stage {stage:.0f}, ")
         axes.set_ylabel(label)
         axes.ticklabel_format(useOffset=False)
         if axes.lines:
             axes.legend(fontsize="small")
     axes.set_xlabel("$\\lambda$; bars are standard deviations")
     figure.savefig(file, dpi=120)
+
+
+def _plotBranches(axes, windows, name, prefix):
+    last = int(np.argmax(windows["lambda"]))
+    for part, style, text in ((slice(last+1), "o-", "there"), (slice(last, None), "s--", "back")):
+        if windows["lambda"][part].size > 1:
+            axes.errorbar(windows["lambda"][part], windows[name][part], windows[name+"Deviation"][part], fmt=style, capsize=3, label=prefix+text)
 
 
 def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):

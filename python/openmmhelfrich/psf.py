@@ -1,6 +1,5 @@
 """PSF files: the topology that goes with a DCD trajectory."""
-import os
-from pathlib import Path
+from .files import replacing
 
 # Columns of the extended format (CHARMM's EXT).  Ten digits an index leave room for any mesh, and blanks between all fields let readers
 # that split at blanks (mdtraj, MDAnalysis, NAMD) and readers that count columns (VMD, OpenMM) agree.
@@ -23,21 +22,15 @@ def writePSF(file, topology, mass=1.0):
         the mass of each atom, in Da
     """
     atoms, bonds = list(topology.atoms()), list(topology.bonds())
-    path = Path(file)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with open(part, "w") as out:
-            out.write(f"PSF EXT\n\n{1:10d} !NTITLE\n REMARKS a triangulated membrane: an atom a vertex, a bond an edge\n\n")
-            out.write(f"{len(atoms):10d} !NATOM\n")
-            for i, atom in enumerate(atoms):
-                residue = atom.residue
-                names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))  # no field may be blank
-                out.write(_ATOM.format(i+1, *names, "0.000000", f"{mass:.6g}", 0))
-            out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
-            for first in range(0, len(bonds), 4):
-                out.write("".join(f"{a.index+1:10d}{b.index+1:10d}" for a, b, *_ in bonds[first:first+4])+"\n")
-            for section in ("NTHETA: angles", "NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors"):
-                out.write(f"\n{0:10d} !{section}\n\n")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    with replacing(file) as part, open(part, "w") as out:
+        out.write(f"PSF EXT\n\n{1:10d} !NTITLE\n REMARKS a triangulated membrane: an atom a vertex, a bond an edge\n\n")
+        out.write(f"{len(atoms):10d} !NATOM\n")
+        for i, atom in enumerate(atoms):
+            residue = atom.residue
+            names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))  # no field may be blank
+            out.write(_ATOM.format(i+1, *names, "0.000000", f"{mass:.6g}", 0))
+        out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
+        for first in range(0, len(bonds), 4):
+            out.write("".join(f"{a.index+1:10d}{b.index+1:10d}" for a, b, *_ in bonds[first:first+4])+"\n")
+        for section in ("NTHETA: angles", "NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors"):
+            out.write(f"\n{0:10d} !{section}\n\n")

@@ -207,6 +207,11 @@ class Table(dict):
         """Create a Table from dicts with the same keys, of whose names the units in brackets are left out."""
         return cls((plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ()))
 
+    @classmethod
+    def concatenate(cls, tables):
+        """Create a Table of the rows of several, which have the same columns."""
+        return cls((name, np.concatenate([table[name] for table in tables])) for name in tables[0])
+
     def toDataFrame(self):
         """Return a pandas.DataFrame of the same columns."""
         import pandas

@@ -7,6 +7,8 @@ import numpy as np
 
 from .adaptation import StepSizeAdapter, StepSizeTracker, stepAndAdapt
 from .continuation import ContinuationPath, absoluteTargets, currentTargets, setTargets
+from .minimization import minimize, minimizeFluid
+from .reporters import thermalEnergy
 from .schedules import ExponentialSchedule, TableSchedule, createSchedule
 
 _TARGET_NAMES = {"target_area": "area", "target_volume": "volume", "reduced_volume": "reducedVolume", "target_area_difference": "areaDifference"}
@@ -14,24 +16,29 @@ _TARGET_NAMES = {"target_area": "area", "target_volume": "volume", "reduced_volu
 
 def createStage(settings, config, simulation, force):
     """Return the stage that one of a Config's stages describes, at its beginning."""
-    return {"sample": _Sample, "anneal": _Anneal, "continue": _Continue}[settings.kind](settings, config, simulation, force)
+    return {"minimize": _Minimize, "sample": _Sample, "anneal": _Anneal, "continue": _Continue}[settings.kind](settings, config, simulation, force)
 
 
-class MonteCarloStage:
-    """A number of Monte Carlo steps.
+class Stage:
+    """A part of a run.
 
     Attributes
     ----------
     title : str
         what it is called
-    steps : int
-        the number of Monte Carlo steps
-    position : int
-        how many of them have been made
+    steps, position : int
+        the number of steps or iterations, at most, and how many have been made
+    unit : str
+        what these are called
+    isWhole : bool
+        whether it is done in a single advance(), so that it can go on from its beginning only
+    listen : callable
+        called within a long advance(), with no arguments; if it returns True the stage stops there
     """
+    unit, isWhole = "step", False
 
     def __init__(self, settings, config, simulation, force):
-        self.title, self.steps, self.position = settings.title, settings.totalSteps, 0
+        self.title, self.steps, self.position, self.listen = settings.title, settings.totalSteps, 0, lambda: False
         self._settings, self._config, self._simulation, self._force = settings, config, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
         self._startCounters = self._counters()
@@ -40,19 +47,6 @@ class MonteCarloStage:
     @property
     def isDone(self):
         return self.position >= self.steps
-
-    def advance(self):
-        """Make a Monte Carlo step."""
-        n, simulation = self.position, self._simulation
-        simulation.integrator.setTemperature(self._temperature(n))
-        setTargets(simulation.context, self._force, self._targets(n))
-        setTrajectoryLength(simulation, self._config.sampling)
-        if self._isAdapting(n):
-            stepAndAdapt(simulation, self._adapter)
-        else:
-            simulation.step(1)
-        self.position += 1
-        self._stepped()
 
     def window(self):
         """Return the number of the window of a path that the present step belongs to, and whether that is equilibrated: not part of a burn-in."""
@@ -88,15 +82,9 @@ class MonteCarloStage:
         return [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), flips.getNumAttempted(), flips.getNumAccepted(),
                 integrator.getNumDivergedTrajectories()]
 
-    def _temperature(self, n):
-        return self._settings.temperature or self._config.sampling.temperature
-
     def _endTargets(self):
         given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
         return absoluteTargets(given, self._startTargets) if given else {}
-
-    def _targets(self, n):
-        return self._endTargets() if n == 0 else {}
 
     def _createAdapter(self):
         return None
@@ -104,11 +92,85 @@ class MonteCarloStage:
     def _isAdapting(self, n):
         return self._adapter is not None
 
+
+class _Minimize(Stage):
+    """A minimum of the energy.  It is found as a whole: a run that is stopped meanwhile begins it anew, from the checkpoint at its beginning."""
+    unit, isWhole = "iteration", True
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.steps, self._result, self._energy = self._settings.max_iterations, None, 0.0
+
+    @property
+    def isDone(self):
+        return self._result is not None
+
+    def advance(self):
+        """Minimise, and count this as a step."""
+        simulation, settings = self._simulation, self._settings
+        setTargets(simulation.context, self._force, self._endTargets())
+        tolerance = settings.tolerance and settings.tolerance*thermalEnergy(self._config.sampling.temperature)
+        isStopped = False
+
+        def progress(iterations, energy):
+            nonlocal isStopped
+            self.position, self._energy = iterations, energy
+            isStopped = self.listen()
+            return isStopped
+        search = minimizeFluid if settings.fluid else minimize
+        result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
+        if not isStopped:
+            simulation.context.setStepCount(simulation.currentStep+1)
+            self._result = [f"{self.title}: {result.reason}, after {result.iterations} iterations{f' and {result.flips} flips' if settings.fluid else ''}",
+                            *(f"{self.title}: {warning}" for warning in result.warnings)]
+
+    def status(self, energy):
+        """Return the energy of the present iteration, in a few words."""
+        return f"energy {self._energy/thermalEnergy(self._config.sampling.temperature):.6g} kT"
+
+    def getState(self):
+        return {**super().getState(), "result": self._result}
+
+    def setState(self, state):
+        super().setState(state)
+        self._result = state["result"]
+
+    def notes(self):
+        return self._result
+
+
+class _MonteCarlo(Stage):
+    """A number of Monte Carlo steps, whose conditions are functions of the step."""
+
+    def advance(self):
+        """Make a Monte Carlo step."""
+        n, simulation = self.position, self._simulation
+        simulation.integrator.setTemperature(self._temperature(n))
+        setTargets(simulation.context, self._force, self._targets(n))
+        setTrajectoryLength(simulation, self._config.sampling)
+        if self._isAdapting(n):
+            stepAndAdapt(simulation, self._adapter)
+        else:
+            simulation.step(1)
+        self.position += 1
+        self._stepped()
+
+    def status(self, energy):
+        """Return an energy, in kT, and the rates of acceptance of the stage, in a few words."""
+        trajectories, flips = self.acceptance()
+        return f"energy {energy():.0f} kT, accepted {trajectories:.0%}, flips {flips:.0%}"
+
+    def _temperature(self, n):
+        return self._settings.temperature or self._config.sampling.temperature
+
+    def _targets(self, n):
+        return self._endTargets() if n == 0 else {}
+
     def _stepped(self):
         pass
 
 
-class _Sample(MonteCarloStage):
+class _Sample(_MonteCarlo):
     """Constant conditions; an automatic step size adapts in the burn-in."""
 
     def _createAdapter(self):
@@ -135,7 +197,7 @@ class _Sample(MonteCarloStage):
         return [f"{self.title}: the burn-in has not ended, or was too short, and no step size has been chosen; it is {self._adapter.stepSize:.4g} ps"]
 
 
-class _Anneal(MonteCarloStage):
+class _Anneal(_MonteCarlo):
     """A temperature that follows a schedule; the step size keeps the acceptance."""
 
     def __init__(self, *arguments):
@@ -161,7 +223,7 @@ class _Anneal(MonteCarloStage):
         return 0, True
 
 
-class _Continue(MonteCarloStage):
+class _Continue(_MonteCarlo):
     """Targets that move window by window; an automatic step size follows while each window equilibrates."""
 
     def __init__(self, *arguments):

@@ -8,6 +8,7 @@ import threading
 import time
 from importlib.metadata import version as versionOf
 from pathlib import Path
+from typing import Callable, Optional, Union
 
 import openmm as mm
 from openmm import unit
@@ -16,16 +17,17 @@ from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
 from .config import Config, SampleStage, parseConfig, readConfig
 from .configfile import writeSettings
 from .continuation import averageWindows, currentTargets, windowLambdas
+from .files import PathLike
 from .outputs import Outputs, Recorder
 from .pictures import drawMesh, plotObservables, plotPath
 from .psf import writePSF
-from .reporters import valueIn
+from .reporters import Table, valueIn
 from .simulation import createForce, createSimulation, currentMesh, loadMesh, platformOf, resolve
 from .stages import createStage
-from .summary import summarise
+from .summary import Summary, summarise
 
 
-def run(config, progress=None):
+def run(config: Union[Config, dict, PathLike], progress: Optional[Callable[["Study"], None]] = None) -> Summary:
     """Do everything that a configuration asks for and return a Summary.
 
     Parameters
@@ -54,7 +56,8 @@ def run(config, progress=None):
     return study.finish(progress)
 
 
-def resume(prefix, steps=None, progress=None, platform=None, threads=None):
+def resume(prefix: PathLike, steps: Optional[int] = None, progress: Optional[Callable[["Study"], None]] = None, platform: Optional[str] = None,
+           threads: Optional[int] = None) -> Summary:
     """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
 
     What the run would have written had it never been stopped is what it writes: the files are the same to the last byte.
@@ -104,7 +107,7 @@ class Study:
         the membrane
     force : HelfrichForce
         its energy
-    stage : MonteCarloStage or None
+    stage : Stage
         what is being done
     index : int
         its number, from 0
@@ -131,7 +134,8 @@ class Study:
                 if not self._sizes:
                     self._recorder.table.report(self.simulation, None)  # the table begins with the start
                 self._advance(stop, progress)
-                self.save()
+                if self.stage.isDone or not self.stage.isWhole:
+                    self.save()
             summary = summarise(self, self.simulation.currentStep-firstStep, time.perf_counter()-start, stop.signal)
             self._draw(summary)
         return summary
@@ -156,24 +160,35 @@ class Study:
 
     def status(self):
         """Return the energy and the rates of acceptance of the present stage, in a few words."""
-        trajectories, flips = self.stage.acceptance()
-        return f"energy {self.observe()['energy (kT)']:.0f} kT, accepted {trajectories:.0%}, flips {flips:.0%}"
+        return self.stage.status(lambda: self.observe()["energy (kT)"])
 
     def _advance(self, stop, progress):
         """Go through the stages, to the end or until asked to stop."""
-        while True:
-            while not self.stage.isDone:
-                if stop.signal is not None:
-                    return
-                self.stage.advance()
+        isInterrupted = False
+
+        def isToStop():
+            nonlocal isInterrupted
+            try:
                 if progress is not None:
-                    try:
-                        progress(self)
-                    except KeyboardInterrupt:
-                        return
+                    progress(self)
+            except KeyboardInterrupt:
+                isInterrupted = True
+            return isInterrupted or stop.signal is not None
+        while True:
+            self.stage.listen = isToStop
+            if self.stage.isWhole and not self.stage.isDone:
+                self.save()  # where it goes on if it is stopped
+            while not self.stage.isDone:
+                self.stage.advance()
+                if self.stage.isWhole and self.stage.isDone:
+                    self._recorder.report()
+                if isToStop():
+                    break
                 self._saveIfDue()
+            if not self.stage.isDone:
+                return
             self._note()
-            if self.isComplete:
+            if self.isComplete or isInterrupted or stop.signal is not None:
                 return
             self.index += 1
             self.stage = self._createStage()
@@ -199,8 +214,9 @@ class Study:
         integrator, u = self.simulation.integrator, self.config.mesh.length_unit
         targets = currentTargets(self.simulation.context, self.force)
         window, isEquilibrated = self.stage.window()
-        return {"temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin), "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond), "stage": self.index+1, "window": window,
-                "equilibrated": int(isEquilibrated), f"targetArea ({u}^2)": targets["area"], f"targetVolume ({u}^3)": targets["volume"],
+        return {"temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin), "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond),
+                "stage": self.index+1, "window": window, "equilibrated": int(isEquilibrated),
+                f"targetArea ({u}^2)": targets["area"], f"targetVolume ({u}^3)": targets["volume"],
                 f"targetAreaDifference ({u}^2)": targets["areaDifference"]}
 
     def _writeSettings(self):
@@ -222,12 +238,16 @@ class Study:
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
-        for i, stage in enumerate(self.config.stages):
-            rows = summary.table.where((summary.table["stage"] == i+1) & (summary.table["equilibrated"] == 1))
-            if stage.kind == "continue" and len(rows["step"]):
-                windows = averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
-                windows.write(self.outputs.path)
-                plotPath(windows, self.outputs.pathPlot, lengthUnit)
+        paths = [averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
+                 for stage, rows in zip(self.config.stages, self._recordedRows(summary.table)) if stage.kind == "continue" and len(rows["step"])]
+        if paths:
+            windows = Table.concatenate(paths)
+            windows.write(self.outputs.path)
+            plotPath(windows, self.outputs.pathPlot, lengthUnit)
+
+    def _recordedRows(self, table):
+        """Return the equilibrated rows of each stage."""
+        return [table.where((table["stage"] == i+1) & (table["equilibrated"] == 1)) for i in range(len(self.config.stages))]
 
 
 def versions():

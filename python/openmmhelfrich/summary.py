@@ -78,7 +78,9 @@ class Summary:
                  ("reduced volume", f"{self.mean('reducedVolume'):.4f}")]
         if "areaDifference" in self.targets:
             lines.append(("area difference", self._mean("areaDifference", f"{u}^2")))
-        lines += [("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"), ("energy", f"{self.mean('energy'):.1f} kT")]
+        if self.config.stages[-1].kind != "minimize":
+            lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
+        lines.append(("energy", f"{self.mean('energy'):.1f} kT"))
         if kappa:
             lines.append(("E_B/8 pi kappa", f"{self.mean('E_bending')/(8*math.pi*kappa):.3f}, from {self.table['E_bending'][0]/(8*math.pi*kappa):.3f} at the start; "
                           "thermal undulations add about kT/2 a vertex"))

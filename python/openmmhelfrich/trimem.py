@@ -150,11 +150,11 @@ def _output(source):
 
 def _stages(source, start, end):
     """Return our stages, and comments on them."""
-    steps = source.number("HMC", "num_steps", 10)
+    iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
     rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)
     delta, progress = source.number("ENERGY", "continuation_delta", 0.0), source.number("ENERGY", "continuation_lambda", 1.0)
     if source.text("GENERAL", "algorithm", "hmc") == "minimize":
-        raise ValueError("[GENERAL] algorithm is minimize; only hmc can be converted yet")
+        return [{"kind": "minimize", "fluid": False, "max_iterations": iterations}], []
     stages, comments = [], []
     if delta > 0 and progress < 1 and start != end:
         moving = min(math.ceil((1-progress)/delta), steps)

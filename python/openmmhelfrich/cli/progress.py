@@ -37,17 +37,18 @@ class Progress:
         if not stage.isDone and now < self._shownAt+seconds:
             return
         self._shownAt = now
-        text = f"{self._rate(stage, now)} steps/s, {study.status()}"
+        text = f"{self._rate(stage, now)} {stage.unit}s/s, {study.status()}"
         if self._bar:
             self._bar.update(self._task, completed=stage.position, text=text)
         else:
-            print(f"{self._title(study)}: step {stage.position} of {stage.steps}, {self._remaining(stage, now)}{text}", file=sys.stderr, flush=True)
+            count = f"{stage.position}" if stage.isWhole else f"{stage.position} of {stage.steps}"
+            print(f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{text}", file=sys.stderr, flush=True)
 
     def _begin(self, study, now):
         self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position-1
         self._shownAt = now-SECONDS_BETWEEN_LINES+2  # soon, to show that something happens
         if self._bar:
-            self._task = self._bar.add_task(self._title(study), total=study.stage.steps, completed=study.stage.position, text="")
+            self._task = self._bar.add_task(self._title(study), total=None if study.stage.isWhole else study.stage.steps, completed=study.stage.position, text="")
 
     @staticmethod
     def _title(study):
@@ -58,5 +59,7 @@ class Progress:
         return f"{(stage.position-self._firstStep)/max(now-self._beganAt, 1e-3):.3g}"
 
     def _remaining(self, stage, now):
-        seconds = (now-self._beganAt)/(stage.position-self._firstStep)*(stage.steps-stage.position)
-        return f"{int(seconds)//60}:{int(seconds)%60:02d} left, " if seconds > 0 else ""
+        if stage.isWhole or stage.isDone:
+            return ""
+        seconds = int((now-self._beganAt)/(stage.position-self._firstStep)*(stage.steps-stage.position))
+        return f"{seconds//60}:{seconds%60:02d} left, "
