@@ -79,8 +79,8 @@ private:
     long long revision;
     CpuHelfrichLayout layout;
     CpuHelfrichRepulsion repulsion;
-    Array positions, bendingSlopes, areas, curvatures, anglesPerLength;
-    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass
+    Array positions, bendingSlopes, anglesPerLength;
+    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has room for areas and curvatures
     Array nextPositions, velocities;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;

@@ -51,13 +51,12 @@ public:
     /// the slot of each vertex
     std::vector<int> slots;
     /// the valence of each slot, 0 for padding
-    std::vector<double> valences;
+    std::vector<int> valences;
     /// four times the slot of each neighbor: the offset of its position
     std::vector<int> neighbors;
 private:
     void fillSlots(const HelfrichMesh& mesh);
     void fillRings(const HelfrichMesh& mesh);
-    std::vector<int> firstHalfedges;
 };
 
 } // namespace HelfrichPlugin

@@ -47,14 +47,14 @@ CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParame
     updateLayout();
     if (parameters.needsCurvature() || needsGeometry) {
         bendingSlopes.resize(layout.getNumSlots());
+        anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
     }
     CpuHelfrichArrays arrays = {positions.data(), bendingSlopes.data(), NULL, NULL, anglesPerLength.data()};
     if (needsGeometry) {
-        areas.resize(layout.getNumSlots());
-        curvatures.resize(layout.getNumSlots());
-        arrays.areas = areas.data();
-        arrays.curvatures = curvatures.data();
+        nextPositions.resize(positions.size());
+        arrays.areas = nextPositions.data();
+        arrays.curvatures = arrays.areas+layout.getNumSlots();
     }
     return arrays;
 }
@@ -315,8 +315,8 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
     for (int slot = 0; slot < mesh->getNumVertices(); slot++) {
         int vertex = layout.vertices[slot];
-        geometry.vertexAreas[vertex] = areas[slot];
-        geometry.vertexMeanCurvatures[vertex] = curvatures[slot];
+        geometry.vertexAreas[vertex] = arrays.areas[slot];
+        geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
     }
 }
 

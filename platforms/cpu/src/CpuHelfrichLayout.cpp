@@ -11,7 +11,8 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     vertices.resize(numGroups*width);
     valences.resize(numGroups*width);
     slots.resize(mesh.getNumVertices());
-    firstHalfedges.resize(mesh.getNumVertices());
+    // Some rings are padded, and how many changes with every flip: room that is left saves copies and memory.
+    neighbors.reserve(mesh.getNumHalfedges()*9L/8+8*width);
 }
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh) {
@@ -21,7 +22,7 @@ void CpuHelfrichLayout::update(const HelfrichMesh& mesh) {
 
 void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh) {
     fill(vertices.begin(), vertices.end(), 0);
-    fill(valences.begin(), valences.end(), 0.0);
+    fill(valences.begin(), valences.end(), 0);
     const vector<int>& order = mesh.getOrder();
     const size_t PATCH = HelfrichMesh::PATCH;
     vector<int> start;
@@ -48,11 +49,12 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh) {
 }
 
 void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh) {
+    vector<int> firstHalfedges(mesh.getNumVertices());
     for (int h = mesh.getNumHalfedges()-1; h >= 0; h--)
         firstHalfedges[mesh.origin(h)] = h;
     neighbors.clear();
     for (int g = 0; g < getNumGroups(); g++) {
-        const double* valence = &valences[g*width];
+        const int* valence = &valences[g*width];
         Group& group = groups[g];
         group.start = neighbors.size();
         group.length = *max_element(valence, valence+width);

@@ -58,14 +58,14 @@ public:
     }
     /// where the vertices have a neighbor of this number that is not padding
     SimdMask has(int i) const {
-        return load(valences) > broadcast(i);
+        return loadIntegers(valences) > i;
     }
     const CpuHelfrichLayout::Group& group;
     Point center;
 private:
     const double* positions;
     const int* neighbors;
-    const double* valences;
+    const int* valences;
 };
 
 /**

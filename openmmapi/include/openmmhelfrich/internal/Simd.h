@@ -33,6 +33,12 @@ inline Simd load(const double* data) {
     return *reinterpret_cast<const UnalignedSimd*>(data);
 }
 
+typedef int UnalignedIntegers __attribute__((vector_size(4*WIDTH), aligned(4)));
+
+inline SimdMask loadIntegers(const int* data) {
+    return __builtin_convertvector(*reinterpret_cast<const UnalignedIntegers*>(data), SimdMask);
+}
+
 inline void store(double* data, Simd value) {
     *reinterpret_cast<UnalignedSimd*>(data) = value;
 }
