@@ -6,21 +6,10 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from membranes import stomatocyte
 from openmmhelfrich import analysis
 
 pytest.importorskip("emcee")
-
-
-def stomatocyte(opening=0.5, inner=0.75):
-    """A sphere whose cap has been turned inside out: an outer and an inner sphere with a round rim."""
-    arc = np.linspace(np.pi, opening, 2000)
-    down = np.linspace(0, np.pi, 500)[1:-1]
-    middle, half = (1+inner)/2, (1-inner)/2
-    radial, around = np.array([math.sin(opening), math.cos(opening)]), np.array([-math.cos(opening), math.sin(opening)])
-    rim = middle*radial-half*np.cos(down)[:, np.newaxis]*radial+half*np.sin(down)[:, np.newaxis]*around
-    sphere = np.column_stack((np.sin(arc), np.cos(arc)))
-    sphere[0, 0] = 0
-    return np.concatenate((inner*sphere, rim, sphere[::-1]))
 
 
 def cassini(b):
