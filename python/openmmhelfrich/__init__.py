@@ -1,4 +1,5 @@
 """Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
 from .adaptation import StepSizeAdapter, StepSizeTracker, adaptStepSize
@@ -10,7 +11,6 @@ from .minimization import MinimizationResult, minimize, minimizeFluid
 from .psf import writePSF
 from .reporters import MeshReporter, ObservablesReporter, readObservables
 from .schedules import ExponentialSchedule, TableSchedule, createSchedule
-from .shapes import spheroid, spheroidAspectRatio, surfaceOfRevolution
 from .vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
 
 try:
@@ -19,11 +19,19 @@ except PackageNotFoundError:  # a source tree on the path, not installed
     __version__ = "unknown"
 
 
+# What is imported when it is asked for, by the module it is in: scripts that do without start faster.
+_LATER = {
+    "studies": ["resume", "run"],
+    "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
+    "analysis": ["autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion"],
+}
+
+
 def __getattr__(name):
-    """Import what runs from configurations when it is asked for: scripts that do without start faster."""
-    if name in ("run", "resume"):
-        from . import studies
-        return getattr(studies, name)
+    for module, names in _LATER.items():
+        if name == module or name in names:
+            found = import_module(f".{module}", __name__)
+            return found if name == module else getattr(found, name)
     raise AttributeError(f"module 'openmmhelfrich' has no attribute '{name}'")
 
 
@@ -32,6 +40,7 @@ __all__ = [
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
     "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run",
+    "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
     "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
 ]
