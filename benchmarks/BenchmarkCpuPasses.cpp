@@ -30,7 +30,7 @@ struct Scene {
                 mesh->flip(h);
         }
         layout.initialize(*mesh, getCpuHelfrichPasses().width);
-        layout.update(*mesh);
+        layout.update(*mesh, 1);
         parameters.bendingModulus = 20;
         if (hasTether) {
             parameters.tetherModulus = 1;
@@ -89,7 +89,7 @@ static void gradient(benchmark::State& state) {
 static void layout(benchmark::State& state) {
     Scene scene(state.range(0), false);
     for (auto _ : state)
-        scene.layout.update(*scene.mesh);
+        scene.layout.update(*scene.mesh, 1);
     reportPerVertex(state, scene);
 }
 

@@ -57,8 +57,9 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
             batches[i].numAttempts = min((long long) batchSize, numAttempts-firstAttempt);
             prepare(batches[i], firstAttempt);
         }
-        #pragma omp single
+        #pragma omp master
         decideBlock(numBatches);
+        #pragma omp barrier
     }
     if (exception)
         rethrow_exception(exception);
@@ -72,8 +73,7 @@ void EdgeFlipSweep::prepare(EdgeFlipBatch& batch, long long firstAttempt) const 
     findTriangles(batch);
     for (int n = 0; n < batch.numAttempts; n++)
         findStencil(batch, n);
-    for (int n = 0; n < batch.numAttempts; n++)
-        batch.isForbidden[n] = !isAllowed(batch, n);
+    findForbidden(batch, 0, batch.numAttempts);
     evaluate(batch, 0, batch.numAttempts);
 }
 
@@ -107,8 +107,24 @@ void EdgeFlipSweep::findStencil(EdgeFlipBatch& batch, int n) const {
     }
 }
 
-bool EdgeFlipSweep::isAllowed(const EdgeFlipBatch& batch, int n) const {
-    return mesh.canFlip(batch.halfedge[n]);
+void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) const {
+    // The vertices k and l may not be bonded already.  Of all attempts at the same time, go around the one with fewer neighbors, from j on: i and j are known.  Who is
+    // around before the others goes on, for it costs less than to stop.
+
+    int halfedge[EdgeFlipBatch::SIZE], wanted[EdgeFlipBatch::SIZE], maxSteps = 0;
+    for (int n = first; n < last; n++) {
+        int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
+        bool aroundK = mesh.valence(k) <= mesh.valence(l);
+        halfedge[n] = mesh.opposite(aroundK ? mesh.next(h) : mesh.next(o));
+        wanted[n] = (aroundK ? l : k);
+        maxSteps = max(maxSteps, mesh.valence(aroundK ? k : l)-2);
+        batch.isForbidden[n] = (mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
+    }
+    for (int step = 0; step < maxSteps; step++)
+        for (int n = first; n < last; n++) {
+            batch.isForbidden[n] |= (mesh.apex(halfedge[n]) == wanted[n]);
+            halfedge[n] = mesh.rotate(halfedge[n]);
+        }
 }
 
 void EdgeFlipSweep::evaluate(EdgeFlipBatch& batch, int first, int last) const {
@@ -123,8 +139,11 @@ void EdgeFlipSweep::decideBlock(int numBatches) {
     isBlockChanged = false;
     try {
         for (int i = 0; i < numBatches && !exception; i++)
-            for (int n = 0; n < batches[i].numAttempts; n++)
+            for (int n = 0; n < batches[i].numAttempts; n++) {
+                if (i+1 < numBatches)
+                    __builtin_prefetch(reinterpret_cast<const char*>(&batches[i+1])+64*n);
                 decide(batches[i], n);
+            }
     }
     catch (...) {
         exception = current_exception();
@@ -134,7 +153,7 @@ void EdgeFlipSweep::decideBlock(int numBatches) {
 void EdgeFlipSweep::decide(EdgeFlipBatch& batch, int n) {
     if (isBlockChanged && isStale(batch, n)) {
         findStencil(batch, n);
-        batch.isForbidden[n] = !isAllowed(batch, n);
+        findForbidden(batch, n, n+1);
         evaluate(batch, n, n+1);
     }
     statistics.attempted++;

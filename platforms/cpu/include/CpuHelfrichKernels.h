@@ -53,8 +53,8 @@ public:
     bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
-    void updateLayout();
-    CpuHelfrichArrays prepareArrays(const HelfrichParameters& parameters, bool needsGeometry);
+    void updateLayout(int numThreads);
+    CpuHelfrichArrays prepareArrays(const HelfrichParameters& parameters, bool needsGeometry, int numThreads);
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;

@@ -37,7 +37,7 @@ public:
     /**
      * Fill the layout, at first and after each change of the connectivity.
      */
-    void update(const HelfrichMesh& mesh);
+    void update(const HelfrichMesh& mesh, int numThreads);
     int getNumGroups() const {
         return groups.size();
     }
@@ -55,8 +55,9 @@ public:
     /// four times the slot of each neighbor: the offset of its position
     std::vector<int> neighbors;
 private:
-    void fillSlots(const HelfrichMesh& mesh);
-    void fillRings(const HelfrichMesh& mesh);
+    void fillSlots(const HelfrichMesh& mesh, int begin, int end);
+    void fillGroups();
+    void fillRing(const HelfrichMesh& mesh, const Group& group, int lane, int slot, std::vector<int>& tips);
 };
 
 } // namespace HelfrichPlugin

@@ -34,17 +34,18 @@ void CpuCalcHelfrichForceKernel::initialize(const System& system, const Helfrich
     revision = mesh.getRevision()-1;
 }
 
-void CpuCalcHelfrichForceKernel::updateLayout() {
+void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
     if (revision == mesh->getRevision())
         return;
-    layout.update(*mesh);
+    layout.update(*mesh, numThreads);
+    #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         particles[slot] = mesh->getParticles()[layout.vertices[slot]];
     revision = mesh->getRevision();
 }
 
-CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, bool needsGeometry) {
-    updateLayout();
+CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, bool needsGeometry, int numThreads) {
+    updateLayout(numThreads);
     if (parameters.needsCurvature() || needsGeometry) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -164,11 +165,11 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 }
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
-    CpuHelfrichArrays arrays = prepareArrays(parameters, false);
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    CpuHelfrichArrays arrays = prepareArrays(parameters, false, numThreads);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSums sums;
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
@@ -263,11 +264,11 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
 bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
 
-    CpuHelfrichArrays startArrays = prepareArrays(parameters, false);
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    CpuHelfrichArrays startArrays = prepareArrays(parameters, false, numThreads);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
     bool isFinite = true;
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     #pragma omp parallel num_threads(numThreads)
     {
         CpuHelfrichArrays arrays = startArrays;
@@ -295,9 +296,9 @@ bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const H
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    CpuHelfrichArrays arrays = prepareArrays(HelfrichParameters(), true);
-    const vector<Vec3>& source = *getData(context).positions;
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    CpuHelfrichArrays arrays = prepareArrays(HelfrichParameters(), true, numThreads);
+    const vector<Vec3>& source = *getData(context).positions;
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
@@ -313,6 +314,7 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     }
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
+    #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < mesh->getNumVertices(); slot++) {
         int vertex = layout.vertices[slot];
         geometry.vertexAreas[vertex] = arrays.areas[slot];

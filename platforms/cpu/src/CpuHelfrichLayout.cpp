@@ -8,66 +8,77 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
     int numGroups = (mesh.getNumVertices()+width-1)/width;
     groups.resize(numGroups);
-    vertices.resize(numGroups*width);
-    valences.resize(numGroups*width);
+    vertices.resize(numGroups*width, 0);
+    valences.resize(numGroups*width, 0);
     slots.resize(mesh.getNumVertices());
     // Some rings are padded, and how many changes with every flip: room that is left saves copies and memory.
     neighbors.reserve(mesh.getNumHalfedges()*9L/8+8*width);
 }
 
-void CpuHelfrichLayout::update(const HelfrichMesh& mesh) {
-    fillSlots(mesh);
-    fillRings(mesh);
-}
-
-void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh) {
-    fill(vertices.begin(), vertices.end(), 0);
-    fill(valences.begin(), valences.end(), 0);
-    const vector<int>& order = mesh.getOrder();
-    const size_t PATCH = HelfrichMesh::PATCH;
-    vector<int> start;
-    for (size_t begin = 0; begin < order.size(); begin += PATCH) {
-        // Sort the patch by valence, keeping the order of vertices with equal ones.
-
-        size_t end = min(begin+PATCH, order.size());
-        start.clear();
-        for (size_t i = begin; i < end; i++) {
-            size_t valence = mesh.valence(order[i]);
-            if (start.size() < valence+2)
-                start.resize(valence+2, 0);
-            start[valence+1]++;
-        }
-        for (size_t i = 1; i < start.size(); i++)
-            start[i] += start[i-1];
-        for (size_t i = begin; i < end; i++) {
-            int v = order[i], slot = begin+start[mesh.valence(v)]++;
-            vertices[slot] = v;
-            slots[v] = slot;
-            valences[slot] = mesh.valence(v);
-        }
+void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
+    const int PATCH = HelfrichMesh::PATCH, numVertices = mesh.getNumVertices();
+    #pragma omp parallel num_threads(numThreads)
+    {
+        #pragma omp for schedule(static)
+        for (int begin = 0; begin < numVertices; begin += PATCH)
+            fillSlots(mesh, begin, min(begin+PATCH, numVertices));
+        #pragma omp single
+        fillGroups();
+        vector<int> tips;
+        #pragma omp for schedule(static)
+        for (int g = 0; g < getNumGroups(); g++)
+            for (int lane = 0; lane < width; lane++)
+                fillRing(mesh, groups[g], lane, g*width+lane, tips);
     }
 }
 
-void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh) {
-    vector<int> firstHalfedges(mesh.getNumVertices());
-    for (int h = mesh.getNumHalfedges()-1; h >= 0; h--)
-        firstHalfedges[mesh.origin(h)] = h;
-    neighbors.clear();
+void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) {
+    // Sort the patch by valence, keeping the order of vertices with equal ones.
+
+    const vector<int>& order = mesh.getOrder();
+    vector<int> start;
+    for (int i = begin; i < end; i++) {
+        size_t valence = mesh.valence(order[i]);
+        if (start.size() < valence+2)
+            start.resize(valence+2, 0);
+        start[valence+1]++;
+    }
+    for (size_t i = 1; i < start.size(); i++)
+        start[i] += start[i-1];
+    for (int i = begin; i < end; i++) {
+        int v = order[i], slot = begin+start[mesh.valence(v)]++;
+        vertices[slot] = v;
+        slots[v] = slot;
+        valences[slot] = mesh.valence(v);
+    }
+}
+
+void CpuHelfrichLayout::fillGroups() {
+    int start = 0;
     for (int g = 0; g < getNumGroups(); g++) {
         const int* valence = &valences[g*width];
         Group& group = groups[g];
-        group.start = neighbors.size();
+        group.start = start;
         group.length = *max_element(valence, valence+width);
         group.isPadded = (*min_element(valence, valence+width) != group.length);
-        neighbors.resize(group.start+group.length*width);
-        for (int lane = 0; lane < width; lane++) {
-            int* ring = &neighbors[group.start+lane];
-            int slot = g*width+lane, h = firstHalfedges[vertices[slot]];
-            int pad = valence[lane] == 0 ? slot : slots[mesh.tip(h)];
-            for (int i = 0; i < group.length; i++) {
-                ring[i*width] = 4*(i < valence[lane] ? slots[mesh.tip(h)] : pad);
-                h = mesh.rotate(h);
-            }
-        }
+        start += group.length*width;
     }
+    neighbors.resize(start);
+}
+
+void CpuHelfrichLayout::fillRing(const HelfrichMesh& mesh, const Group& group, int lane, int slot, vector<int>& tips) {
+    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.
+
+    int* ring = &neighbors[group.start+lane];
+    int valence = valences[slot], start = 0;
+    tips.resize(max<size_t>(tips.size(), 2*valence+1));
+    tips[0] = 4*slot;
+    for (int i = 0, h = mesh.outgoing(vertices[slot]), lowest = h; i < valence; i++) {
+        tips[i] = tips[i+valence] = 4*slots[mesh.tip(h)];
+        start = (h < lowest ? i : start);
+        lowest = min(h, lowest);
+        h = mesh.rotate(h);
+    }
+    for (int i = 0; i < group.length; i++)
+        ring[i*width] = tips[i < valence ? start+i : start];
 }

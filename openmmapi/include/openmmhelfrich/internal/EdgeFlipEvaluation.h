@@ -18,24 +18,24 @@ struct alignas(64) EdgeFlipVertex {
  * Consecutive attempts to flip an edge, side by side.  The flip replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  Vertices 0 to 3 are i, j, k and l; 4 to 7
  * are those beyond the edges j-k, k-i, i-l and l-j around them.
  */
-struct EdgeFlipBatch {
+struct alignas(64) EdgeFlipBatch {
     static const int SIZE = 64;
-    int numAttempts;
-    /// the halfedge i-j
-    int halfedge[SIZE];
     /// the random number to compare with the probability
     double uniform[SIZE];
-    /// true if the rules do not allow the flip
-    bool isForbidden[SIZE];
-    /// true if the energy depends on more of the connectivity than the neighbors of vertices 0 to 3
-    bool hasClosePairs[SIZE];
-    int vertex[8][SIZE];
     /// the change of energy by bending and tether, and by repulsion
     double energy[SIZE], repulsion[SIZE];
     /// the changes of the totals
     double area[SIZE], volume[SIZE], curvature[SIZE];
+    /// the halfedge i-j
+    int halfedge[SIZE];
+    int vertex[8][SIZE];
+    /// true if the rules do not allow the flip
+    bool isForbidden[SIZE];
+    /// true if the energy depends on more of the connectivity than the neighbors of vertices 0 to 3
+    bool hasClosePairs[SIZE];
     /// the changes at vertices 0 to 3
     double vertexArea[4][SIZE], vertexCurvature[4][SIZE];
+    int numAttempts;
 };
 
 /**

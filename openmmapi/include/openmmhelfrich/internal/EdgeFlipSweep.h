@@ -63,7 +63,7 @@ private:
     void prepare(EdgeFlipBatch& batch, long long firstAttempt) const;
     void findTriangles(EdgeFlipBatch& batch) const;
     void findStencil(EdgeFlipBatch& batch, int n) const;
-    bool isAllowed(const EdgeFlipBatch& batch, int n) const;
+    void findForbidden(EdgeFlipBatch& batch, int first, int last) const;
     void evaluate(EdgeFlipBatch& batch, int first, int last) const;
     void decideBlock(int numBatches);
     void decide(EdgeFlipBatch& batch, int n);
