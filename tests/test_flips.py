@@ -100,7 +100,26 @@ def test_counters():
     assert flips.getNumSweeps() == 7
     assert flips.getNumAttempted() == 7*round(0.25*len(mesh.edges))
     assert 0 < flips.getNumAccepted() < flips.getNumAttempted()-flips.getNumForbidden()
+    assert flips.getFlipRate() == flips.getNumAccepted()/(7*len(mesh.edges))
     assert context.getStepCount() == 7
+
+
+def test_flip_rate():
+    """It is over the edges of all membranes and over the sweeps, not the steps."""
+    mesh = createBlob(2)
+    forces = [createForce(mesh), createForce(mesh)]
+    forces[1].setName("other")
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(5), 1e-4, 5, 0.25, 0.5)
+    integrator.setRandomNumberSeed(3)
+    assert integrator.getFlipRate() == integrator.getFlipIntegrator().getFlipRate() == 0
+    context = createContext(mesh, forces, integrator=integrator)
+    assert integrator.getFlipRate() == 0
+    integrator.step(20)
+    flips = integrator.getFlipIntegrator()
+    assert 0 < flips.getNumSweeps() < 20
+    assert integrator.getFlipRate() == flips.getFlipRate() == flips.getNumAccepted()/(2*len(mesh.edges)*flips.getNumSweeps()) > 0
+    context.reinitialize()
+    assert integrator.getFlipRate() == 0
 
 
 def test_a_force_group_that_is_not_integrated_is_left_alone():

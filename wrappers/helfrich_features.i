@@ -114,6 +114,8 @@ Context.setParameter(), using the names that getTargetAreaParameter() and its si
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.
 
+Edges that must not flip, those of a frame or a border between two materials for example, are marked with addFixedEdge().
+
 The System's periodic boundary conditions do not apply to this force.
 
 Arguments are numbers in nm, kJ/mol and the units that these make up, or Quantities.
@@ -152,6 +154,14 @@ Get the particles of a triangle.
 :param index: the index of the triangle
 :rtype: list
 :return: the indices of its three particles
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getFixedEdgeParameters "
+Get the particles of an edge that never flips.
+
+:type index: int
+:param index: the index of the fixed edge
+:rtype: list
+:return: the indices of its two particles
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getTriangles "
 Get all triangles.

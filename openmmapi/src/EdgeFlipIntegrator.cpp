@@ -85,6 +85,13 @@ void EdgeFlipIntegrator::step(int steps) {
     }
 }
 
+double EdgeFlipIntegrator::getFlipRate() const {
+    long long numEdges = 0;
+    for (auto membrane : membranes)
+        numEdges += membrane->getMesh().getNumEdges();
+    return numEdges == 0 || numSweeps == 0 ? 0 : numAccepted/((double) numEdges*numSweeps);
+}
+
 double EdgeFlipIntegrator::computeKineticEnergy() {
     const System& system = context->getSystem();
     vector<Vec3> velocities;

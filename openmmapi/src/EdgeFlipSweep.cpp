@@ -118,7 +118,7 @@ void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) con
         halfedge[n] = mesh.opposite(aroundK ? mesh.next(h) : mesh.next(o));
         wanted[n] = (aroundK ? l : k);
         maxSteps = max(maxSteps, mesh.valence(aroundK ? k : l)-2);
-        batch.isForbidden[n] = (mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
+        batch.isForbidden[n] = (mesh.isFixed(h) || mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
     }
     for (int step = 0; step < maxSteps; step++)
         for (int n = first; n < last; n++) {

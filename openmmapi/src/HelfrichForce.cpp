@@ -29,25 +29,41 @@ int HelfrichForce::addTriangle(int particle1, int particle2, int particle3) {
     return triangles.size()-1;
 }
 
-static void checkTriangleIndex(const string& method, int index, int numTriangles) {
-    if (index < 0 || index >= numTriangles)
-        throw OpenMMException(method+": there is no triangle "+to_string(index)+"; there are "+to_string(numTriangles));
+static void checkIndex(const string& method, const string& item, int index, int count) {
+    if (index < 0 || index >= count)
+        throw OpenMMException(method+": there is no "+item+" "+to_string(index)+"; there are "+to_string(count));
 }
 
 void HelfrichForce::getTriangleParameters(int index, int& particle1, int& particle2, int& particle3) const {
-    checkTriangleIndex("getTriangleParameters", index, triangles.size());
+    checkIndex("getTriangleParameters", "triangle", index, triangles.size());
     particle1 = triangles[index][0];
     particle2 = triangles[index][1];
     particle3 = triangles[index][2];
 }
 
 void HelfrichForce::setTriangleParameters(int index, int particle1, int particle2, int particle3) {
-    checkTriangleIndex("setTriangleParameters", index, triangles.size());
+    checkIndex("setTriangleParameters", "triangle", index, triangles.size());
     triangles[index] = {particle1, particle2, particle3};
 }
 
 void HelfrichForce::setTriangles(const vector<array<int, 3> >& triangles) {
     this->triangles = triangles;
+}
+
+int HelfrichForce::addFixedEdge(int particle1, int particle2) {
+    fixedEdges.push_back({particle1, particle2});
+    return fixedEdges.size()-1;
+}
+
+void HelfrichForce::getFixedEdgeParameters(int index, int& particle1, int& particle2) const {
+    checkIndex("getFixedEdgeParameters", "fixed edge", index, fixedEdges.size());
+    particle1 = fixedEdges[index][0];
+    particle2 = fixedEdges[index][1];
+}
+
+void HelfrichForce::setFixedEdgeParameters(int index, int particle1, int particle2) {
+    checkIndex("setFixedEdgeParameters", "fixed edge", index, fixedEdges.size());
+    fixedEdges[index] = {particle1, particle2};
 }
 
 void HelfrichForce::setBendingModulus(double modulus) {

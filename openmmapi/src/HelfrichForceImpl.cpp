@@ -22,6 +22,13 @@ static HelfrichParameters copyModuli(const HelfrichForce& force) {
     return p;
 }
 
+static vector<array<int, 2> > copyFixedEdges(const HelfrichForce& force) {
+    vector<array<int, 2> > edges(force.getNumFixedEdges());
+    for (int i = 0; i < force.getNumFixedEdges(); i++)
+        force.getFixedEdgeParameters(i, edges[i][0], edges[i][1]);
+    return edges;
+}
+
 /**
  * Get the number of threads that a Context may use, 1 on a platform that leaves no choice.
  */
@@ -45,6 +52,7 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     checkTarget("volume", "setTargetVolume", moduli.volumeModulus, owner.getTargetVolume());
     checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus, owner.getTargetAreaDifference());
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
+    mesh->setFixedEdges(copyFixedEdges(owner));
     sweep.reset(new EdgeFlipSweep(*mesh, getNumThreads(context)));
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, *mesh);

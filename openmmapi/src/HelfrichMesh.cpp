@@ -209,8 +209,37 @@ void HelfrichMesh::setTriangles(const vector<array<int, 3> >& triangles) {
         throw OpenMMException("HelfrichForce: the new triangles must connect the same "+to_string(particles.size())+" particles as before");
     if (mesh.halfedges.size() != halfedges.size())
         throw OpenMMException("HelfrichForce: there are "+to_string(triangles.size())+" new triangles; their number must stay "+to_string(getNumTriangles()));
+    mesh.setFixedEdges(fixedEdges);
     mesh.revision = revision+1;
     *this = mesh;
+}
+
+int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
+    auto found = lower_bound(particles.begin(), particles.end(), particle1);
+    if (found == particles.end() || *found != particle1)
+        return -1;
+    int first = outgoings[found-particles.begin()], h = first;
+    do {
+        if (particles[tip(h)] == particle2)
+            return h;
+        h = rotate(h);
+    } while (h != first);
+    return -1;
+}
+
+void HelfrichMesh::setFixedEdges(const vector<array<int, 2> >& edges) {
+    vector<char> isFixed(edges.empty() ? 0 : halfedges.size(), 0);
+    for (size_t i = 0; i < edges.size(); i++) {
+        string edge = "HelfrichForce: the fixed edge "+to_string(i)+" ("+to_string(edges[i][0])+"-"+to_string(edges[i][1])+")";
+        int h = findHalfedge(edges[i][0], edges[i][1]);
+        if (h == -1)
+            throw OpenMMException(edge+" is not an edge of the triangles; only edges between two particles that they connect can be fixed");
+        if (isFixed[h])
+            throw OpenMMException(edge+" appears twice; each edge may be fixed once");
+        isFixed[h] = isFixed[opposite(h)] = 1;
+    }
+    fixedEdges = edges;
+    fixedHalfedges = isFixed;
 }
 
 bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
@@ -240,6 +269,11 @@ void HelfrichMesh::flip(int h) {
     halfedges[opposite(o)].opposite = o;
     halfedges[hPrevious].opposite = oPrevious;
     halfedges[oPrevious].opposite = hPrevious;
+    if (!fixedHalfedges.empty()) {
+        fixedHalfedges[h] = fixedHalfedges[oPrevious];
+        fixedHalfedges[o] = fixedHalfedges[hPrevious];
+        fixedHalfedges[hPrevious] = fixedHalfedges[oPrevious] = 0;
+    }
     valences[i]--;
     valences[j]--;
     valences[k]++;
@@ -251,6 +285,9 @@ void HelfrichMesh::validate() const {
     for (int h = 0; h < getNumHalfedges(); h++)
         if (fresh.opposite(h) != opposite(h))
             throw OpenMMException("HelfrichMesh: the opposite of halfedge "+to_string(h)+" is wrong");
+    fresh.setFixedEdges(fixedEdges);
+    if (fresh.fixedHalfedges != fixedHalfedges)
+        throw OpenMMException("HelfrichMesh: the marks of fixed edges are wrong");
     if (fresh.valences != valences)
         throw OpenMMException("HelfrichMesh: the valences are wrong");
     for (int v = 0; v < getNumVertices(); v++)

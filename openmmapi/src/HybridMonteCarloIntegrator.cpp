@@ -173,6 +173,10 @@ double HybridMonteCarloIntegrator::getFlipAcceptanceRate() const {
     return flips.getNumAttempted() == 0 ? 0 : flips.getNumAccepted()/(double) flips.getNumAttempted();
 }
 
+double HybridMonteCarloIntegrator::getFlipRate() const {
+    return getFlipIntegrator().getFlipRate();
+}
+
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     if (owner != NULL && &contextRef.getOwner() != owner)
         throw OpenMMException("This Integrator is already bound to a context");

@@ -117,6 +117,53 @@ void testSweepThatChangesNothing() {
     ASSERT_EQUAL_CONTAINERS(sphere.triangles, mesh.getTriangles());
 }
 
+void testFixedEdges() {
+    // When all edges but one are fixed, all attempts but those on that one are forbidden, and its flips go to and fro.  With a path of fixed edges no sweep, however hot,
+    // takes one away, on one thread or on several.
+
+    Membrane blob = createBlob(2);
+    HelfrichParameters p = createParameters(blob, AllTerms, 1);
+    const double hot = 1e6;
+    HelfrichMesh all(blob.triangles, blob.positions.size());
+    vector<array<int, 2> > edges;
+    int open = 0, numAttempts = 20000;
+    while (!all.canFlip(open))
+        open++;
+    for (int h = 0; h < all.getNumHalfedges(); h++)
+        if (h < all.opposite(h) && h != open && all.opposite(h) != open)
+            edges.push_back({all.origin(h), all.tip(h)});
+    all.setFixedEdges(edges);
+    EdgeFlipSweep sweepOfAll(all);
+    setPositions(sweepOfAll, blob, p);
+    EdgeFlipStatistics statistics = sweepOfAll.execute(p, hot, numAttempts, Philox(1, 2), 0);
+    double expected = numAttempts/(double) all.getNumEdges();
+    ASSERT(fabs(statistics.attempted-statistics.forbidden-expected) < 4*sqrt(expected));
+    ASSERT(statistics.accepted > 0.9*(statistics.attempted-statistics.forbidden));
+    all.validate();
+
+    vector<array<int, 2> > path;
+    for (size_t i = 0; i < edges.size(); i += 5)
+        path.push_back(edges[i]);
+    vector<vector<array<int, 3> > > results;
+    long long forbidden = -1;
+    for (int numThreads : {1, 2, 3}) {
+        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        mesh.setFixedEdges(path);
+        EdgeFlipSweep sweep(mesh, numThreads);
+        setPositions(sweep, blob, p);
+        statistics = sweep.execute(p, hot, numAttempts, Philox(1, 2), 0);
+        ASSERT(statistics.accepted > numAttempts/4);
+        ASSERT(statistics.forbidden > 0.9*numAttempts*path.size()/mesh.getNumEdges());
+        ASSERT(forbidden == -1 || forbidden == statistics.forbidden);
+        forbidden = statistics.forbidden;
+        for (auto& edge : path)
+            ASSERT(mesh.areBonded(edge[0], edge[1]));
+        mesh.validate();
+        results.push_back(mesh.getTriangles());
+    }
+    ASSERT(results[0] == results[1] && results[0] == results[2]);
+}
+
 /**
  * A triangulation of at most eleven labelled vertices: its edges as bits, and on which side of the surface its first triangle lies.  Up to its orientation,
  * the edges alone determine a triangulation of the sphere.
@@ -140,16 +187,17 @@ uint64_t getState(const HelfrichMesh& mesh) {
 }
 
 /**
- * The triangulations that flips reach from that of a membrane with frozen vertices.  Paths end at those whose energy is so high that a run never goes there.
+ * The triangulations that flips, but not of fixed edges, reach from that of a membrane with frozen vertices.  Paths end at those whose energy is so high that a run never goes there.
  */
 class Ensemble {
 public:
-    Ensemble(const Membrane& membrane, const HelfrichParameters& p, double kT) : membrane(membrane) {
+    Ensemble(const Membrane& membrane, const HelfrichParameters& p, double kT, const vector<array<int, 2> >& fixedEdges={}) : membrane(membrane), fixedEdges(fixedEdges) {
         HelfrichMesh start(membrane.triangles, membrane.positions.size());
         add(start);
         double limit = getExactEnergy(membrane, start, p)+30*kT;
         for (size_t i = 0; i < triangulations.size(); i++) {
             HelfrichMesh mesh(triangulations[i], membrane.positions.size());
+            mesh.setFixedEdges(fixedEdges);
             if (getExactEnergy(membrane, mesh, p) > limit)
                 continue;
             for (int h = 0; h < mesh.getNumHalfedges(); h++)
@@ -165,6 +213,7 @@ public:
      */
     vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed) const {
         HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+        mesh.setFixedEdges(fixedEdges);
         EdgeFlipSweep sweep(mesh);
         setPositions(sweep, membrane, p);
         vector<int> counts(triangulations.size(), 0);
@@ -186,6 +235,7 @@ private:
             triangulations.push_back(mesh.getTriangles());
     }
     const Membrane membrane;
+    const vector<array<int, 2> > fixedEdges;
     map<uint64_t, int> indices;
     vector<vector<array<int, 3> > > triangulations;
 };
@@ -206,7 +256,7 @@ vector<double> getProbabilities(const vector<double>& energies, double kT) {
  * By how many standard deviations chi square is too large for counts drawn with the given probabilities (Wilson and Hilferty's approximation).  Rare
  * triangulations share a bin.
  */
-double getDeviation(const vector<int>& counts, const vector<double>& probabilities) {
+double getDeviation(const vector<int>& counts, const vector<double>& probabilities, int minBins=100) {
     int numSamples = 0, numBins = 0;
     for (int count : counts)
         numSamples += count;
@@ -225,7 +275,7 @@ double getDeviation(const vector<int>& counts, const vector<double>& probabiliti
     }
     if (rareExpected > 0)
         addBin(rareCount, rareExpected);
-    ASSERT(numBins > 100);
+    ASSERT(numBins > minBins);
     double freedom = numBins-1, variance = 2/(9*freedom);
     return (cbrt(chiSquare/freedom)-(1-variance))/sqrt(variance);
 }
@@ -284,6 +334,22 @@ void testDetailedBalance() {
     checkDetailedBalance(blob, p);
 }
 
+void testDetailedBalanceWithFixedEdges() {
+    // The triangulations of six vertices that flips reach without the fixed edges, visited as often as among all others.
+
+    Membrane blob = createBlob(0, 0.3);
+    HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
+    p.tetherModulus = 0;
+    p.repulsionModulus = 0;
+    vector<array<int, 2> > fixedEdges = {{0, 1}, {2, 0}};
+    Ensemble ensemble(blob, p, 1, fixedEdges);
+    vector<double> energies = ensemble.getEnergies(p);
+    ASSERT(energies.size() > 40 && energies.size() < 390);
+    vector<int> counts = ensemble.sample(p, 1, 20000, 100, 11);
+    ASSERT(getDeviation(counts, getProbabilities(energies, 1), 30) < 2.33);
+    ASSERT(getDeviation(counts, getProbabilities(energies, 0.5), 20) > 6);
+}
+
 void testDetailedBalanceOfSecondNeighbors() {
     // Eight vertices, a tip, two rings of three and a tip, are the fewest among which some are three edges apart.  A tether with a steep wall leaves a few hundred of their
     // triangulations.
@@ -316,7 +382,9 @@ int main() {
         testRunningTotals();
         testStatisticsAndRandomNumbers();
         testSweepThatChangesNothing();
+        testFixedEdges();
         testDetailedBalance();
+        testDetailedBalanceWithFixedEdges();
         testDetailedBalanceOfSecondNeighbors();
     }
     catch (const exception& e) {

@@ -153,6 +153,70 @@ void testSetTriangles() {
     mesh.validate();
 }
 
+typedef vector<array<int, 2> > Edges;
+
+/**
+ * Every seventh of the edges of triangles, as particles in either order.
+ */
+Edges chooseEdges(const Triangles& triangles) {
+    Edges edges;
+    int n = 0;
+    for (auto& t : triangles)
+        for (int c = 0; c < 3; c++)
+            if (t[c] < t[(c+1)%3] && n++%7 == 0)
+                edges.push_back(n%2 == 0 ? array<int, 2>{t[c], t[(c+1)%3]} : array<int, 2>{t[(c+1)%3], t[c]});
+    return edges;
+}
+
+void testFixedEdges() {
+    // However the halfedges are rewired around them, the fixed edges stay what they are.
+
+    TestRandom random(5);
+    for (int subdivisions : {1, 2}) {
+        Membrane sphere = createSphere(subdivisions);
+        HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+        for (int h = 0; h < mesh.getNumHalfedges(); h++)
+            ASSERT(!mesh.isFixed(h));
+        Edges edges = chooseEdges(sphere.triangles);
+        mesh.setFixedEdges(edges);
+        int numFlips = 0, numKept = 0;
+        for (int attempt = 0; attempt < 20000; attempt++) {
+            int h = random.index(mesh.getNumHalfedges());
+            if (mesh.isFixed(h)) {
+                ASSERT(!mesh.canFlip(h));
+                numKept++;
+            }
+            if (!mesh.canFlip(h))
+                continue;
+            mesh.flip(h);
+            numFlips++;
+            if (numFlips%10 == 0)
+                mesh.validate();
+        }
+        ASSERT(numFlips > 5000);
+        ASSERT(numKept > 1000);
+        auto isChosen = [&] (int a, int b) {
+            return find(edges.begin(), edges.end(), array<int, 2>{a, b}) != edges.end() || find(edges.begin(), edges.end(), array<int, 2>{b, a}) != edges.end();
+        };
+        int numFixed = 0;
+        for (int h = 0; h < mesh.getNumHalfedges(); h++) {
+            ASSERT_EQUAL(isChosen(mesh.origin(h), mesh.tip(h)), mesh.isFixed(h));
+            numFixed += mesh.isFixed(h);
+        }
+        ASSERT_EQUAL(2*(int) edges.size(), numFixed);
+
+        // The triangles of a run that goes on have them too, and those without them leave everything as it was.
+
+        HelfrichMesh fresh(sphere.triangles, sphere.positions.size());
+        fresh.setFixedEdges(edges);
+        fresh.setTriangles(mesh.getTriangles());
+        for (int h = 0; h < mesh.getNumHalfedges(); h++)
+            ASSERT_EQUAL(mesh.isFixed(h), fresh.isFixed(h));
+        fresh.setFixedEdges({});
+        ASSERT(!fresh.isFixed(0) && !fresh.isFixed(1) && !fresh.isFixed(2));
+    }
+}
+
 /**
  * Assert that something throws an OpenMMException that says all of the given things.
  */
@@ -191,6 +255,28 @@ void testInvalidTriangles() {
     assertThrows([] { HelfrichMesh({{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}, {4, 5, 6}, {4, 3, 5}, {5, 3, 6}, {6, 3, 4}}, 7); }, {"particle 3", "fan"});
 }
 
+void testInvalidFixedEdges() {
+    const Triangles octahedron = createSphere(0).triangles;
+    HelfrichMesh mesh(octahedron, 8);
+    mesh.setFixedEdges({{1, 0}});
+    for (array<int, 2> edge : {array<int, 2>{0, 3}, array<int, 2>{0, 0}, array<int, 2>{0, 7}, array<int, 2>{7, 0}, array<int, 2>{-1, 2}, array<int, 2>{2, 99}})
+        assertThrows([&] { mesh.setFixedEdges({{2, 0}, edge}); },
+                     {"fixed edge 1 ("+to_string(edge[0])+"-"+to_string(edge[1])+")", "not an edge of the triangles"});
+    assertThrows([&] { mesh.setFixedEdges({{0, 1}, {2, 0}, {1, 0}}); }, {"fixed edge 2 (1-0)", "twice"});
+    HelfrichMesh other(octahedron, 8);
+    for (int h = 0; h < other.getNumHalfedges(); h++)
+        if (min(other.origin(h), other.tip(h)) == 0 && max(other.origin(h), other.tip(h)) == 1 && other.canFlip(h)) {
+            other.flip(h);
+            break;
+        }
+    ASSERT(!other.areBonded(0, 1));
+    assertThrows([&] { mesh.setTriangles(other.getTriangles()); }, {"fixed edge 0 (1-0)", "not an edge of the triangles"});
+    ASSERT_EQUAL_CONTAINERS(octahedron, mesh.getTriangles());
+    mesh.validate();
+    for (int h = 0; h < mesh.getNumHalfedges(); h++)
+        ASSERT_EQUAL(max(mesh.origin(h), mesh.tip(h)) == 1, mesh.isFixed(h));
+}
+
 void testInvalidNewTriangles() {
     const Triangles octahedron = createSphere(0).triangles;
     HelfrichMesh mesh(octahedron, 8);
@@ -214,7 +300,9 @@ int main() {
         testFlip();
         testManyFlips();
         testSetTriangles();
+        testFixedEdges();
         testInvalidTriangles();
+        testInvalidFixedEdges();
         testInvalidNewTriangles();
     }
     catch (const exception& e) {

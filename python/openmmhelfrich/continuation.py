@@ -192,7 +192,7 @@ def absoluteTargets(targets, start):
 
 def averageWindows(table, lambdas):
     """Return the averages and standard deviations of a Table's rows over each window, as a Table with a row for each."""
-    names = [name for name in table if name not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance")]
+    names = [name for name in table if name not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance", "flipRate", "flipsForbidden")]
     rows = []
     for window in np.unique(table["window"]).astype(int):
         chosen = table["window"] == window

@@ -19,8 +19,9 @@ ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repuls
 class ObservablesReporter:
     """Writes a table of a membrane's energy terms, geometry and acceptance rates as comma-separated values.
 
-    The first row names the columns, with units.  The membrane's energy is the sum of the six terms that follow it.  Acceptance rates and
-    the number of trajectories that diverged are those since the start of the simulation; they are there if the Integrator has them.
+    The first row names the columns, with units.  The membrane's energy is the sum of the six terms that follow it.  Acceptance rates, the
+    flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules forbid, and the number of trajectories that diverged are
+    those since the start of the simulation; they are there if the Integrator has them.
     """
 
     def __init__(self, file, reportInterval, force, temperature=None, lengthUnit="nm", append=False, describe=None):
@@ -78,6 +79,10 @@ class ObservablesReporter:
             row["acceptance"] = integrator.getAcceptanceRate()
         if hasattr(integrator, "getFlipAcceptanceRate"):
             row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
+        flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
+        if hasattr(flips, "getFlipRate"):
+            row["flipRate"] = flips.getFlipRate()
+            row["flipsForbidden"] = flips.getNumForbidden()/max(1, flips.getNumAttempted())
         if hasattr(integrator, "getNumDivergedTrajectories"):
             row["diverged"] = integrator.getNumDivergedTrajectories()
         if self._describe:

@@ -1,13 +1,17 @@
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmm/OpenMMException.h"
 #include <memory>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static const int VERSION = 1;
+/**
+ * Version 2 added the fixed edges.
+ */
+static const int VERSION = 2, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -34,6 +38,23 @@ static void loadRepulsion(HelfrichForce& force, const SerializationNode& node) {
     force.setRepulsion(node.getDoubleProperty("modulus"), node.getDoubleProperty("onset"), node.getIntProperty("exponent"), node.getIntProperty("exclusionLevel"));
 }
 
+static void storeFixedEdges(const HelfrichForce& force, SerializationNode& node) {
+    vector<int> particles(2*force.getNumFixedEdges());
+    for (int i = 0; i < force.getNumFixedEdges(); i++)
+        force.getFixedEdgeParameters(i, particles[2*i], particles[2*i+1]);
+    node.setIntProperty("count", force.getNumFixedEdges());
+    storeIntegers(particles, "particles", node);
+}
+
+static void loadFixedEdges(HelfrichForce& force, const SerializationNode& node) {
+    vector<int> particles = loadIntegers("particles", node);
+    int count = node.getIntProperty("count");
+    if (count < 0 || 2LL*count != (long long) particles.size())
+        throw OpenMMException("HelfrichForce: the serialized fixed edges are not complete: "+to_string(particles.size())+" particles for "+to_string(count)+" edges");
+    for (int i = 0; i < count; i++)
+        force.addFixedEdge(particles[2*i], particles[2*i+1]);
+}
+
 void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
     const HelfrichForce& force = *reinterpret_cast<const HelfrichForce*>(object);
@@ -50,10 +71,11 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     storeTether(force, node.createChildNode("Tether"));
     storeRepulsion(force, node.createChildNode("Repulsion"));
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
+    storeFixedEdges(force, node.createChildNode("FixedEdges"));
 }
 
 void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
-    requireVersion(node, VERSION, getTypeName());
+    requireVersion(node, VERSION, getTypeName(), OLDEST_VERSION);
     unique_ptr<HelfrichForce> force(new HelfrichForce());
     force->setForceGroup(node.getIntProperty("forceGroup", 0));
     force->setName(node.getStringProperty("name", force->getName()));
@@ -68,5 +90,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     loadTether(*force, node.getChildNode("Tether"));
     loadRepulsion(*force, node.getChildNode("Repulsion"));
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
+    if (node.getIntProperty("version") > 1)
+        loadFixedEdges(*force, node.getChildNode("FixedEdges"));
     return force.release();
 }

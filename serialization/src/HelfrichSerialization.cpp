@@ -1,15 +1,18 @@
 #include "openmmhelfrich/HelfrichSerialization.h"
 #include "openmm/OpenMMException.h"
+#include <algorithm>
 #include <charconv>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-void HelfrichPlugin::requireVersion(const SerializationNode& node, int version, const string& typeName) {
+void HelfrichPlugin::requireVersion(const SerializationNode& node, int version, const string& typeName, int oldestVersion) {
     int found = node.getIntProperty("version");
-    if (found != version)
-        throw OpenMMException(typeName+": unsupported version "+to_string(found)+" of the serialized object; this library reads version "+to_string(version));
+    oldestVersion = min(version, oldestVersion);
+    if (found > version || found < oldestVersion)
+        throw OpenMMException(typeName+": unsupported version "+to_string(found)+" of the serialized object; this library reads version "+
+                              (oldestVersion < version ? to_string(oldestVersion)+" to " : "")+to_string(version));
 }
 
 void HelfrichPlugin::storeIntegers(const vector<int>& values, const string& property, SerializationNode& node) {
@@ -33,7 +36,7 @@ vector<int> HelfrichPlugin::loadIntegers(const string& property, const Serializa
         from_chars_result number = from_chars(next, end, value);
         bool isSeparated = (number.ptr == end || (*number.ptr == ' ' && number.ptr+1 != end));
         if (number.ec != errc() || !isSeparated)
-            throw OpenMMException("HelfrichForce: the "+property+" of the serialized triangles hold something else than an integer near '"+string(next, min(next+16, end))+"'");
+            throw OpenMMException("HelfrichForce: the serialized "+property+" hold something else than an integer near '"+string(next, min(next+16, end))+"'");
         next = (number.ptr == end ? end : number.ptr+1);
         values.push_back(value);
     }

@@ -29,6 +29,8 @@ static void makeForce(HelfrichForce& force) {
     force.setForceGroup(3);
     force.setName("inner <membrane>");
     force.setTriangles({{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, numeric_limits<int>::max()}});
+    force.addFixedEdge(2, 1);
+    force.addFixedEdge(0, 3);
     force.setBendingModulus(0.1);
     force.setAreaModulus(1.0/3);
     force.setTargetArea(1e300);
@@ -57,6 +59,10 @@ void testRoundTrip() {
     ASSERT_EQUAL(force.getTargetAreaDifference(), copy->getTargetAreaDifference());
     ASSERT_EQUAL(force.getLeafletSeparation(), copy->getLeafletSeparation());
     ASSERT_EQUAL(toXml(force), toXml(*copy));
+    ASSERT_EQUAL(2, copy->getNumFixedEdges());
+    int particle1, particle2;
+    copy->getFixedEdgeParameters(1, particle1, particle2);
+    ASSERT(particle1 == 0 && particle2 == 3);
     double modulus, minLength, maxLength, onset;
     int exponent, exclusionLevel;
     copy->getTether(modulus, minLength, maxLength, exponent);
@@ -82,6 +88,16 @@ static string replaced(string text, const string& old, const string& with) {
     return text.replace(position, old.size(), with);
 }
 
+void testVersionWithoutFixedEdges() {
+    HelfrichForce force;
+    makeForce(force);
+    string xml = replaced(toXml(force), "version=\"2\"", "version=\"1\"");
+    size_t start = xml.find("<FixedEdges"), end = xml.find("/>", start);
+    unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end+2-start));
+    ASSERT_EQUAL(0, copy->getNumFixedEdges());
+    ASSERT(force.getTriangles() == copy->getTriangles());
+}
+
 static void assertRejected(const string& xml, const string& message) {
     try {
         fromXml(xml);
@@ -98,7 +114,10 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"1\"", "version=\"2\""), "unsupported version 2");
+    assertRejected(replaced(xml, "version=\"2\"", "version=\"3\""), "unsupported version 3");
+    assertRejected(replaced(xml, "version=\"2\"", "version=\"0\""), "unsupported version 0");
+    assertRejected(replaced(xml, "2 1 0 3", "2 1 0"), "fixed edges are not complete");
+    assertRejected(replaced(xml, "<FixedEdges ", "<Edges "), "FixedEdges");
     assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2"), "not complete");
     assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2 1 2"), "not complete");
     assertRejected(replaced(xml, triangles, ""), "not complete");
@@ -115,6 +134,7 @@ int main() {
     try {
         testRoundTrip();
         testDefaults();
+        testVersionWithoutFixedEdges();
         testDamagedText();
     }
     catch (const exception& e) {

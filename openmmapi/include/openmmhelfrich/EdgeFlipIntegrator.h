@@ -15,7 +15,7 @@ class HelfrichForceImpl;
  * is one sweep of edge flips over each HelfrichForce of the System: a fraction of its number of edges of attempts, each of which draws an edge
  * uniformly, replaces it by the other diagonal of its two triangles, and accepts this with the Metropolis probability
  * min(1, exp(-dE/kT)).  An attempt is rejected by rule, whatever its energy, when it would connect two vertices twice or leave a vertex
- * with fewer than three neighbours.
+ * with fewer than three neighbours, and when the edge is one that HelfrichForce::addFixedEdge() marks.
  *
  * The random numbers come from a counter-based generator whose whole state is the seed and the number of sweeps made.  These and the live
  * triangles are part of the checkpoint and of the State (as integrator parameters), so that a simulation continued from either
@@ -75,7 +75,7 @@ public:
     }
     /**
      * Get the number of attempts since the Context was created that were rejected by rule, because the flip would have connected two vertices twice or left a
-     * vertex with fewer than three neighbours.
+     * vertex with fewer than three neighbours, or the edge is fixed.
      */
     long long getNumForbidden() const {
         return numForbidden;
@@ -86,6 +86,11 @@ public:
     long long getNumSweeps() const {
         return numSweeps;
     }
+    /**
+     * Get the flip rate: the number of flips accepted per edge and sweep since the Context was created, or 0 before the first sweep.  The edges are those
+     * of all membranes of the Context.
+     */
+    double getFlipRate() const;
     /**
      * Make sweeps of edge flips over every HelfrichForce of the System that is in the integration force groups.
      *

@@ -67,6 +67,8 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
  * changes those of a Context: getTrianglesInContext() returns the live ones.
  *
+ * Edges that must not flip, those of a frame or a border between two materials for example, are marked with addFixedEdge().
+ *
  * The System's periodic boundary conditions do not apply to this force.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichForce : public OpenMM::Force {
@@ -120,6 +122,37 @@ public:
      * @param triangles  the particles of each triangle, in counter-clockwise order seen from outside
      */
     void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    /**
+     * Get the number of edges that never flip.
+     */
+    int getNumFixedEdges() const {
+        return fixedEdges.size();
+    }
+    /**
+     * Mark an edge that never flips: attempts to flip it are rejected by rule.  It must be an edge of the triangles when a Context is created, and of those
+     * given to setTrianglesInContext(), and may be marked once.
+     *
+     * @param particle1  the index of one of its particles
+     * @param particle2  the index of the other
+     * @return the index of the fixed edge that was added
+     */
+    int addFixedEdge(int particle1, int particle2);
+    /**
+     * Get the particles of an edge that never flips.
+     *
+     * @param index           the index of the fixed edge
+     * @param[out] particle1  the index of one of its particles
+     * @param[out] particle2  the index of the other
+     */
+    void getFixedEdgeParameters(int index, int& particle1, int& particle2) const;
+    /**
+     * Set the particles of an edge that never flips.  A Context that exists already does not change.
+     *
+     * @param index      the index of the fixed edge
+     * @param particle1  the index of one of its particles
+     * @param particle2  the index of the other
+     */
+    void setFixedEdgeParameters(int index, int particle1, int particle2);
     /**
      * Get the bending modulus kappa_B, measured in kJ/mol.
      */
@@ -266,7 +299,7 @@ public:
      */
     void getTrianglesInContext(OpenMM::Context& context, std::vector<std::array<int, 3> >& triangles) const;
     /**
-     * Replace the live triangles of a Context.  They must connect the same particles as before.
+     * Replace the live triangles of a Context.  They must connect the same particles as before, and have every fixed edge.
      *
      * @param context    the Context to change
      * @param triangles  the particles of each triangle
@@ -286,7 +319,7 @@ public:
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
      * Copy the moduli, the leaflet separation, and the tether's and repulsion's parameters from this Force to a Context.
-     * The triangles and the targets of the Context do not change: see setTrianglesInContext() and Context::setParameter().
+     * The triangles, the fixed edges and the targets of the Context do not change: see setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
      */
@@ -301,6 +334,7 @@ protected:
     OpenMM::ForceImpl* createImpl() const;
 private:
     std::vector<std::array<int, 3> > triangles;
+    std::vector<std::array<int, 2> > fixedEdges;
     double bendingModulus = 0;
     double areaModulus = 0, targetArea = 0;
     double volumeModulus = 0, targetVolume = 0;

@@ -121,6 +121,10 @@ public:
      */
     double getFlipAcceptanceRate() const;
     /**
+     * Get the flip rate: the number of flips accepted per edge and sweep, or 0 before the first sweep.  See EdgeFlipIntegrator::getFlipRate().
+     */
+    double getFlipRate() const;
+    /**
      * Get the Integrator that flips edges.
      */
     const EdgeFlipIntegrator& getFlipIntegrator() const;

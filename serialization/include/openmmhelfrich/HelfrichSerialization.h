@@ -3,19 +3,21 @@
 
 #include "openmm/serialization/SerializationNode.h"
 #include <array>
+#include <limits>
 #include <string>
 #include <vector>
 
 namespace HelfrichPlugin {
 
 /**
- * Throw an exception unless a node is of the version that this library writes.
+ * Throw an exception unless a node is of a version that this library reads.
  *
  * @param node      the node to check
  * @param version   the version that this library writes
  * @param typeName  the type of the object that the node describes, for the message
+ * @param oldestVersion  the first version that this library reads; by default only the one that it writes
  */
-void requireVersion(const OpenMM::SerializationNode& node, int version, const std::string& typeName);
+void requireVersion(const OpenMM::SerializationNode& node, int version, const std::string& typeName, int oldestVersion=std::numeric_limits<int>::max());
 /**
  * Write integers to a node as a property: in order, separated by blanks.
  */

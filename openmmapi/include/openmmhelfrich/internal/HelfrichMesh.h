@@ -53,9 +53,15 @@ public:
      */
     std::vector<std::array<int, 3> > getTriangles() const;
     /**
-     * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid and connect the same particles as before.
+     * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid, connect the same particles as before and have every
+     * fixed edge.
      */
     void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    /**
+     * Set the edges that never flip, as pairs of particles in either order.  They remain those of the mesh when its triangles are replaced.  Throws an OpenMMException that
+     * names the edge, and leaves the mesh as it was, unless each is an edge of the triangles and appears once.
+     */
+    void setFixedEdges(const std::vector<std::array<int, 2> >& edges);
     /**
      * The number of vertices in a patch of the order: their positions fit in a processor's first-level cache.
      */
@@ -142,13 +148,19 @@ public:
      */
     bool areExcluded(int vertex1, int vertex2, int level) const;
     /**
-     * Get whether a flip of a halfedge's edge leaves a valid mesh.
+     * Get whether a halfedge's edge may never flip.
+     */
+    bool isFixed(int h) const {
+        return !fixedHalfedges.empty() && fixedHalfedges[h];
+    }
+    /**
+     * Get whether a halfedge's edge is not fixed and its flip leaves a valid mesh.
      */
     bool canFlip(int h) const {
         // Around k and l the search starts from the halfedges of the two triangles, which are at hand.
 
         int o = opposite(h), k = apex(h), l = apex(o);
-        return valences[origin(h)] > 3 && valences[origin(o)] > 3 && !(valences[k] <= valences[l] ? leadsTo(previous(h), l) : leadsTo(previous(o), k));
+        return !isFixed(h) && valences[origin(h)] > 3 && valences[origin(o)] > 3 && !(valences[k] <= valences[l] ? leadsTo(previous(h), l) : leadsTo(previous(o), k));
     }
     /**
      * Bring what the mesh knows of a halfedge's triangle into the cache.
@@ -191,11 +203,15 @@ private:
     void connect();
     void pair(const int* sameEdge, int count);
     void chooseOutgoings();
+    int findHalfedge(int particle1, int particle2) const;
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
     int numParticles;
     std::vector<int> particles, outgoings, valences, order;
     std::vector<Halfedge> halfedges;
+    std::vector<std::array<int, 2> > fixedEdges;
+    /// for each halfedge whether its edge is fixed; empty when none is
+    std::vector<char> fixedHalfedges;
     long long revision = 0;
 };
 
