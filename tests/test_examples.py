@@ -93,6 +93,16 @@ def testFluctuations(tmp_path, examples):
     assert (tmp_path/"fluctuations.png").stat().st_size > 10000
 
 
+def testFluidity(tmp_path, examples):
+    """Without flips vertices go nowhere, and with more of them further."""
+    names, *rows = [line.split(",") for line in execute(tmp_path, examples/"fluidity.py", 800, 2).splitlines()]
+    rows = np.array(rows, dtype=float)
+    fraction, flipRate, acceptance, forbidden, perStep, error, perSweep = rows.T[:7]
+    assert names[:3] == ["fraction", "flipRate", "acceptance"] and list(fraction) == [0, 0.01, 0.03, 0.1, 0.3, 1]
+    assert flipRate == pytest.approx(fraction*acceptance, rel=0.05) and np.allclose(perSweep, 2*perStep, rtol=0.02)
+    assert perStep[-1] > 5*error[-1] and perStep[-1] > 2*abs(perStep[0])
+
+
 def testRedBloodCellScript(tmp_path, examples):
     assert "2562 vertices, area 134.09 um^2" in execute(tmp_path, examples/"red_blood_cell.py", tmp_path/"cell.stl")
     assert mh.Mesh.read(tmp_path/"cell.stl").area == pytest.approx(134.09, rel=1e-3)
