@@ -44,6 +44,7 @@ public:
     int getNumSlots() const {
         return groups.size()*width;
     }
+    static const int MAX_WIDTH = 8;
     int width = 1;
     std::vector<Group> groups;
     /// the vertex in each slot; the padding's is 0
@@ -57,7 +58,7 @@ public:
 private:
     void fillSlots(const HelfrichMesh& mesh, int begin, int end);
     void fillGroups();
-    void fillRing(const HelfrichMesh& mesh, const Group& group, int lane, int slot, std::vector<int>& tips);
+    void fillRings(const HelfrichMesh& mesh, int g, std::vector<int>& tips);
 };
 
 } // namespace HelfrichPlugin

@@ -27,8 +27,7 @@ void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
         vector<int> tips;
         #pragma omp for schedule(static)
         for (int g = 0; g < getNumGroups(); g++)
-            for (int lane = 0; lane < width; lane++)
-                fillRing(mesh, groups[g], lane, g*width+lane, tips);
+            fillRings(mesh, g, tips);
     }
 }
 
@@ -66,19 +65,27 @@ void CpuHelfrichLayout::fillGroups() {
     neighbors.resize(start);
 }
 
-void CpuHelfrichLayout::fillRing(const HelfrichMesh& mesh, const Group& group, int lane, int slot, vector<int>& tips) {
-    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.
+void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, int g, vector<int>& tips) {
+    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.  Vertices of lower valence go round again, for it costs less than to stop.
 
-    int* ring = &neighbors[group.start+lane];
-    int valence = valences[slot], start = 0;
-    tips.resize(max<size_t>(tips.size(), 2*valence+1));
-    tips[0] = 4*slot;
-    for (int i = 0, h = mesh.outgoing(vertices[slot]), lowest = h; i < valence; i++) {
-        tips[i] = tips[i+valence] = 4*slots[mesh.tip(h)];
-        start = (h < lowest ? i : start);
-        lowest = min(h, lowest);
-        h = mesh.rotate(h);
-    }
+    const Group& group = groups[g];
+    int* ring = &neighbors[group.start];
+    int halfedge[MAX_WIDTH], lowest[MAX_WIDTH], start[MAX_WIDTH] = {};
+    tips.resize(group.length*width);
+    for (int lane = 0; lane < width; lane++)
+        halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[g*width+lane]);
     for (int i = 0; i < group.length; i++)
-        ring[i*width] = tips[i < valence ? start+i : start];
+        for (int lane = 0; lane < width; lane++) {
+            int h = halfedge[lane];
+            tips[i*width+lane] = 4*slots[mesh.tip(h)];
+            start[lane] = (h < lowest[lane] ? i : start[lane]);
+            lowest[lane] = min(h, lowest[lane]);
+            halfedge[lane] = mesh.rotate(h);
+        }
+    for (int i = 0; i < group.length; i++)
+        for (int lane = 0; lane < width; lane++) {
+            int slot = g*width+lane, valence = valences[slot], n = start[lane]+(i < valence ? i : 0);
+            n -= (n < valence ? 0 : valence);
+            ring[i*width+lane] = (valence == 0 ? 4*slot : tips[n*width+lane]);
+        }
 }

@@ -85,13 +85,15 @@ public:
      * Get the next halfedge of the same triangle.  No branch depends on the corner, which no processor could predict.
      */
     static int next(int h) {
-        return h+1-3*(unsigned(h)%3 == 2);
+        static constexpr int STEPS[3] = {1, 1, -2};
+        return h+STEPS[unsigned(h)%3];
     }
     /**
      * Get the previous halfedge of the same triangle.
      */
     static int previous(int h) {
-        return h-1+3*(unsigned(h)%3 == 0);
+        static constexpr int STEPS[3] = {2, -1, -1};
+        return h+STEPS[unsigned(h)%3];
     }
     /**
      * Get the vertex that a halfedge starts from.
