@@ -129,9 +129,11 @@ void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) con
 
 void EdgeFlipSweep::evaluate(EdgeFlipBatch& batch, int first, int last) const {
     evaluation.evaluate(p, vertices.data(), batch, first, last);
-    if (hasRepulsion())
+    if (hasRepulsion()) {
+        findClosePairs(batch, first, last);
         for (int n = first; n < last; n++)
             batch.repulsion[n] = repulsionChange(batch, n);
+    }
 }
 
 void EdgeFlipSweep::decideBlock(int numBatches) {
@@ -207,17 +209,42 @@ bool EdgeFlipSweep::hasRepulsion() const {
     return p.repulsionModulus != 0 && p.repulsionExclusionLevel != 0;
 }
 
-double EdgeFlipSweep::repulsionChange(EdgeFlipBatch& batch, int n) const {
-    int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
-    batch.hasClosePairs[n] = false;
-    if (p.repulsionExclusionLevel == 1)
-        return pairEnergy(i, j)-pairEnergy(k, l);
-    int h = batch.halfedge[n], o = mesh.opposite(h);
-    return repulsionOfPairsSeparated(batch, n, h)+repulsionOfPairsSeparated(batch, n, o)-
-           repulsionOfPairsJoined(batch, n, k, mesh.previous(o))-repulsionOfPairsJoined(batch, n, l, mesh.previous(h));
+void EdgeFlipSweep::findClosePairs(EdgeFlipBatch& batch, int first, int last) const {
+    // A flip changes whether pairs of one of its vertices and a neighbor of the opposite one are excluded.  Hardly any of them is so close that it matters.
+
+    fill(batch.hasClosePairs+first, batch.hasClosePairs+last, false);
+    if (p.repulsionExclusionLevel < 2)
+        return;
+    for (int corner = 0; corner < 4; corner++) {
+        // Go around the vertex opposite to the corner, in all attempts at the same time, past those of its neighbors that belong to the flip.
+
+        int halfedge[EdgeFlipBatch::SIZE], steps[EdgeFlipBatch::SIZE], maxSteps = 0;
+        for (int n = first; n < last; n++) {
+            int h = batch.halfedge[n], o = mesh.opposite(h), center = batch.vertex[corner^1][n];
+            halfedge[n] = (corner == 0 ? mesh.rotate(o) : corner == 1 ? mesh.rotate(h) : mesh.opposite(mesh.next(corner == 2 ? o : h)));
+            steps[n] = mesh.valence(center)-(corner < 2 ? 3 : 2);
+            maxSteps = max(maxSteps, steps[n]);
+        }
+        for (int step = 0; step < maxSteps; step++)
+            for (int n = first; n < last; n++) {
+                bool isClose = (distance2(batch.vertex[corner][n], mesh.apex(halfedge[n])) < p.repulsionOnset*p.repulsionOnset);
+                batch.hasClosePairs[n] |= isClose & (step < steps[n]);
+                halfedge[n] = mesh.rotate(halfedge[n]);
+            }
+    }
 }
 
-double EdgeFlipSweep::repulsionOfPairsSeparated(EdgeFlipBatch& batch, int n, int h) const {
+double EdgeFlipSweep::repulsionChange(const EdgeFlipBatch& batch, int n) const {
+    int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
+    if (p.repulsionExclusionLevel == 1)
+        return pairEnergy(i, j)-pairEnergy(k, l);
+    if (!batch.hasClosePairs[n])
+        return 0;
+    int h = batch.halfedge[n], o = mesh.opposite(h);
+    return repulsionOfPairsSeparated(h)+repulsionOfPairsSeparated(o)-repulsionOfPairsJoined(k, mesh.previous(o))-repulsionOfPairsJoined(l, mesh.previous(h));
+}
+
+double EdgeFlipSweep::repulsionOfPairsSeparated(int h) const {
     // The flip removes the edge i-j, and with it the path from i over j to each neighbor of j.
 
     int i = mesh.origin(h), j = mesh.tip(h), k = mesh.apex(h), l = mesh.apex(mesh.opposite(h));
@@ -228,28 +255,22 @@ double EdgeFlipSweep::repulsionOfPairsSeparated(EdgeFlipBatch& batch, int n, int
         if (other == k || other == l)
             continue;
         double energy = pairEnergy(i, other);
-        if (energy != 0) {
-            batch.hasClosePairs[n] = true;
-            if (!isExcludedWithout(i, other, j))
-                sum += energy;
-        }
+        if (energy != 0 && !isExcludedWithout(i, other, j))
+            sum += energy;
     }
     return sum;
 }
 
-double EdgeFlipSweep::repulsionOfPairsJoined(EdgeFlipBatch& batch, int n, int vertex, int outgoing) const {
+double EdgeFlipSweep::repulsionOfPairsJoined(int vertex, int outgoing) const {
     // The flip bonds the vertex to the origin of the outgoing halfedge, and so makes a path from it to each neighbor of that origin.
 
     double sum = 0;
     int g = outgoing;
     do {
         int other = mesh.tip(g);
-        double energy = (other == batch.vertex[0][n] || other == batch.vertex[1][n]) ? 0 : pairEnergy(vertex, other);
-        if (energy != 0) {
-            batch.hasClosePairs[n] = true;
-            if (!mesh.areExcluded(vertex, other, 2))
-                sum += energy;
-        }
+        double energy = pairEnergy(vertex, other);
+        if (energy != 0 && !mesh.areExcluded(vertex, other, 2))
+            sum += energy;
         g = mesh.rotate(g);
     } while (g != outgoing);
     return sum;
@@ -266,10 +287,14 @@ bool EdgeFlipSweep::isExcludedWithout(int vertex, int other, int removedNeighbor
     return false;
 }
 
-double EdgeFlipSweep::pairEnergy(int vertex1, int vertex2) const {
+double EdgeFlipSweep::distance2(int vertex1, int vertex2) const {
     const EdgeFlipVertex& a = vertices[vertex1], &b = vertices[vertex2];
     Vector3<double> d = {b.x-a.x, b.y-a.y, b.z-a.z};
-    double r2 = dot(d, d), slope;
+    return dot(d, d);
+}
+
+double EdgeFlipSweep::pairEnergy(int vertex1, int vertex2) const {
+    double r2 = distance2(vertex1, vertex2), slope;
     if (r2 >= p.repulsionOnset*p.repulsionOnset)
         return 0;
     return 2*p.repulsionModulus*repulsionPotential(sqrt(r2), p.repulsionOnset, p.repulsionExponent, slope);

@@ -71,10 +71,12 @@ private:
     void accept(const EdgeFlipBatch& batch, int n, double energy);
     double penaltyChange(const EdgeFlipBatch& batch, int n) const;
     bool hasRepulsion() const;
-    double repulsionChange(EdgeFlipBatch& batch, int n) const;
-    double repulsionOfPairsSeparated(EdgeFlipBatch& batch, int n, int h) const;
-    double repulsionOfPairsJoined(EdgeFlipBatch& batch, int n, int vertex, int outgoing) const;
+    void findClosePairs(EdgeFlipBatch& batch, int first, int last) const;
+    double repulsionChange(const EdgeFlipBatch& batch, int n) const;
+    double repulsionOfPairsSeparated(int h) const;
+    double repulsionOfPairsJoined(int vertex, int outgoing) const;
     bool isExcludedWithout(int vertex, int other, int removedNeighbor) const;
+    double distance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
     HelfrichMesh& mesh;
     const EdgeFlipEvaluation& evaluation;
