@@ -158,6 +158,8 @@ void EdgeFlipSweep::decide(EdgeFlipBatch& batch, int n) {
         findForbidden(batch, n, n+1);
         evaluate(batch, n, n+1);
     }
+    else if (isBlockChanged && hasRepulsion() && batch.hasClosePairs[n])
+        batch.repulsion[n] = repulsionChange(batch, n);
     statistics.attempted++;
     if (batch.isForbidden[n]) {
         statistics.forbidden++;
@@ -172,7 +174,7 @@ bool EdgeFlipSweep::isStale(const EdgeFlipBatch& batch, int n) const {
     for (int i = 0; i < 4; i++)
         if (stamps[batch.vertex[i][n]] == block)
             return true;
-    return batch.hasClosePairs[n];
+    return false;
 }
 
 void EdgeFlipSweep::accept(const EdgeFlipBatch& batch, int n, double energy) {

@@ -31,7 +31,7 @@ struct alignas(64) EdgeFlipBatch {
     int vertex[8][SIZE];
     /// true if the rules do not allow the flip
     bool isForbidden[SIZE];
-    /// true if the energy depends on more of the connectivity than the neighbors of vertices 0 to 3
+    /// true if the repulsion depends on more of the connectivity than the neighbors of vertices 0 to 3
     bool hasClosePairs[SIZE];
     /// the changes at vertices 0 to 3
     double vertexArea[4][SIZE], vertexCurvature[4][SIZE];

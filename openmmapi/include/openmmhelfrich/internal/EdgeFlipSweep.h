@@ -24,7 +24,8 @@ struct EdgeFlipStatistics {
  *
  * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed in blocks.  First all attempts of a block are evaluated, by several threads and several to a
  * vector, as if they were the first one.  Then they are decided in their order.  An attempt that has a vertex in common with a flip accepted earlier in the block is evaluated
- * again at that time; nothing else can have changed what it evaluated, and the totals are those of the moment.  So the outcome is that of the sequential chain, to the last bit,
+ * again at that time, and so is the repulsion of close pairs, whose exclusion depends on more of the connectivity; nothing else can have changed what was evaluated, and the totals are
+ * those of the moment.  So the outcome is that of the sequential chain, to the last bit,
  * for any number of threads and any size of blocks.
  */
 class OPENMM_EXPORT_HELFRICH EdgeFlipSweep {
