@@ -220,19 +220,25 @@ void EdgeFlipSweep::findClosePairs(EdgeFlipBatch& batch, int first, int last) co
     for (int corner = 0; corner < 4; corner++) {
         // Go around the vertex opposite to the corner, in all attempts at the same time, past those of its neighbors that belong to the flip.
 
-        int halfedge[EdgeFlipBatch::SIZE], steps[EdgeFlipBatch::SIZE], maxSteps = 0;
+        int halfedge[EdgeFlipBatch::SIZE], steps[EdgeFlipBatch::SIZE], active[EdgeFlipBatch::SIZE], numActive = 0;
         for (int n = first; n < last; n++) {
             int h = batch.halfedge[n], o = mesh.opposite(h), center = batch.vertex[corner^1][n];
             halfedge[n] = (corner == 0 ? mesh.rotate(o) : corner == 1 ? mesh.rotate(h) : mesh.opposite(mesh.next(corner == 2 ? o : h)));
             steps[n] = mesh.valence(center)-(corner < 2 ? 3 : 2);
-            maxSteps = max(maxSteps, steps[n]);
+            active[numActive] = n;
+            numActive += (steps[n] > 0);
         }
-        for (int step = 0; step < maxSteps; step++)
-            for (int n = first; n < last; n++) {
-                bool isClose = (distance2(batch.vertex[corner][n], mesh.apex(halfedge[n])) < p.repulsionOnset*p.repulsionOnset);
-                batch.hasClosePairs[n] |= isClose & (step < steps[n]);
+        while (numActive > 0) {
+            int numLeft = 0;
+            for (int m = 0; m < numActive; m++) {
+                int n = active[m];
+                batch.hasClosePairs[n] |= (distance2(batch.vertex[corner][n], mesh.apex(halfedge[n])) < p.repulsionOnset*p.repulsionOnset);
                 halfedge[n] = mesh.rotate(halfedge[n]);
+                active[numLeft] = n;
+                numLeft += (--steps[n] > 0);
             }
+            numActive = numLeft;
+        }
     }
 }
 
