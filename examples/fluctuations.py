@@ -4,7 +4,6 @@ Arguments: the number of Monte Carlo steps (4000), and how often the sphere's tr
 """
 import sys
 
-import numpy as np
 import openmm as mm
 import openmmhelfrich as mh
 from matplotlib.figure import Figure

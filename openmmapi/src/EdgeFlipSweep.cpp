@@ -18,7 +18,7 @@ static const int BATCHES_PER_THREAD = 4;
  */
 static const int VERTICES_PER_ATTEMPT = 16;
 
-EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(numThreads), random(0, 0), block(0),
+EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(numThreads), block(0), random(0, 0),
         vertices(mesh.getNumVertices()), stamps(mesh.getNumVertices(), -1) {
     int maxAttempts = max(8, mesh.getNumVertices()/VERTICES_PER_ATTEMPT);
     int maxBatches = (numThreads == 1 ? 1 : BATCHES_PER_THREAD*numThreads);

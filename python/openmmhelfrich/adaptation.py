@@ -12,7 +12,8 @@ from typing import Callable, Optional, Union
 import numpy as np
 from openmm import app, unit
 
-from .helfrich import HamiltonianTrajectoryIntegrator, HybridMonteCarloIntegrator
+from .helfrich import HamiltonianTrajectoryIntegrator
+from .optional import dataFrame
 from .reporters import thermalEnergy, valueIn
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but little less from 0.6 to 0.9
@@ -207,8 +208,7 @@ class AdaptationResult:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each trajectory."""
-        import pandas
-        return pandas.DataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
+        return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
 def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, StepSizeTracker]) -> Optional[float]:

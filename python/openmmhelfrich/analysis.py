@@ -12,7 +12,8 @@ from openmm import unit
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from .mesh import Mesh, reducedVolume
+from .mesh import Mesh
+from .optional import dataFrame, require
 from .reporters import valueIn
 
 
@@ -76,8 +77,7 @@ def describeTrajectory(frames: Iterable, triangles) -> list:
 
 def toDataFrame(descriptions):
     """Return a pandas.DataFrame with a row for each :class:`ShapeDescription`, without the tensors."""
-    import pandas
-    return pandas.DataFrame([{name: value for name, value in vars(d).items() if name != "gyrationTensor"} for d in descriptions])
+    return dataFrame([{name: value for name, value in vars(d).items() if name != "gyrationTensor"} for d in descriptions])
 
 
 def reducedAreaDifference(mesh: Mesh) -> float:
@@ -157,8 +157,7 @@ class FluctuationSpectrum:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each degree."""
-        import pandas
-        return pandas.DataFrame({"degree": self.degrees, "power": self.powers, "error": self.errors, "autocorrelationTime": self.autocorrelationTimes})
+        return dataFrame({"degree": self.degrees, "power": self.powers, "error": self.errors, "autocorrelationTime": self.autocorrelationTimes})
 
     def fit(self, minDegree: int = 2, maxDegree: Optional[int] = None) -> "SpectrumFit":
         """Fit kT/(kappa (l-1)(l+2)[l(l+1)+sigma]) (Milner and Safran, Phys. Rev. A 36, 4371, 1987).
@@ -285,20 +284,15 @@ def autocorrelationTime(series) -> float:
     Raises
     ------
     ValueError
-        if the series has fewer than two values, or one that is not finite
-    ImportError
-        if emcee is not installed
+        if the series has fewer than two values, or one that is not finite, or emcee is not installed
     """
     series = np.asarray(series, dtype=float)
     if series.ndim != 1 or len(series) < 2 or not np.all(np.isfinite(series)):
         raise ValueError(f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row")
     if np.ptp(series) == 0:
         return 1.0
-    try:
-        from emcee.autocorr import integrated_time
-    except ImportError:
-        raise ImportError("autocorrelation times need emcee: pip install 'openmm-helfrich[analysis]'") from None
-    return max(1.0, float(integrated_time(series, tol=0)[0]))
+    autocorr = require("emcee.autocorr", "computing autocorrelation times", "analysis")
+    return max(1.0, float(autocorr.integrated_time(series, tol=0)[0]))
 
 
 def meanAndError(series) -> tuple:
@@ -322,8 +316,7 @@ class Diffusion:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each lag."""
-        import pandas
-        return pandas.DataFrame({"lag": self.lags, "meanSquaredDisplacement": self.meanSquaredDisplacements})
+        return dataFrame({"lag": self.lags, "meanSquaredDisplacement": self.meanSquaredDisplacements})
 
 
 def vertexDiffusion(frames, triangles, maxLag: Optional[int] = None) -> Diffusion:

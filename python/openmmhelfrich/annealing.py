@@ -6,6 +6,7 @@ import numpy as np
 from openmm import app
 
 from .adaptation import StepSizeTracker, stepAndAdapt
+from .optional import dataFrame
 from .schedules import createSchedule
 
 
@@ -31,8 +32,7 @@ class AnnealingResult:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each step."""
-        import pandas
-        return pandas.DataFrame({"step": self.steps, "temperature": self.temperatures, "stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
+        return dataFrame({"step": self.steps, "temperature": self.temperatures, "stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
 def anneal(simulation: app.Simulation, schedule, steps: int, tracker: Optional[StepSizeTracker] = None,

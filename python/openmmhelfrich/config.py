@@ -336,7 +336,7 @@ def _explain(mistake):
     name = _placeName(place)
     if kind == "missing":
         return f"{name} is missing{'; the mesh to begin with has no default' if place[0] == 'mesh' else ''}"
-    message = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "it must be").replace("a valid ", "a ")
+    message = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "it must be").replace("a valid integer", "a whole number").replace("a valid ", "a ")
     if kind == "union_tag_not_found":
         return f"{name} has no kind; it must be one of {', '.join(STAGES)}"
     if kind == "union_tag_invalid":

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 from .dcdframes import DCDTrajectory
 from .files import PathLike
-from .mesh import Mesh
+from .mesh import Mesh, requireFormat
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
 
 TRAJECTORIES = (".vtkhdf", ".hdf")
@@ -83,6 +83,7 @@ def convert(file: PathLike, output: PathLike, frame: Optional[int] = None, every
         if a file cannot be read or written, or its format is not known
     """
     output = Path(output)
+    requireFormat(output, *TRAJECTORIES, ".pvd", ".xyz")
     frames = openFrames(file, topology)
     indices = selectFrames(file, frames, frame, every)
     names = _names(output, indices)

@@ -102,6 +102,7 @@ class Mesh:
             raise FileNotFoundError(f"there is no mesh file {path}")
         if not path.is_file() or path.stat().st_size == 0:
             raise ValueError(f"{path} is {'empty' if path.is_file() else 'not a file'}; it must be a mesh file")
+        requireFormat(path)
         try:
             mesh = cls(*_trianglesOf(_readFile(path)))
         except ValueError as error:
@@ -133,8 +134,7 @@ class Mesh:
         import meshio
         path = Path(file)
         suffix = path.suffix.lower()
-        if suffix not in meshio.extension_to_filetypes:
-            raise ValueError(f"{path}: no mesh format has the suffix '{suffix}'; {_suffixes()}")
+        requireFormat(path)
         mesh = meshio.Mesh(self.vertices/_lengthOf(unit), [("triangle", self.triangles)], point_data=data if suffix in _WITH_DATA else None)
         # A complete file takes the place of the old one in a single step, so that no failure leaves half a mesh.
         part = path.with_name(f".{path.stem}.part{path.suffix}")
@@ -167,9 +167,9 @@ class Mesh:
         topology = app.Topology()
         chain = topology.addChain("M")
         _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
-        atoms, residue = [], None
+        atoms, residue, current = [], None, None
         for membrane in label.tolist():
-            if residue is None or membrane != current:
+            if membrane != current:
                 residue, current = topology.addResidue("MEM", chain, id=str(membrane+1)), membrane
             atoms.append(topology.addAtom("V", None, residue))
         for i, j in self.edges.tolist():
@@ -339,8 +339,6 @@ def _readFile(path):
     """Read a file with the mesh library, whatever way it has to fail."""
     import meshio
     suffix = path.suffix.lower()
-    if suffix not in meshio.extension_to_filetypes:
-        raise ValueError(f"no mesh format has the suffix '{suffix}'; {_suffixes()}")
     try:
         if re.search(_HEAD.get(suffix, b""), path.read_bytes()):
             with _silence():
@@ -363,8 +361,13 @@ def _trianglesOf(data):
     return data.points, np.concatenate(blocks)
 
 
-def _suffixes():
-    return "use one of .stl, .ply, .obj, .off, .vtu, .vtk, .msh"
+def requireFormat(path, *others):
+    """Raise a ValueError if the suffix of a file is neither that of a mesh format nor one of some others."""
+    import meshio
+    suffix = path.suffix.lower()
+    if suffix not in meshio.extension_to_filetypes and suffix not in others:
+        kind = "format" if others else "mesh format"
+        raise ValueError(f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}")
 
 
 def _silence():

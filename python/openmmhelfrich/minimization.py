@@ -9,6 +9,7 @@ import openmm as mm
 from openmm import app, unit
 
 from .helfrich import EdgeFlipIntegrator, HelfrichForce
+from .optional import dataFrame
 from .reporters import valueIn
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole/unit.nanometer
@@ -53,8 +54,7 @@ class MinimizationResult:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with the energy after each iteration, in kJ/mol."""
-        import pandas
-        return pandas.DataFrame({"iteration": np.arange(len(self.history)), "energy": self.history})
+        return dataFrame({"iteration": np.arange(len(self.history)), "energy": self.history})
 
 
 def minimize(simulation: app.Simulation, force: HelfrichForce, tolerance: Union[None, float, unit.Quantity] = None, maxIterations: int = 0,

@@ -1,11 +1,16 @@
-"""Libraries that only some commands need, and that come with the extra "looking"."""
+"""Libraries that only some functions and commands need, and that come with an extra of the package."""
 import importlib
 
 
-def require(module, purpose):
+def require(module, purpose, extra="looking"):
     """Import and return a module, or raise a ValueError that says how to get it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
         raise ValueError(f"{purpose} needs {module.split('.')[0]}, which cannot be imported ({error}); "
-                         "pip install 'openmm-helfrich[looking]' brings it") from None
+                         f"pip install 'openmm-helfrich[{extra}]' brings it") from None
+
+
+def dataFrame(data):
+    """Return a pandas.DataFrame of columns or rows, or raise a ValueError that says how to get pandas."""
+    return require("pandas", "a DataFrame", "analysis").DataFrame(data)

@@ -11,6 +11,7 @@ from openmm import unit
 from .files import PathLike, replacing
 from .helfrich import HelfrichForce
 from .mesh import Mesh, reducedVolume
+from .optional import dataFrame
 from .vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 
 ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
@@ -219,8 +220,7 @@ class Table(dict):
 
     def toDataFrame(self):
         """Return a pandas.DataFrame of the same columns."""
-        import pandas
-        return pandas.DataFrame(self)
+        return dataFrame(self)
 
     def where(self, chosen):
         """Return a Table of the rows that an array of booleans chooses."""

@@ -57,16 +57,17 @@ class Summary:
     signal: Optional[int]
 
     def drift(self, name):
-        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, in the last stage after its burn-in."""
-        rows = (self.table["stage"] == self.table["stage"][-1]) & (self.table["equilibrated"] == 1)
-        deviation = self.table[name]/self.table[f"target{name[0].upper()}{name[1:]}"]-1
-        return float(np.max(np.abs(deviation[rows if rows.any() else slice(None)])))
+        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while :meth:`mean` averages."""
+        return float(np.max(np.abs(self._late(name)/self._late(f"target{name[0].upper()}{name[1:]}")-1)))
 
     def mean(self, name):
         """Return the average of a column of the table over the second half of the last stage, or of its last window, when its start is forgotten."""
+        return float(self._late(name).mean())
+
+    def _late(self, name):
         stage, window = self.table["stage"], self.table["window"]
         values = self.table[name][(stage == stage[-1]) & (window == window[-1])]
-        return float(values[len(values)//2:].mean())
+        return values[len(values)//2:]
 
     def lines(self):
         """Return a label and a text for each thing worth knowing at the end."""
