@@ -41,13 +41,10 @@ private:
 };
 
 /**
- * An octahedron's triangles, each divided in four a number of times, on the unit sphere: 4^(n+1)+2 vertices.
+ * Divide each triangle of a surface on the unit sphere in four, a number of times.
  */
-inline Membrane createSphere(int subdivisions) {
-    Membrane sphere;
-    sphere.positions = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
-    sphere.triangles = {{0, 1, 2}, {1, 3, 2}, {3, 4, 2}, {4, 0, 2}, {1, 0, 5}, {3, 1, 5}, {4, 3, 5}, {0, 4, 5}};
-    for (int i = 0; i < subdivisions; i++) {
+inline void subdivide(Membrane& sphere, int times) {
+    for (int i = 0; i < times; i++) {
         std::map<std::pair<int, int>, int> middles;
         auto middle = [&] (int a, int b) {
             auto edge = std::make_pair(std::min(a, b), std::max(a, b));
@@ -66,19 +63,55 @@ inline Membrane createSphere(int subdivisions) {
                 sphere.triangles.push_back(part);
         }
     }
+}
+
+/**
+ * An octahedron's triangles, each divided in four a number of times, on the unit sphere: 4^(n+1)+2 vertices.
+ */
+inline Membrane createSphere(int subdivisions) {
+    Membrane sphere;
+    sphere.positions = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
+    sphere.triangles = {{0, 1, 2}, {1, 3, 2}, {3, 4, 2}, {4, 0, 2}, {1, 0, 5}, {3, 1, 5}, {4, 3, 5}, {0, 4, 5}};
+    subdivide(sphere, subdivisions);
     return sphere;
 }
 
 /**
- * A rough, flat ellipsoid away from the origin, in which no two vertices, edges or angles are alike and the two faces are close enough to repel each other.
+ * An icosahedron's triangles, each divided in four a number of times, on the unit sphere: 10*4^n+2 vertices.
+ */
+inline Membrane createIcosphere(int subdivisions) {
+    Membrane sphere;
+    // A pole, two rings of five and the other pole.
+    sphere.positions.push_back({0, 0, 1});
+    for (int n = 0; n < 10; n++) {
+        double angle = (2*(n%5)+n/5)*M_PI/5, height = (n < 5 ? 1 : -1)/std::sqrt(5.0), radius = 2/std::sqrt(5.0);
+        sphere.positions.push_back({radius*std::cos(angle), radius*std::sin(angle), height});
+    }
+    sphere.positions.push_back({0, 0, -1});
+    for (int i = 1; i <= 5; i++) {
+        int j = i%5+1;
+        for (std::array<int, 3> t : {std::array<int, 3>{0, i, j}, {i, i+5, j}, {j, i+5, j+5}, {11, j+5, i+5}})
+            sphere.triangles.push_back(t);
+    }
+    subdivide(sphere, subdivisions);
+    return sphere;
+}
+
+/**
+ * Make a rough, flat ellipsoid away from the origin of a sphere, in which no two vertices, edges or angles are alike and the two faces are close enough to repel each other.
+ */
+inline Membrane flatten(Membrane sphere, double noise, int seed=1) {
+    TestRandom random(seed);
+    for (auto& x : sphere.positions)
+        x = OpenMM::Vec3(x[0], 0.9*x[1]+0.1*x[2], 0.4*x[2]-0.1*x[0])+random.vector(noise)+OpenMM::Vec3(0.3, -0.2, 0.5);
+    return sphere;
+}
+
+/**
+ * A rough, flat ellipsoid of 4^(n+1)+2 vertices.  The noise is relative to the length of the edges.
  */
 inline Membrane createBlob(int subdivisions, double noise=0.15, int seed=1) {
-    Membrane blob = createSphere(subdivisions);
-    TestRandom random(seed);
-    double edge = 1.3/(1<<subdivisions);
-    for (auto& x : blob.positions)
-        x = OpenMM::Vec3(x[0], 0.9*x[1]+0.1*x[2], 0.4*x[2]-0.1*x[0])+random.vector(noise*edge)+OpenMM::Vec3(0.3, -0.2, 0.5);
-    return blob;
+    return flatten(createSphere(subdivisions), noise*1.3/(1<<subdivisions), seed);
 }
 
 /**

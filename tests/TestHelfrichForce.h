@@ -271,8 +271,8 @@ void testNoNetForceOrTorque() {
             force += forces[i];
             torque += blob.positions[i].cross(forces[i]);
         }
-        ASSERT_EQUAL_VEC(Vec3(), force/getNorm(forces), 1e-13);
-        ASSERT_EQUAL_VEC(Vec3(), torque/getNorm(forces), 1e-13);
+        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), force/getNorm(forces), 1e-13);
+        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), torque/getNorm(forces), 1e-13);
     }
 }
 

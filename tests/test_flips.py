@@ -1,14 +1,16 @@
 """Edge flips in a live Context: energies, connectivity, and the distribution that they sample."""
 import itertools
+import os
 
 import numpy as np
 import openmm as mm
 import pytest
+from hypothesis import given, settings, strategies as st
 from openmm import unit
 from scipy import stats
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf
+from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf, termsOf
 
 
 def oneAttempt(mesh, temperature):
@@ -196,6 +198,65 @@ def test_flips_with_brownian_dynamics():
     assert np.mean(virials) == pytest.approx(3*(len(mesh.vertices)-1)*300/kelvin(1), rel=0.2)
     assert flips.getNumAccepted() > 10000
     mh.Mesh(positionsOf(context), force.getTrianglesInContext(context)).check()
+
+
+# Ten million attempts take some minutes, and are made where the environment variable OPENMM_HELFRICH_LARGE_TESTS is set.
+STRESS_EXAMPLES = 25
+STRESS_ATTEMPTS = (10**7 if "OPENMM_HELFRICH_LARGE_TESTS" in os.environ else 5*10**5)//STRESS_EXAMPLES
+
+
+def logUniform(low, high):
+    return st.floats(np.log10(low), np.log10(high)).map(lambda exponent: 10**exponent)
+
+
+@st.composite
+def flippedMembranes(draw):
+    """Draw a mesh, a function that creates a force with some of its terms on given triangles, and an integrator."""
+    mesh = createBlob(draw(st.integers(0, 4)), draw(st.floats(0, 0.3)), draw(st.integers(0, 1000)))
+    terms = draw(st.lists(st.sampled_from(TERMS), min_size=1, unique=True))
+    level = draw(st.integers(0, 2))
+    bending, area, areaDifference = (draw(logUniform(low, high)) for low, high in ((0.1, 1000), (1, 1e6), (1, 1e6)))
+    # A soft one would not keep the hottest membranes from turning inside out, which is an error in a new Context.
+    volume = draw(logUniform(1e4, 1e6))
+
+    def create(triangles):
+        force = createForce(mesh, terms, level)
+        force.setTriangles(triangles)
+        for term, setModulus, modulus in (("bending", force.setBendingModulus, bending), ("area", force.setAreaModulus, area),
+                                          ("volume", force.setVolumeModulus, volume), ("areaDifference", force.setAreaDifferenceModulus, areaDifference)):
+            if term in terms:
+                setModulus(modulus)
+        return force
+
+    flips = mh.EdgeFlipIntegrator(draw(st.one_of(st.just(0), logUniform(0.01, 100).map(kelvin))), draw(st.floats(0.1, 1)))
+    flips.setRandomNumberSeed(draw(st.integers(1, 2**31-1)))
+    return mesh, create, flips
+
+
+@given(membrane=flippedMembranes(), threads=st.sampled_from(["1", "2", "3"]))
+@settings(max_examples=STRESS_EXAMPLES, deadline=None, derandomize=True, database=None)
+def test_stress(membrane, threads):
+    """After any number of flips of any membrane the mesh is valid, and the energy that of a new Context with its triangles."""
+    mesh, create, flips = membrane
+    force = create(mesh.triangles)
+    context = createContext(mesh, force, "CPU", flips, {"Threads": threads})
+    numBlocks = 5
+    attemptsPerSweep = round(flips.getFraction()*len(mesh.edges))
+    for _ in range(numBlocks):
+        flips.step(-(-STRESS_ATTEMPTS//(numBlocks*attemptsPerSweep)))
+        live = force.getTrianglesInContext(context)
+        first, second = mh.connectivity.pairHalfedges(live, len(mesh.vertices))
+        origin, _ = mh.connectivity.halfedges(live)
+        assert np.all(origin[first] != origin[second])
+        assert len(mesh.vertices)-len(first)+len(live) == 2
+        assert np.bincount(live.ravel(), minlength=len(mesh.vertices)).min() >= 3
+        # A new Context does not take triangles that are not a closed manifold.
+        fresh = create(live)
+        other = termsOf(fresh, createContext(mesh, fresh))
+        scale = sum(abs(energy) for energy in other.values())
+        for term, energy in termsOf(force, context).items():
+            assert energy == pytest.approx(other[term], rel=1e-9, abs=1e-13*scale), term
+    assert flips.getNumAttempted() >= STRESS_ATTEMPTS
 
 
 # Detailed balance, seen: all triangulations of a few frozen vertices, and how often a run visits each.

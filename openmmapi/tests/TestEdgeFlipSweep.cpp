@@ -15,18 +15,37 @@ long double getExactEnergy(const Membrane& membrane, const HelfrichMesh& mesh, c
     return computeExactly({membrane.positions, mesh.getTriangles()}, p).getTotal();
 }
 
-/**
- * Give a sweep the positions and the geometry that it starts from.
- */
-void setPositions(EdgeFlipSweep& sweep, const Membrane& membrane, const HelfrichParameters& p) {
-    auto exact = computeExactly(membrane, p);
+HelfrichGeometry getGeometry(const Membrane& membrane) {
+    auto exact = computeExactly(membrane, HelfrichParameters());
     HelfrichGeometry geometry;
     geometry.area = exact.area;
     geometry.volume = exact.volume;
     geometry.integratedMeanCurvature = exact.curvature;
     geometry.vertexAreas.assign(exact.vertexAreas.begin(), exact.vertexAreas.end());
     geometry.vertexMeanCurvatures.assign(exact.vertexCurvatures.begin(), exact.vertexCurvatures.end());
-    sweep.setPositions(membrane.positions, geometry);
+    return geometry;
+}
+
+void setPositions(EdgeFlipSweep& sweep, const Membrane& membrane) {
+    sweep.setPositions(membrane.positions, getGeometry(membrane));
+}
+
+/**
+ * A rough, flat ellipsoid of 10*4^n+2 vertices.
+ */
+Membrane createFlatIcosphere(int subdivisions) {
+    return flatten(createIcosphere(subdivisions), 0.15/(1<<subdivisions));
+}
+
+/**
+ * Parameters for each combination of terms, repulsion at each level of exclusions.
+ */
+vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
+    vector<HelfrichParameters> all;
+    for (int terms = 1; terms <= AllTerms; terms++)
+        for (int level = 0; level < ((terms&Repulsion) != 0 ? 3 : 1); level++)
+            all.push_back(createParameters(membrane, terms, level));
+    return all;
 }
 
 void testEnergyChanges() {
@@ -43,7 +62,7 @@ void testEnergyChanges() {
     for (auto& p : all) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
-        setPositions(sweep, blob, p);
+        setPositions(sweep, blob);
         long double energy = getExactEnergy(blob, mesh, p), scale = fabsl(energy);
         int numChanged = 0;
         auto check = [&] (double change) {
@@ -62,19 +81,150 @@ void testEnergyChanges() {
     }
 }
 
+/**
+ * What comes of sweeps.
+ */
+struct Outcome {
+    vector<array<int, 3> > triangles;
+    vector<double> changes;
+    vector<long long> counts;
+    void add(const EdgeFlipStatistics& statistics) {
+        for (long long count : {statistics.attempted, statistics.accepted, statistics.forbidden})
+            counts.push_back(count);
+    }
+};
+
+const Philox FLIP_RANDOM(1, 2);
+
+/**
+ * Make sweeps one after the other.  The later ones begin with the totals that the earlier ones leave, and so does a difference in their last bits.
+ */
+Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT, int numSweeps, int numAttempts, int numThreads) {
+    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    EdgeFlipSweep sweep(mesh, numThreads);
+    sweep.setPositions(membrane.positions, geometry);
+    Outcome outcome;
+    for (int i = 0; i < numSweeps; i++)
+        outcome.add(sweep.execute(p, kT, numAttempts, FLIP_RANDOM, i, [&] (double change) { outcome.changes.push_back(change); }));
+    outcome.triangles = mesh.getTriangles();
+    return outcome;
+}
+
+/**
+ * The definition of a sweep: one attempt after the other, each with the difference of two evaluations of the whole membrane in extended precision.
+ */
+Outcome flipOneByOne(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts) {
+    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    EdgeFlipStatistics statistics;
+    Outcome outcome;
+    long double energy = getExactEnergy(membrane, mesh, p);
+    for (statistics.attempted = 0; statistics.attempted < numAttempts; statistics.attempted++) {
+        auto words = FLIP_RANDOM(0, statistics.attempted);
+        int h = Philox::index(words[0], words[1], mesh.getNumHalfedges());
+        if (!mesh.canFlip(h)) {
+            statistics.forbidden++;
+            continue;
+        }
+        HelfrichMesh flipped = mesh;
+        flipped.flip(h);
+        long double after = getExactEnergy(membrane, flipped, p), change = after-energy;
+        if (change <= 0 || Philox::uniform(words[2], words[3]) < exp(-change/kT)) {
+            mesh = flipped;
+            energy = after;
+            outcome.changes.push_back(change);
+            statistics.accepted++;
+        }
+    }
+    outcome.add(statistics);
+    outcome.triangles = mesh.getTriangles();
+    return outcome;
+}
+
+/**
+ * Assert that a sweep decides each attempt as its definition does, with the same changes of energy.
+ */
+void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts, const vector<int>& numsThreads) {
+    Outcome expected = flipOneByOne(membrane, p, kT, numAttempts);
+    double scale = fabs((double) computeExactly(membrane, p).getTotal());
+    ASSERT(expected.changes.size() > 0);
+    for (double change : expected.changes)
+        scale = max(scale, fabs(change));
+    for (int numThreads : numsThreads) {
+        Outcome outcome = flip(membrane, getGeometry(membrane), p, kT, 1, numAttempts, numThreads);
+        ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
+        ASSERT(expected.triangles == outcome.triangles);
+        for (size_t i = 0; i < expected.changes.size(); i++)
+            ASSERT_EQUAL_TOL(0.0, (expected.changes[i]-outcome.changes[i])/scale, 1e-12);
+    }
+}
+
+const double COLD = 20, HOT = 1000;
+
+void testDefinition() {
+    // Blocks of a few attempts on small membranes, and of two batches on the largest, whose repulsion would take too long here.
+
+    for (int subdivisions : {0, 1}) {
+        Membrane blob = createFlatIcosphere(subdivisions);
+        for (auto& p : createAllParameters(blob))
+            for (double kT : {COLD, HOT})
+                checkDefinition(blob, p, kT, 40, {1, 2});
+    }
+    Membrane blob = createFlatIcosphere(3);
+    checkDefinition(blob, createParameters(blob, AllTerms, 2), HOT, 100, {1, 2, 4});
+    blob = createFlatIcosphere(4);
+    checkDefinition(blob, createParameters(blob, AllTerms & ~Repulsion), HOT, 160, {1, 2, 4});
+}
+
+/**
+ * Assert that any number of threads, more than there are processors too, gives what one gives to the last bit.
+ */
+void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT, int numSweeps, int numAttempts,
+                  const vector<int>& numsThreads={2, 3, 4, 8}) {
+    Outcome expected = flip(membrane, geometry, p, kT, numSweeps, numAttempts, 1);
+    ASSERT(expected.changes.size() > 0);
+    HelfrichMesh(expected.triangles, membrane.positions.size()).validate();
+    for (int numThreads : numsThreads) {
+        Outcome outcome = flip(membrane, geometry, p, kT, numSweeps, numAttempts, numThreads);
+        ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
+        ASSERT(expected.changes == outcome.changes);
+        ASSERT(expected.triangles == outcome.triangles);
+    }
+}
+
+void testThreads() {
+    // Every combination of terms on membranes of 12 to 2562 vertices, some of them up to 40,962.  Below 2000 vertices a block has work for one thread only.
+
+    for (int subdivisions : {0, 1, 2, 4}) {
+        Membrane blob = createFlatIcosphere(subdivisions);
+        HelfrichGeometry geometry = getGeometry(blob);
+        for (auto& p : createAllParameters(blob))
+            checkThreads(blob, geometry, p, HOT, 2, subdivisions < 4 ? 101 : 301, {2});
+    }
+    for (int subdivisions : {3, 5, 6}) {
+        Membrane blob = createFlatIcosphere(subdivisions);
+        HelfrichGeometry geometry = getGeometry(blob);
+        vector<HelfrichParameters> some = {createParameters(blob, Bending | Area | Volume)};
+        for (int level = 0; level < 3; level++)
+            some.push_back(createParameters(blob, AllTerms, level));
+        for (auto& p : some)
+            for (double kT : {COLD, HOT})
+                checkThreads(blob, geometry, p, kT, 2, 10001);
+    }
+}
+
 void testRunningTotals() {
-    // The totals that a long sweep updates do not drift from those of the surface.
+    // The totals that a sweep of a million accepted flips updates do not drift from those of the surface.
 
     Membrane blob = createBlob(3);
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference | Tether);
     HelfrichMesh mesh(blob.triangles, blob.positions.size());
     EdgeFlipSweep sweep(mesh);
-    setPositions(sweep, blob, p);
+    setPositions(sweep, blob);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
-    EdgeFlipStatistics statistics = sweep.execute(p, 1000, 500000, Philox(1, 2), 3, [&] (double change) { sum += change; });
-    ASSERT(statistics.accepted > 100000);
+    EdgeFlipStatistics statistics = sweep.execute(p, HOT, 4000000, Philox(1, 2), 3, [&] (double change) { sum += change; });
+    ASSERT(statistics.accepted > 1000000);
     long double after = getExactEnergy(blob, mesh, p);
-    ASSERT_EQUAL_TOL(0.0, (double) ((after-before-sum)/max(fabsl(after), fabsl(before))), 1e-10);
+    ASSERT_EQUAL_TOL(0.0, (double) ((after-before-sum)/max(fabsl(after), fabsl(before))), 1e-9);
 }
 
 void testStatisticsAndRandomNumbers() {
@@ -83,7 +233,7 @@ void testStatisticsAndRandomNumbers() {
     auto flip = [&] (int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         EdgeFlipSweep sweep(mesh);
-        setPositions(sweep, blob, p);
+        setPositions(sweep, blob);
         int numObserved = 0;
         statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
             numObserved++;
@@ -110,7 +260,7 @@ void testSweepThatChangesNothing() {
     Membrane sphere = createSphere(1);
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
     EdgeFlipSweep sweep(mesh);
-    setPositions(sweep, sphere, createParameters(sphere, Bending));
+    setPositions(sweep, sphere);
     EdgeFlipStatistics statistics = sweep.execute(createParameters(sphere, Bending), 1e-9, 1000, Philox(1, 2), 0);
     ASSERT_EQUAL(0, statistics.accepted);
     ASSERT_EQUAL(0, mesh.getRevision());
@@ -134,7 +284,7 @@ void testFixedEdges() {
             edges.push_back({all.origin(h), all.tip(h)});
     all.setFixedEdges(edges);
     EdgeFlipSweep sweepOfAll(all);
-    setPositions(sweepOfAll, blob, p);
+    setPositions(sweepOfAll, blob);
     EdgeFlipStatistics statistics = sweepOfAll.execute(p, hot, numAttempts, Philox(1, 2), 0);
     double expected = numAttempts/(double) all.getNumEdges();
     ASSERT(fabs(statistics.attempted-statistics.forbidden-expected) < 4*sqrt(expected));
@@ -150,7 +300,7 @@ void testFixedEdges() {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         mesh.setFixedEdges(path);
         EdgeFlipSweep sweep(mesh, numThreads);
-        setPositions(sweep, blob, p);
+        setPositions(sweep, blob);
         statistics = sweep.execute(p, hot, numAttempts, Philox(1, 2), 0);
         ASSERT(statistics.accepted > numAttempts/4);
         ASSERT(statistics.forbidden > 0.9*numAttempts*path.size()/mesh.getNumEdges());
@@ -168,12 +318,11 @@ void testFixedEdges() {
  * A triangulation of at most eleven labelled vertices: its edges as bits, and on which side of the surface its first triangle lies.  Up to its orientation,
  * the edges alone determine a triangulation of the sphere.
  */
-uint64_t getState(const HelfrichMesh& mesh) {
+uint64_t getState(const vector<array<int, 3> >& triangles) {
     uint64_t edges = 0;
     array<int, 3> first = {99, 99, 99};
     bool isEven = false;
-    for (int t = 0; t < mesh.getNumTriangles(); t++) {
-        array<int, 3> sorted = {mesh.origin(3*t), mesh.origin(3*t+1), mesh.origin(3*t+2)};
+    for (array<int, 3> sorted : triangles) {
         bool even = (sorted[0] < sorted[1])^(sorted[1] < sorted[2])^(sorted[2] < sorted[0]);
         sort(sorted.begin(), sorted.end());
         if (sorted < first) {
@@ -210,16 +359,21 @@ public:
     }
     /**
      * The number of times that each triangulation is seen in a run.
+     *
+     * @param numCopies  how many copies of the membrane, far from each other, to flip together; the terms must be local if there are several
      */
-    vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed) const {
-        HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
-        mesh.setFixedEdges(fixedEdges);
-        EdgeFlipSweep sweep(mesh);
-        setPositions(sweep, membrane, p);
+    vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed, int numCopies=1, int numThreads=1) const {
+        Membrane copies = createCopies(numCopies);
+        HelfrichMesh mesh(copies.triangles, copies.positions.size());
+        mesh.setFixedEdges(copyFixedEdges(numCopies));
+        EdgeFlipSweep sweep(mesh, numThreads);
+        setPositions(sweep, copies);
         vector<int> counts(triangulations.size(), 0);
-        for (int i = 0; i < numSamples; i++) {
-            sweep.execute(p, kT, attemptsPerSample, Philox(seed, RandomStream::EdgeFlips), i);
-            counts[indices.at(getState(mesh))]++;
+        int numSweeps = numSamples/numCopies;
+        for (int i = -BURN_IN; i < numSweeps; i++) {
+            sweep.execute(p, kT, attemptsPerSample*numCopies, Philox(seed, RandomStream::EdgeFlips), BURN_IN+i);
+            for (int copy = 0; copy < numCopies && i >= 0; copy++)
+                counts[indices.at(getState(getCopy(mesh, copy)))]++;
         }
         return counts;
     }
@@ -230,8 +384,35 @@ public:
         return energies;
     }
 private:
+    static const int BURN_IN = 5;
+    Membrane createCopies(int numCopies) const {
+        Membrane copies;
+        int numVertices = membrane.positions.size();
+        for (int copy = 0; copy < numCopies; copy++) {
+            for (auto& x : membrane.positions)
+                copies.positions.push_back(x+Vec3(10*copy, 0, 0));
+            for (auto& t : membrane.triangles)
+                copies.triangles.push_back({t[0]+copy*numVertices, t[1]+copy*numVertices, t[2]+copy*numVertices});
+        }
+        return copies;
+    }
+    vector<array<int, 2> > copyFixedEdges(int numCopies) const {
+        vector<array<int, 2> > copies;
+        int numVertices = membrane.positions.size();
+        for (int copy = 0; copy < numCopies; copy++)
+            for (auto& edge : fixedEdges)
+                copies.push_back({edge[0]+copy*numVertices, edge[1]+copy*numVertices});
+        return copies;
+    }
+    vector<array<int, 3> > getCopy(const HelfrichMesh& mesh, int copy) const {
+        int numVertices = membrane.positions.size(), numTriangles = membrane.triangles.size();
+        vector<array<int, 3> > triangles;
+        for (int t = copy*numTriangles; t < (copy+1)*numTriangles; t++)
+            triangles.push_back({mesh.origin(3*t)-copy*numVertices, mesh.origin(3*t+1)-copy*numVertices, mesh.origin(3*t+2)-copy*numVertices});
+        return triangles;
+    }
     void add(const HelfrichMesh& mesh) {
-        if (indices.insert({getState(mesh), (int) triangulations.size()}).second)
+        if (indices.insert({getState(mesh.getTriangles()), (int) triangulations.size()}).second)
             triangulations.push_back(mesh.getTriangles());
     }
     const Membrane membrane;
@@ -284,14 +465,14 @@ double getDeviation(const vector<int>& counts, const vector<double>& probabiliti
  * Assert that a run visits triangulations as often as their Boltzmann weights say, at two temperatures, with and without repulsion; and that this test would see the wrong
  * temperature, or a run without repulsion.
  */
-void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& repelling) {
+void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& repelling, int numCopies=1, int numThreads=1) {
     const int numSamples = 20000, attemptsPerSample = 100;
     HelfrichParameters plain = repelling;
     plain.repulsionModulus = 0;
     Ensemble ensemble(membrane, plain, 1);
     vector<double> energies = ensemble.getEnergies(plain), repellingEnergies = ensemble.getEnergies(repelling);
     auto check = [&] (const HelfrichParameters& p, double kT, const vector<double>& right, const vector<double>& wrong) {
-        vector<int> counts = ensemble.sample(p, kT, numSamples, attemptsPerSample, 11);
+        vector<int> counts = ensemble.sample(p, kT, numSamples, attemptsPerSample, 11, numCopies, numThreads);
         // A deviation of 2.33 is p = 0.01.
         ASSERT(getDeviation(counts, getProbabilities(right, kT)) < 2.33);
         ASSERT(getDeviation(counts, getProbabilities(right, 1.5-kT)) > 6);
@@ -321,17 +502,32 @@ HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, 
     return p;
 }
 
-void testDetailedBalance() {
-    // All 390 triangulations of six vertices.  An exclusion of level 2 leaves no pair of so few.
-
-    Membrane blob = createBlob(0, 0.3);
+/**
+ * Parameters on the smallest membrane, whose six vertices have 390 triangulations.  An exclusion of level 2 leaves no pair of so few.
+ */
+HelfrichParameters createOctahedronParameters(const Membrane& blob) {
     HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
     p.tetherModulus = 0.01;
     p.tetherMinLength = 0.8*getMeanEdge(blob);
     p.tetherMaxLength = 1.2*getMeanEdge(blob);
     p.tetherExponent = 2;
     p.repulsionModulus = 0.3;
-    checkDetailedBalance(blob, p);
+    return p;
+}
+
+void testDetailedBalance() {
+    Membrane blob = createBlob(0, 0.3);
+    checkDetailedBalance(blob, createOctahedronParameters(blob));
+}
+
+void testDetailedBalanceOfThreads() {
+    // Only large membranes have blocks for several threads, and only small ones so few triangulations: take many small ones, each of which samples the same.
+
+    Membrane blob = createBlob(0, 0.3);
+    HelfrichParameters p = createOctahedronParameters(blob);
+    p.areaModulus = p.volumeModulus = p.areaDifferenceModulus = 0;
+    for (int numThreads : {2, 3})
+        checkDetailedBalance(blob, p, 2000, numThreads);
 }
 
 void testDetailedBalanceWithFixedEdges() {
@@ -379,12 +575,15 @@ void testDetailedBalanceOfSecondNeighbors() {
 int main() {
     try {
         testEnergyChanges();
+        testDefinition();
+        testThreads();
         testRunningTotals();
         testStatisticsAndRandomNumbers();
         testSweepThatChangesNothing();
         testFixedEdges();
         testDetailedBalance();
         testDetailedBalanceWithFixedEdges();
+        testDetailedBalanceOfThreads();
         testDetailedBalanceOfSecondNeighbors();
     }
     catch (const exception& e) {
