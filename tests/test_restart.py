@@ -197,6 +197,36 @@ def test_system_integrator_and_state_from_xml(platform):
     assertSame(stateOf(copy, copyForce), stateOf(simulation, force))
 
 
+@pytest.mark.parametrize("form", ["checkpoint", "state"])
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_flips_continue_on_another_number_of_threads(threads, form, tmp_path):
+    """In the middle of a run of sweeps over a membrane large enough for several threads to share the work."""
+    mesh = createBlob(4)
+
+    def create(threads, seed):
+        system = mesh.createSystem()
+        force = createForce(mesh, TERMS, 2)
+        system.addForce(force)
+        flips = mh.EdgeFlipIntegrator(3000, 0.3)
+        flips.setRandomNumberSeed(seed)
+        simulation = app.Simulation(mesh.topology(), system, flips, mm.Platform.getPlatform("CPU"), {"Threads": threads})
+        simulation.context.setPositions(mesh.vertices)
+        return simulation, force
+
+    simulation, force = create(threads, 7)
+    simulation.step(5)
+    file = str(tmp_path/form)
+    simulation.saveCheckpoint(file) if form == "checkpoint" else simulation.saveState(file)
+    middle = force.getTrianglesInContext(simulation.context)
+    simulation.step(5)
+    assert not np.array_equal(middle, force.getTrianglesInContext(simulation.context))
+    for others in "1", "2", "3":
+        other, otherForce = create(others, 99)
+        load(other, f"{form}:{file}")
+        other.step(5)
+        assertSame(stateOf(other, otherForce), stateOf(simulation, force))
+
+
 @pytest.mark.parametrize("sweeps", [990, 1010])
 @pytest.mark.parametrize("form", ["checkpoint", "state"])
 def test_restart_beside_a_new_order_of_the_vertices(sweeps, form, tmp_path):
