@@ -15,6 +15,7 @@ from .optional import require
 from .pictures import smoothMeanCurvature
 from .quality import assess
 from .reporters import observableUnits, readObservables
+from .summary import divergence
 from .vtkhdf import MeshFrame, readMeshTrajectory
 
 MAX_BYTES = 20e6   # of a page: what mail and browsers take without complaint
@@ -206,7 +207,7 @@ def _judge(table, warnings):
         warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
     diverged = int(table.get("diverged", [0])[-1])
     if diverged:
-        warnings.append(f"{'One trajectory' if diverged == 1 else f'{diverged} trajectories'} diverged and had to be rejected; a smaller step_size avoids this.")
+        warnings.append(divergence(diverged))
     if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
         warnings.append("No flip was accepted: the membrane does not flow.")
 

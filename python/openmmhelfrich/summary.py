@@ -81,6 +81,8 @@ class Summary:
             lines.append(("area difference", self._mean("areaDifference", f"{u}^2")))
         if self.config.stages[-1].kind != "minimize":
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
+        if self.diverged:
+            lines.append(("warning", divergence(self.diverged)))
         lines.append(("energy", f"{self.mean('energy'):.1f} kT"))
         if kappa:
             lines.append(("E_B/8 pi kappa", f"{self.mean('E_bending')/(8*math.pi*kappa):.3f}, from {self.table['E_bending'][0]/(8*math.pi*kappa):.3f} at the start; "
@@ -101,6 +103,11 @@ class Summary:
     def _mean(self, name, unitName):
         text = f"{self.mean(name):.2f} {unitName}"
         return text+f", always within {self.drift(name):.2%} of its target" if name in self.targets else text
+
+
+def divergence(count):
+    """Return a sentence about trajectories that diverged."""
+    return f"{'One trajectory' if count == 1 else f'{count} trajectories'} diverged and had to be rejected; a smaller step_size avoids this."
 
 
 def summarise(study, newSteps, seconds, signal):

@@ -79,6 +79,10 @@ class _Source:
             raise ValueError(f"{self._path}: [{section}] {key} is {text!r}; it must be {'a whole number' if isinstance(default, int) else 'a number'}")
         return value
 
+    def meshForAnyFolder(self):
+        """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless TriMem's is in the present one."""
+        return self.mesh if self._path.parent == Path() else self.mesh.resolve()
+
     def leftOut(self):
         """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
         keys = [(section, key) for section in self._parser.sections() for key in self._parser[section] if (section.lower(), key) not in self._asked]
@@ -103,7 +107,7 @@ def _convert(source, mesh):
     start, end = _targets(source, mesh)
     for name in [name for name in start if not moduli[name.removeprefix("target_")+"_modulus"]]:
         del start[name], end[name]  # of a term that is off
-    data = {"mesh": {"file": str(source.mesh)},
+    data = {"mesh": {"file": str(source.meshForAnyFolder())},
             "membrane": {**moduli, **start},
             "tether": {"modulus": energy("kappa_t"), "min_length": source.number("BONDS", "lc1", 0.75*length),
                        "max_length": source.number("BONDS", "lc0", 1.25*length), "exponent": source.number("BONDS", "r", 2)},
