@@ -24,6 +24,7 @@ EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), e
     int maxBatches = (numThreads == 1 ? 1 : BATCHES_PER_THREAD*numThreads);
     batchSize = min(maxAttempts, EdgeFlipBatch::SIZE);
     batches.resize(min(maxBatches, max(1, maxAttempts/batchSize)));
+    this->numThreads = min(numThreads, (int) batches.size());
 }
 
 void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry) {
@@ -48,7 +49,7 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     exception = NULL;
     statistics = EdgeFlipStatistics();
     long long attemptsPerBlock = batchSize*(long long) batches.size();
-    #pragma omp parallel num_threads(min(numThreads, (int) batches.size()))
+    #pragma omp parallel num_threads(numThreads)
     for (long long first = 0; first < numAttempts; first += attemptsPerBlock) {
         int numBatches = min((long long) batches.size(), (numAttempts-first+batchSize-1)/batchSize);
         #pragma omp for schedule(static)
