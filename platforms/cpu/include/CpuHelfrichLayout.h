@@ -44,6 +44,7 @@ public:
     int getNumSlots() const {
         return groups.size()*width;
     }
+    /// the lanes of the widest SIMD vector that there is
     static const int MAX_WIDTH = 8;
     int width = 1;
     std::vector<Group> groups;

@@ -32,7 +32,6 @@ struct CpuHelfrichSums : HelfrichTotals {
  * The passes over the groups of a layout, compiled for one instruction set.
  */
 struct CpuHelfrichPasses {
-    const char* name;
     /// the number of vertices in a group
     int width;
     /// compute energies, what of areas, volumes and curvatures they need, all of those if the areas are wanted, and what the second pass needs; the sum of the areas is finite

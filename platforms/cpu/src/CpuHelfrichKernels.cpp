@@ -10,7 +10,7 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static const int GROUPS_PER_CHUNK = 8, MAX_WIDTH = 8;
+static const int GROUPS_PER_CHUNK = 8;
 
 static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
@@ -195,7 +195,7 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
 
 void CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
                                            vector<Vec3>& forces) {
-    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    alignas(64) double gradients[4*GROUPS_PER_CHUNK*CpuHelfrichLayout::MAX_WIDTH];
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4)
@@ -227,7 +227,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
                                       double positionStep, double* nextPositions) {
     // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
 
-    alignas(64) double gradients[4*GROUPS_PER_CHUNK*MAX_WIDTH];
+    alignas(64) double gradients[4*GROUPS_PER_CHUNK*CpuHelfrichLayout::MAX_WIDTH];
     int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk)*layout.width;
     for (int slot = firstSlot; slot < lastSlot; slot += 2) {
         __builtin_prefetch(&velocities[4*slot], 1);

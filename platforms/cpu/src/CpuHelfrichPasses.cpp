@@ -312,14 +312,12 @@ void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p
 
 } // namespace
 
-#define STRINGIFY_(name) #name
-#define STRINGIFY(name) STRINGIFY_(name)
 #define CONCATENATE_(a, b) a##b
 #define CONCATENATE(a, b) CONCATENATE_(a, b)
 
 namespace HelfrichPlugin {
 
 extern const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD);
-const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {STRINGIFY(HELFRICH_SIMD), WIDTH, chooseEnergy, chooseGradient};
+const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {WIDTH, chooseEnergy, chooseGradient};
 
 } // namespace HelfrichPlugin
