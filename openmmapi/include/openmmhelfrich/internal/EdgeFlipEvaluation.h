@@ -19,7 +19,7 @@ struct alignas(64) EdgeFlipVertex {
  * are those beyond the edges j-k, k-i, i-l and l-j around them.
  */
 struct alignas(64) EdgeFlipBatch {
-    static const int SIZE = 64;
+    static constexpr int SIZE = 64;
     /// the random number to compare with the probability
     double uniform[SIZE];
     /// the change of energy by bending and tether, and by repulsion

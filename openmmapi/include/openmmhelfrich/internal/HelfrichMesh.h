@@ -65,7 +65,7 @@ public:
     /**
      * The number of vertices in a patch of the order: their positions fit in a processor's first-level cache.
      */
-    static const int PATCH = 512;
+    static constexpr int PATCH = 512;
     /**
      * Get all vertices in an order that keeps neighbors close to each other: patch by patch, each of which grew breadth-first from a vertex beside an earlier one.
      */
