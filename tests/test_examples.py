@@ -115,6 +115,15 @@ def testScriptOfTheReadme(tmp_path):
     assert mdtraj.load_dcd(str(tmp_path/"vesicle.dcd"), top=str(tmp_path/"vesicle.psf")).n_frames > 1
 
 
+def testScriptOfReplicaExchange(tmp_path):
+    """A fair part of the exchanges between neighbours succeeds."""
+    script, = re.findall(r"```python\n(.*?)```", (ROOT/"docs/free-energies.md").read_text(), re.DOTALL)
+    (tmp_path/"script.py").write_text(script)
+    rates = [float(rate) for rate in execute(tmp_path, "script.py").strip(" []\n").split()]
+    assert len(rates) == 3 and 0.1 < min(rates) <= max(rates) < 0.7
+    assert (tmp_path/"exchange.zip").stat().st_size > 10000
+
+
 def testLooking(tmp_path, examples):
     lines = execute(tmp_path, examples/"looking.py", 20).splitlines()
     assert len(lines) == 10 and lines[-1].startswith("step 20: reduced volume 0.9")

@@ -22,6 +22,7 @@ except PackageNotFoundError:  # a source tree on the path, not installed
 # What is imported when it is asked for, by the module it is in: scripts that do without start faster.
 _LATER = {
     "studies": ["resume", "run"],
+    "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
     "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
     "analysis": ["autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion"],
 }
@@ -41,6 +42,7 @@ __all__ = [
     "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run",
     "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
+    "ReplicaExchange", "ThermodynamicState",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
     "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
 ]

@@ -1,0 +1,227 @@
+"""Replica exchange: exact distributions at every temperature and target, exact exchanges, restarts."""
+import math
+
+import numpy as np
+import openmm as mm
+import pytest
+from openmm import app, unit
+
+import openmmhelfrich as mh
+from membranes import createForce, energyOf, kelvin, positionsOf
+from openmmhelfrich.replicaexchange import ReplicaExchange, ThermodynamicState
+from test_flips import enumerateStates, energiesOf, octahedron, softForce, stateOf
+
+
+def simulate(mesh, force, integrator, platform="CPU"):
+    system = mesh.createSystem()
+    system.addForce(force)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform(platform))
+    simulation.context.setPositions(mesh.vertices)
+    return simulation
+
+
+def flippingOctahedra(temperatures):
+    """Return an exchange of frozen vertices with a few flips a round, so that the exchanges do much of the mixing."""
+    mesh = octahedron()
+    simulations = []
+    for k in range(len(temperatures)):
+        flips = mh.EdgeFlipIntegrator(300, 3/len(mesh.edges))
+        flips.setRandomNumberSeed(k+1)
+        simulations.append(simulate(mesh, softForce(mesh, False), flips))
+    return ReplicaExchange(simulations, [ThermodynamicState(kelvin(kT)) for kT in temperatures])
+
+
+def deviations(exchange, expected, rounds=3000):
+    """Return by how many standard errors, from batches, the mean energy of each state deviates."""
+    exchange.run(rounds, 1)
+    u, counts = exchange.samples(discard=50)
+    energies = np.array([exchange.states[k].thermalEnergy*row.reshape(len(counts), -1)[k] for k, row in enumerate(u)])
+    batches = np.array([[batch.mean() for batch in np.array_split(row, 25)] for row in energies])
+    return (batches.mean(axis=1)-expected)/(batches.std(axis=1, ddof=1)/5)
+
+
+TEMPERATURES = [0.3, 0.5, 0.9]
+
+
+def exactMeanEnergies():
+    """Return the mean energies of the octahedron's triangulations, all of which are known."""
+    mesh = octahedron()
+    energies = energiesOf(mesh, enumerateStates(stateOf(mesh.triangles)), False)
+    weights = [np.exp((energies.min()-energies)/kT) for kT in TEMPERATURES]
+    return np.array([w @ energies/w.sum() for w in weights])
+
+
+def test_distributions_are_exact():
+    exchange = flippingOctahedra(TEMPERATURES)
+    assert np.abs(deviations(exchange, exactMeanEnergies())).max() < 3
+    assert np.all((exchange.acceptanceRates > 0.2) & (exchange.acceptanceRates < 0.9))
+
+
+def test_the_test_of_distributions_sees_a_wrong_exchange(monkeypatch):
+    exchange = flippingOctahedra(TEMPERATURES)
+    right = exchange._exchange
+    monkeypatch.setattr(exchange, "_exchange", lambda u: right(0.5*u))
+    assert np.abs(deviations(exchange, exactMeanEnergies(), 2000)).max() > 5
+
+
+def oscillators(stiffness, temperature=300, seed=1):
+    """Return an exchange of particles on springs, whose stiffness is a parameter."""
+    simulations = []
+    for k in range(len(stiffness)):
+        system = mm.System()
+        system.addParticle(1)
+        spring = mm.CustomExternalForce("0.5*k*(x^2+y^2+z^2)")
+        spring.addGlobalParameter("k", 1)
+        spring.addParticle(0)
+        system.addForce(spring)
+        integrator = mh.HamiltonianTrajectoryIntegrator(temperature, 0.03, 4)
+        integrator.setRandomNumberSeed(k+1)
+        topology = app.Topology()
+        topology.addAtom("A", None, topology.addResidue("A", topology.addChain()))
+        simulations.append(app.Simulation(topology, system, integrator, mm.Platform.getPlatform("Reference")))
+        simulations[-1].context.setPositions([[0.1, 0, 0]])
+    return ReplicaExchange(simulations, [ThermodynamicState(temperature, {"k": k}) for k in stiffness], seed)
+
+
+def test_parameters():
+    """Free energies of oscillators, 1.5 ln k, from the energies in all states; and each energy is 3/2 kT in its own."""
+    mbar = pytest.importorskip("pymbar").MBAR
+    stiffness = [50, 100, 200, 400]
+    exchange = oscillators(stiffness)
+    exchange.run(2000, 2)
+    u, counts = exchange.samples(discard=20, stride=2)
+    for k in range(4):
+        own = u[k].reshape(4, -1)[k]
+        assert abs(own.mean()-1.5) < 3*own.std()/math.sqrt(len(own)), k
+    free = mbar(u, counts).compute_free_energy_differences()
+    exact = 1.5*np.log(np.array(stiffness)/stiffness[0])
+    assert np.all(np.abs(free["Delta_f"][0]-exact) < 3*free["dDelta_f"][0]+1e-12) and free["dDelta_f"][0].max() < 0.1
+
+
+def test_exchanges_have_the_probability_that_the_formula_gives():
+    exchange = oscillators([50, 150, 450])
+    exchange.run(3000, 1)
+    history, u = exchange.history, exchange.reducedEnergies
+    assert np.all(np.sort(history, axis=1) == [0, 1, 2]) and len({tuple(row) for row in history}) == 6
+    expected = variance = accepted = 0
+    for n in range(len(history)-1):
+        i = n % 2
+        a, b = np.argsort(history[n])[[i, i+1]]
+        p = min(1, math.exp(u[n, a, i]+u[n, b, i+1]-u[n, b, i]-u[n, a, i+1]))
+        expected, variance = expected+p, variance+p*(1-p)
+        hasExchanged = history[n+1, a] == i+1 and history[n+1, b] == i
+        assert hasExchanged or np.array_equal(history[n], history[n+1])
+        accepted += hasExchanged
+    assert abs(accepted-expected) < 3*math.sqrt(variance) and 0.2 < accepted/3000 < 0.9
+    assert exchange.acceptanceRates @ [1500, 1500] == pytest.approx(accepted, abs=1)
+
+
+def test_velocities_follow_the_temperature():
+    exchange = oscillators([50, 50])
+    exchange.simulations[0].context.setVelocities([[1, 2, 3]])
+    exchange.states[1] = ThermodynamicState(1200, {"k": 50.0}, 0.01)
+    exchange._enter(0, 1)
+    context = exchange.simulations[0].context
+    assert context.getState(velocities=True).getVelocities()[0].value_in_unit(unit.nanometer/unit.picosecond) == pytest.approx((2, 4, 6))
+    integrator = exchange.simulations[0].integrator
+    assert integrator.getTemperature() == 1200*unit.kelvin and integrator.getStepSize() == 0.01*unit.picosecond
+
+
+def vesicles(subdivisions=1, **changes):
+    """Return an exchange of vesicles, of different temperatures and target volumes."""
+    mesh = mh.Mesh.icosphere(subdivisions)
+    simulations, states = [], []
+    for k, (temperature, volume) in enumerate([(300, 1.0), (330, 0.95), (330, 0.9)]):
+        force = createForce(mesh)
+        integrator = mh.HybridMonteCarloIntegrator(300, 0.002*(k+1), 10, 0.3)
+        integrator.setRandomNumberSeed(k+1)
+        simulations.append(simulate(mesh, force, integrator))
+        states.append(ThermodynamicState(temperature*unit.kelvin, {force.getTargetVolumeParameter(): 4*volume, force.getTargetAreaParameter(): 12.0}))
+    return ReplicaExchange(simulations, states, **{"seed": 5, **changes})
+
+
+def everythingIn(exchange):
+    contexts = [simulation.context for simulation in exchange.simulations]
+    forces = [mh.HelfrichForce.cast(simulation.system.getForce(0)) for simulation in exchange.simulations]
+    return [exchange.history.tolist(), exchange.reducedEnergies.tolist(), exchange.replicaStates.tolist(), exchange.acceptanceRates.tolist(),
+            [positionsOf(c).tolist() for c in contexts], [f.getTrianglesInContext(c).tolist() for f, c in zip(forces, contexts)], [dict(c.getParameters()) for c in contexts],
+            [simulation.currentStep for simulation in exchange.simulations]]
+
+
+def test_restart(tmp_path):
+    """A run that is saved and loaded goes on as one that was not interrupted, and so does one with two workers."""
+    whole, first, second, threaded = vesicles(), vesicles(), vesicles(), vesicles(workers=2)
+    whole.run(9, 4)
+    threaded.run(9, 4)
+    first.run(5, 4, tmp_path/"exchange.zip", 2)
+    second.load(tmp_path/"exchange.zip")
+    assert everythingIn(second) == everythingIn(first)
+    second.run(4, 4)
+    assert everythingIn(second) == everythingIn(whole) == everythingIn(threaded)
+    assert len({tuple(row) for row in whole.history}) > 1
+    assert [path.name for path in tmp_path.iterdir()] == ["exchange.zip"]
+
+
+def test_energies_in_other_states():
+    """They are those of the replica's shape with the parameters of that state, and afterwards its own are back."""
+    exchange = vesicles()
+    exchange.run(1, 5)
+    state = exchange.history[0]
+    for a, simulation in enumerate(exchange.simulations):
+        for i, other in enumerate(exchange.states):
+            for name, value in other.parameters.items():
+                simulation.context.setParameter(name, value)
+            assert exchange.reducedEnergies[0, a, i] == pytest.approx(energyOf(simulation.context)/other.thermalEnergy, rel=1e-13)
+    assert exchange.states[state[1]].stepSize == 0.002*(state[1]+1)
+
+
+@pytest.mark.parametrize("make, problem", [
+    (lambda: ReplicaExchange([], []), "0 simulations and 0 states; there must be two or more"),
+    (lambda: ReplicaExchange(vesicles().simulations, [ThermodynamicState(300)]), "3 simulations and 1 states"),
+    (lambda: ReplicaExchange(vesicles().simulations[:1]*2, [ThermodynamicState(300)]*2), "a simulation is given twice"),
+    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(-1)]), "the temperature is -1 K"),
+    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(300, {"x": 1})]), r"state 1 has the parameters \['x'\]; they must be those of state 0"),
+    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300, {"x": 1})]*2), "parameter 'x'; simulation 0 has .*TargetVolume"),
+    (lambda: oscillators([1, math.nan]), "in state 1 the parameter 'k' is nan"),
+    (lambda: vesicles(seed=-1), "seed is -1"), (lambda: vesicles(workers=0), "workers is 0"),
+    (lambda: vesicles().run(-1, 1), "rounds is -1"), (lambda: vesicles().run(1, 0.5), "steps is 0.5"), (lambda: vesicles().run(1, 1, interval=0), "interval is 0")])
+def test_bad_input(make, problem):
+    with pytest.raises(ValueError, match=problem):
+        make()
+
+
+def test_an_integrator_without_temperature():
+    system = mm.System()
+    system.addParticle(1)
+    simulations = [app.Simulation(app.Topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference")) for _ in range(2)]
+    with pytest.raises(ValueError, match="simulation 0, a VerletIntegrator, has no temperature"):
+        ReplicaExchange(simulations, [ThermodynamicState(300)]*2)
+
+
+def test_an_energy_that_is_not_a_number():
+    exchange = oscillators([1, 2])
+    exchange.simulations[1].context.setPositions([[math.inf, 0, 0]])
+    with pytest.raises((ValueError, mm.OpenMMException), match="not finite|must be numbers|NaN"):
+        exchange.run(1, 1)
+    assert exchange.numRounds == 0
+
+
+def test_files_that_do_not_fit(tmp_path):
+    exchange = vesicles()
+    exchange.run(2, 2)
+    exchange.save(tmp_path/"a.zip")
+    before = everythingIn(exchange)
+    (tmp_path/"b.zip").write_bytes((tmp_path/"a.zip").read_bytes()[:3000])
+    with pytest.raises(FileNotFoundError, match="c.zip"):
+        exchange.load(tmp_path/"c.zip")
+    with pytest.raises(ValueError, match="b.zip is not a file that ReplicaExchange.save wrote"):
+        exchange.load(tmp_path/"b.zip")
+    with pytest.raises(ValueError, match="has the seed 5; here it is 6"):
+        vesicles(seed=6).load(tmp_path/"a.zip")
+    with pytest.raises(ValueError, match="has the states"):
+        oscillators([1, 2, 3], seed=5).load(tmp_path/"a.zip")
+    larger = vesicles(2)
+    with pytest.raises(ValueError, match="replica 0 of .*a.zip has 42 particles; here it has 162"):
+        larger.load(tmp_path/"a.zip")
+    assert larger.numRounds == 0
+    assert everythingIn(exchange) == before
