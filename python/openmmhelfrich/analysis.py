@@ -279,7 +279,8 @@ def _realHarmonics(directions, maxDegree):
 def autocorrelationTime(series) -> float:
     """Return the integrated autocorrelation time 1 + 2 sum_t rho(t) of a series, in its steps: 1 if its values are independent.
 
-    emcee computes it, with A. Sokal's automatic window.  Below some fifty times as many values as the result it is an underestimate.
+    emcee computes it, with A. Sokal's automatic window.  Below some fifty times as many values as the result it is an underestimate.  Of the columns of an (n, k) array,
+    which must be alike, the autocorrelation functions are averaged first.
 
     Raises
     ------
@@ -287,9 +288,9 @@ def autocorrelationTime(series) -> float:
         if the series has fewer than two values, or one that is not finite, or emcee is not installed
     """
     series = np.asarray(series, dtype=float)
-    if series.ndim != 1 or len(series) < 2 or not np.all(np.isfinite(series)):
+    if series.ndim not in (1, 2) or len(series) < 2 or not np.all(np.isfinite(series)):
         raise ValueError(f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row")
-    if np.ptp(series) == 0:
+    if np.any(np.ptp(series, axis=0) == 0):
         return 1.0
     autocorr = require("emcee.autocorr", "computing autocorrelation times", "analysis")
     return max(1.0, float(autocorr.integrated_time(series, tol=0)[0]))

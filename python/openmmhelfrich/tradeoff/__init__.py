@@ -1,0 +1,65 @@
+"""Speed for accuracy: the settings of a scene measured, and the cheapest that keeps within an error.
+
+:mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and :mod:`.report` writes down what was found.
+"""
+from pathlib import Path
+
+from ..config import Config, parseConfig, readConfig
+from .report import recommendationText, tableText, writeReport
+from .search import OutOfTime, Point, Search
+
+__all__ = ["Point", "Search", "recommendationText", "tableText", "tradeoff", "writeReport"]
+
+
+def tradeoff(config, prefix=None, error=1e-3, effort=3e8, minutes=None, axes=None, overwrite=False, progress=None):
+    """Measure the settings of a scene, and find the cheapest one that keeps within an error.
+
+    The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes once through the axes, and from each with its best choice to the next.
+    Each measurement is kept in PREFIX.json, from which a search that was stopped goes on.  For a seed all results are the same but for times, and choices that follow from them.
+
+    Parameters
+    ----------
+    config : Config, dict or path
+        the scene: what a run takes.  Its last stage must sample; the others are done first
+    prefix : path
+        of the files; by default the configuration's prefix and "_tradeoff"
+    error : float
+        the relative error of the averages of bending energy, area and volume that is allowed
+    effort : float
+        the largest number of force evaluations at a setting, times the number of vertices
+    minutes : float, optional
+        processor time after which no measurement is begun
+    axes : list of str, optional
+        the names of the axes to search; all by default
+    overwrite : bool
+        begin anew instead of going on with an earlier search
+    progress : callable, optional
+        called with the :class:`Point` before and after it is measured
+
+    Returns
+    -------
+    Search, Point or None
+        everything that was measured, and what is recommended: None if the time was spent before
+
+    Raises
+    ------
+    ValueError, OSError, openmm.OpenMMException
+        if an argument or the scene will not do, or the files are those of another scene
+    """
+    if not 0 < error < 1:
+        raise ValueError(f"tradeoff: the error is {error}; it must be between 0 and 1")
+    if not effort > 0:
+        raise ValueError(f"tradeoff: the effort is {effort}; it must be positive")
+    config = config if isinstance(config, Config) else parseConfig(config) if isinstance(config, dict) else readConfig(config)
+    prefix = str(prefix or f"{config.output.prefix or 'scene'}_tradeoff")
+    if overwrite:
+        for ending in (".json", "_start.ply", "_start.json", "_coarse.ply", "_coarse.json"):
+            Path(prefix+ending).unlink(missing_ok=True)
+    search = Search(config, prefix, error, effort, minutes, axes, progress)
+    try:
+        recommended = search.run()
+    except OutOfTime:
+        recommended = None
+    if len(search.points) > 1:
+        writeReport(search, prefix, recommended)
+    return search, recommended

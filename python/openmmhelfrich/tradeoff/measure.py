@@ -1,0 +1,324 @@
+"""One setting measured: a run as long as it takes, and what it says about cost, errors and correlation times."""
+import math
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+import openmm as mm
+from openmm import unit
+
+from ..adaptation import adaptStepSize
+from ..analysis import autocorrelationTime, classifyShape, gyrationTensor, vertexDiffusion
+from ..mesh import Mesh
+from ..reporters import ENERGY_TERMS, thermalEnergy, valueIn
+from ..simulation import createForce, createSimulation, currentMesh, platformOf
+from ..stages import setTrajectoryLength
+
+OBSERVABLES = ("shape", "bending", "area", "volume")
+RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
+BURN_IN = 0.1  # the part of a run that no average uses
+ADAPTING_TRAJECTORIES, ADAPTING_LENGTH = 80, 100
+EVALUATIONS_PER_ROW = 100  # between two looks at the membrane, which cost about as much as three evaluations
+FRAMES = 24
+
+
+@dataclass
+class Observable:
+    """Statistics of a correlated series, of which time is the integrated autocorrelation time in Monte Carlo steps, and timeError its relative standard error."""
+    mean: float
+    deviation: float
+    time: float
+    timeError: float
+    error: float
+
+    def scaled(self, factor):
+        """Return those of the series times a factor."""
+        return Observable(self.mean*factor, self.deviation*factor, self.time, self.timeError, self.error*factor)
+
+
+@dataclass
+class Measurement:
+    """What a run at one setting says.  Energies are in kT, lengths in the scene's unit, times in seconds of one processor.
+
+    Attributes
+    ----------
+    stepSize : float
+        of the trajectories, in ps
+    steps, evaluations : int
+        Monte Carlo steps and force evaluations that were made
+    secondsPerStep, secondsPerEvaluation : float
+        cost of a Monte Carlo step, with its share of sweeps, and of a force evaluation within a trajectory
+    acceptance, flipAcceptance, diverged : float
+        fractions of trajectories and of flips accepted, and of trajectories that diverged
+    energyError : float
+        what |dH| along a trajectory, in kT, is below in two of three: a root mean square would be that of a few that meet needle-shaped triangles
+    balance : list of float
+        mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the volume of phase space, for then those that win energy
+        come as often as their reverse.  Unlike the mean of exp(-dH/kT), which is 1, it does not hang on rare events
+    observables : dict
+        an :class:`Observable` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
+    reweighted : dict
+        mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where these are the setting's
+    effectiveFraction : float
+        what reweighting leaves of the number of samples, (sum w)^2/(n sum w^2) (L. Kish, Survey Sampling, 1965)
+    stepsPerEdge : float
+        Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if it does not
+    forceError : float
+        root mean square of the forces' deviation from those of the Reference platform, in double precision, relative to that of the forces
+    numVertices : int
+        of the membrane
+    """
+    stepSize: float
+    steps: int
+    evaluations: int
+    secondsPerStep: float
+    secondsPerEvaluation: float
+    acceptance: float
+    flipAcceptance: float
+    diverged: float
+    energyError: float
+    balance: list
+    observables: dict
+    reweighted: dict = field(default_factory=dict)
+    effectiveFraction: float = 1.0
+    stepsPerEdge: float = math.inf
+    forceError: float = math.nan
+    numVertices: int = 0
+
+    def __post_init__(self):
+        self.observables = {name: values if isinstance(values, Observable) else Observable(**values) for name, values in self.observables.items()}
+
+    def inUnitsOf(self, length):
+        """Return this, with lengths in units of another length."""
+        for name, power in (("area", 2), ("volume", 3), ("shape", 2)):
+            self.observables[name] = self.observables[name].scaled(length**-power)
+        self.reweighted = {name: [x*length**{"area": -2, "volume": -3}.get(name, 0) for x in values] for name, values in self.reweighted.items()}
+        return self
+
+    def evaluationsPer(self, name):
+        """Return the number of force evaluations to an independent sample of an observable."""
+        return self.evaluations/self.steps*self.observables[name].time
+
+    def secondsPer(self, name):
+        """Return the cost of an independent sample of an observable."""
+        return self.secondsPerStep*self.observables[name].time
+
+
+def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf):
+    """Run a membrane at a setting, and return a :class:`Measurement`.
+
+    The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
+    does not depend on how fast the machine is.
+
+    Parameters
+    ----------
+    config : Config
+        the setting, with every default filled in; its step size may be "auto"
+    mesh : Mesh
+        an equilibrated membrane to begin with
+    effort : float
+        the largest number of force evaluations, times the number of vertices
+    hopeless : float
+        the number of evaluations to an independent sample of the shape that is not worth a longer run
+    moduli : dict, optional
+        terms whose moduli are those of another ensemble, for which averages are corrected: the ratio of its modulus to that of the setting by term
+
+    accuracy : float
+        the relative error of the mean bending energy that is wanted, too
+
+    Raises
+    ------
+    ValueError, openmm.OpenMMException
+        if no step size can be found, or the membrane cannot be simulated
+    """
+    run = _Run(config, mesh)
+    limit = effort/len(mesh.vertices)
+    run.adapt(limit/4)
+    run.sample(limit/16)
+    while run.evaluations < limit:
+        shape = run.shape()
+        surely = (1-2*min(shape.timeError, 0.5))*shape.time*run.evaluations/run.steps
+        if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
+            break
+        run.sample(min(run.evaluations/2, limit-run.evaluations))
+    return run.result(moduli or {})
+
+
+class _Run:
+    """A membrane at a setting, and the series that come of it."""
+
+    def __init__(self, config, mesh):
+        self._config, self._kT = config, thermalEnergy(config.sampling.temperature)
+        self._force = createForce(config, mesh)
+        self._simulation = createSimulation(config, mesh, self._force)
+        self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
+        sampling = config.sampling
+        self._interval = max(1, round(EVALUATIONS_PER_ROW/(sampling.steps_per_trajectory*(1-sampling.flip_probability))))
+        self._diffusion = _DiffusionProbe(mesh)
+        self._rows, self._tensors, self._changes, self._sweeps, self._trajectories = [], [], [], [], []
+        self._forceError = forceError(config, mesh)
+
+    @property
+    def steps(self):
+        return len(self._sweeps)+len(self._trajectories)
+
+    @property
+    def evaluations(self):
+        return sum(length for _, length in self._trajectories)
+
+    def adapt(self, limit):
+        """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy error grows no further."""
+        sampling = self._config.sampling
+        if sampling.step_size != "auto":
+            return
+        length = min(sampling.steps_per_trajectory, ADAPTING_LENGTH)
+        self._integrator.setStepsPerTrajectory(length)
+        adaptStepSize(self._simulation, int(min(ADAPTING_TRAJECTORIES, max(30, limit/length))/(1-sampling.flip_probability)), sampling.target_acceptance)
+        self._integrator.setStepsPerTrajectory(sampling.steps_per_trajectory)
+
+    def sample(self, evaluations):
+        """Make so many evaluations, and look at the membrane now and then."""
+        goal = self.evaluations+evaluations
+        while self.evaluations < goal:
+            for _ in range(self._interval):
+                self._step()
+            self._observe()
+
+    def _step(self):
+        setTrajectoryLength(self._simulation, self._config.sampling)
+        trajectories, length = self._integrator.getNumTrajectories(), self._integrator.getStepsPerTrajectory()
+        start = time.process_time()
+        self._integrator.step(1)
+        seconds = time.process_time()-start
+        if self._integrator.getNumTrajectories() == trajectories:
+            self._sweeps.append(seconds)
+        else:
+            self._trajectories.append((seconds, length))
+            self._changes.append(valueIn(self._integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole)/self._kT)
+
+    def _observe(self):
+        terms, geometry = self._force.getEnergyTermsInContext(self._simulation.context), self._force.getGeometryInContext(self._simulation.context)
+        energies = [valueIn(terms[name], unit.kilojoules_per_mole)/self._kT for name in ENERGY_TERMS]
+        self._rows.append([*energies, valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)])
+        mesh = currentMesh(self._simulation, self._force)
+        self._tensors.append(gyrationTensor(mesh))
+        self._diffusion.add(mesh)
+
+    def _series(self):
+        """Return the scalar series by name, after the burn-in."""
+        names = [name if name not in ("area", "volume") else name+"Energy" for name in ENERGY_TERMS]+["area", "volume"]
+        return dict(zip(names, np.array(self._rows[self._burnIn():]).T))
+
+    def _burnIn(self):
+        return int(BURN_IN*len(self._rows))
+
+    def shape(self):
+        """Return the Observable of the shape."""
+        return observe(shapeSeries(np.array(self._tensors[self._burnIn():]), self._isSphere), self._interval)
+
+    def relativeError(self):
+        """Return that of the mean bending energy."""
+        bending = observe(self._series()["bending"])
+        return bending.error/abs(bending.mean) if bending.mean else 0.0
+
+    def result(self, moduli):
+        """Return the Measurement."""
+        series, integrator = self._series(), self._integrator
+        observables = {"shape": self.shape(), **{name: observe(series[name], self._interval) for name in ("bending", "area", "volume", "tether")}}
+        changes = np.array(self._changes)
+        diverged = float(np.mean(~np.isfinite(changes)))
+        probabilities = np.exp(-np.maximum(changes, 0))
+        balance = np.sign(changes)*probabilities
+        reweighted, fraction = _reweight(series, observables, moduli, self._kT)
+        seconds, lengths = np.array(self._trajectories).T
+        # Medians, for the processor has other work; trajectories take turns with sweeps at the frequency that was asked for.
+        perEvaluation, p = float(np.median(seconds/lengths)), self._config.sampling.flip_probability
+        perStep = (1-p)*perEvaluation*self._config.sampling.steps_per_trajectory+(p*float(np.median(self._sweeps)) if self._sweeps else 0)
+        return Measurement(valueIn(integrator.getStepSize(), unit.picosecond), self.steps, self.evaluations, perStep, perEvaluation,
+                           float(probabilities.mean()), integrator.getFlipAcceptanceRate(), diverged,
+                           float(np.quantile(np.abs(changes), 2/3)), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],
+                           observables, reweighted, fraction, self._diffusion.framesPerEdge()*self._interval, self._forceError, len(self._diffusion.mesh.vertices))
+
+
+def observe(series, interval=1):
+    """Return the :class:`Observable` of a series, or of the columns of one that are alike, with as many Monte Carlo steps between its values as interval says."""
+    columns = series.reshape(len(series), -1)
+    count = columns.shape[1]
+    frames = autocorrelationTime(columns if count > 1 else columns[:, 0])
+    deviation = float(np.sqrt(columns.var(axis=0).mean()))
+    # A. Sokal's error of a time with a window of five times its length; columns count as independent.
+    timeError = math.sqrt(2*(10*frames+1)/(len(series)*count))
+    return Observable(float(columns.mean()), deviation, frames*interval, timeError, deviation*math.sqrt(frames/(len(series)*count)))
+
+
+def shapeSeries(tensors, isSphere):
+    """Return what stands for the lowest modes of the shape: columns of a series of gyration tensors.
+
+    For a nearly spherical membrane these are the five components of the tensor's deviator, to first order the five modes of degree l = 2.  Those of other shapes would turn with them, and
+    the eigenvalues are taken.
+
+    Parameters
+    ----------
+    tensors : (n, 3, 3) array
+        gyration tensors, in nm^2
+    isSphere : bool
+        whether the membrane is nearly spherical
+    """
+    if not isSphere:
+        return np.linalg.eigvalsh(tensors)
+    x, y, z = (tensors[:, i, i] for i in range(3))
+    return np.column_stack((tensors[:, 0, 1], tensors[:, 1, 2], tensors[:, 0, 2], (x-y)/2, (2*z-x-y)/math.sqrt(12)))
+
+
+def forceError(config, mesh):
+    """Return the deviation of the forces on a mesh, at a configuration's platform, from those of the Reference platform: see :class:`Measurement`."""
+    def forces(platform, properties):
+        system = mesh.createSystem()
+        system.addForce(createForce(config, mesh))
+        context = mm.Context(system, mm.VerletIntegrator(1e-3), platform, properties)
+        context.setPositions(mesh.vertices)
+        return context.getState(forces=True).getForces(asNumpy=True)._value
+    reference = forces(mm.Platform.getPlatformByName("Reference"), {})
+    return float(np.linalg.norm(forces(*platformOf(config))-reference)/np.linalg.norm(reference))
+
+
+def _reweight(series, observables, moduli, kT):
+    """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that is left."""
+    if not moduli:
+        return {}, 1.0
+    change = sum((ratio-1)*series[term if term in series and term not in ("area", "volume") else term+"Energy"] for term, ratio in moduli.items())
+    weights = np.exp(change.min()-change)
+    weights /= weights.sum()
+    fraction = float(1/(len(weights)*np.sum(weights**2)))
+    reweighted = {}
+    for name in ("bending", "area", "volume"):
+        mean = float(weights @ series[name])
+        spread = math.sqrt(weights @ (series[name]-mean)**2)
+        reweighted[name] = [mean, spread*observables[name].error/(observables[name].deviation*math.sqrt(fraction)) if observables[name].deviation else 0.0]
+    return reweighted, fraction
+
+
+class _DiffusionProbe:
+    """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a few."""
+
+    def __init__(self, mesh):
+        self.mesh, self._square = mesh, float(mesh.edgeLengths.mean())**2
+        self._frames, self._spacing, self._count = deque(maxlen=FRAMES), 1, 0
+
+    def add(self, mesh):
+        if self._count % self._spacing == 0:
+            self._frames.append(mesh)
+            if len(self._frames) == FRAMES and self._displacements(1)[0] < 0.25*self._square:
+                self._frames, self._spacing = deque(list(self._frames)[::2], FRAMES), 2*self._spacing
+        self._count += 1
+
+    def framesPerEdge(self):
+        """Return the number of frames in which 4Dt is the square of a mean edge length."""
+        if len(self._frames) < 8:
+            return math.inf
+        near, far = self._displacements(4)[[0, 3]]
+        return 3*self._spacing*self._square/(far-near) if far > near else math.inf
+
+    def _displacements(self, maxLag):
+        return vertexDiffusion([mesh.vertices for mesh in self._frames], [mesh.triangles for mesh in self._frames], maxLag).meanSquaredDisplacements

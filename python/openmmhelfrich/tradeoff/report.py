@@ -1,0 +1,108 @@
+"""What a search found, as a table, a picture, and a configuration to run."""
+import math
+
+from ..config import stagesOf
+from ..configfile import configText
+from ..files import replacing
+from .search import AVERAGES
+from .settings import apply, describe, isExact
+
+SHAPE_SAMPLES = 20  # independent ones that a recommended run has at least
+COLUMNS = ("axis", "setting", "step, ps", "acceptance", "µs/evaluation", "ms/step", "evaluations/sample", "ms/sample", "gain", "ms/sample of E_B", "ms/edge of diffusion",
+           "ΔH, kT", "force error", "E_B, kT", "ΔE_B, 1e-3", "ΔA, 1e-3", "ΔV, 1e-3", "reweighted ΔE_B, 1e-3")
+
+
+def writeReport(search, prefix, recommended=None):
+    """Write PREFIX.md, PREFIX.png and, if there is a Point to recommend, PREFIX.toml, and return their names."""
+    files = [f"{prefix}.md", f"{prefix}.png"]
+    with replacing(files[0]) as part:
+        part.write_text(tableText(search, recommended), encoding="utf-8")
+    plot(search, files[1], recommended)
+    if recommended is not None:
+        files.append(f"{prefix}.toml")
+        with replacing(files[2]) as part:
+            part.write_text(recommendationText(search, recommended), encoding="utf-8")
+    return files
+
+
+def tableText(search, recommended=None):
+    """Return the points of a search as a table in Markdown."""
+    rows = [COLUMNS, ("---",)*2+("--:",)*(len(COLUMNS)-2), *(row(search, point, point is recommended) for point in search.points)]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+
+
+def row(search, point, isRecommended=False):
+    """Return the cells of a point's row."""
+    m, text = point.measurement, describe(point.setting if isRecommended else point.choice)
+    head = (point.axis, f"**{text}**" if isRecommended else text)
+    if m is None:
+        return (*head, point.problem.replace("|", "/"))+("",)*(len(COLUMNS)-3)
+    shape, reference = m.observables["shape"], search.reference.measurement.observables["bending"].mean
+    deviations = search.deviations(point)
+    reweighted = f"{1e3*(m.reweighted['bending'][0]/reference-1):.2f} ± {1e3*m.reweighted['bending'][1]/abs(reference):.2f} ({m.effectiveFraction:.1%} left)" if m.reweighted else ""
+    return (*head, f"{m.stepSize:.3g}", f"{m.acceptance:.0%}", f"{1e6*m.secondsPerEvaluation:.1f}", f"{1e3*m.secondsPerStep:.2f}",
+            f"{m.evaluationsPer('shape'):.0f} ± {shape.timeError:.0%}", f"{1e3*m.secondsPer('shape'):.3g}", f"{search.gain(point):.3g}", f"{1e3*m.secondsPer('bending'):.3g}",
+            f"{1e3*m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–", f"{m.energyError:.2g}", f"{m.forceError:.1g}",
+            f"{m.observables['bending'].mean:.1f}", *(f"{1e3*deviations[name][0]:.2f} ± {1e3*deviations[name][1]:.2f}" for name in AVERAGES), reweighted)
+
+
+def stepsFor(point, error):
+    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of a relative error, and the shape has been sampled."""
+    observables = point.measurement.observables
+    needed = [(observables[name].deviation/(observables[name].mean*error/2))**2*observables[name].time for name in AVERAGES]
+    return math.ceil(max(*needed, SHAPE_SAMPLES*observables["shape"].time))
+
+
+def recommendationText(search, point):
+    """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
+    measurement, steps = point.measurement, 2*stepsFor(point, search.error)
+    setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
+    if setting.get("sampling.step_size") == "auto":
+        setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
+    config = apply(search.config, setting, asWritten=True)
+    data = config.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    if config.stages:
+        data["stages"][-1].update(steps=steps)
+        data["stages"][-1].pop("step_size", None)
+    else:
+        data["sampling"]["steps"] = steps
+    comments = [f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
+                f"{describe(point.setting)}: {measurement.secondsPer('shape'):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
+                f"about {steps*measurement.secondsPerStep:.3g} s in all."]
+    return configText(data, comments)
+
+
+def plot(search, file, recommended=None):
+    """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
+    from matplotlib.figure import Figure
+    points = [point for point in search.points if point.measurement is not None]
+    colours = {axis: f"C{i % 10}" for i, axis in enumerate(dict.fromkeys(point.axis for point in points))}
+    figure = Figure(figsize=(13, 2+0.2*len(points)), layout="constrained")
+    costs, pareto = figure.subplots(1, 2)
+    _plotCosts(costs, points, colours)
+    places = {i: (point.measurement.secondsPer("shape"), _bound(search, point)) for i, point in enumerate(points)}
+    for i, (x, y) in places.items():
+        isBest = recommended is not None and points[i].setting == recommended.setting
+        pareto.plot(x, y, "*" if isBest else "o" if isExact(points[i].setting) else "s", ms=16 if isBest else 6, color=colours[points[i].axis])
+    front = sorted(place for place in places.values() if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in places.values()))
+    pareto.plot(*zip(*front), color="0.5", lw=1, zorder=0, drawstyle="steps-post")
+    pareto.axhline(search.error, color="0.7", ls="--", lw=1)
+    pareto.set(xscale="log", yscale="log", xlabel="processor time per independent sample of the shape, s",
+               ylabel="deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its standard error, relative")
+    handles = [pareto.plot([], [], "o", color=colour, label=axis)[0] for axis, colour in colours.items()]
+    pareto.legend(handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small")
+    figure.savefig(file, dpi=110)
+
+
+def _plotCosts(axes, points, colours):
+    cost = [point.measurement.secondsPer("shape") for point in points]
+    errors = [c*min(point.measurement.observables["shape"].timeError, 0.9) for c, point in zip(cost, points)]
+    places = [-i for i in range(len(points))]
+    axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
+    axes.set_yticks(places, [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points], fontsize=6)
+    axes.set(xscale="log", xlabel="processor time per independent sample of the shape, s", ylim=(-len(points), 1))
+
+
+def _bound(search, point):
+    """Return the largest deviation of an average, with its error."""
+    return max(abs(deviation)+error for deviation, error in search.deviations(point).values())

@@ -1,0 +1,230 @@
+"""The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a file."""
+import json
+import math
+import time
+import zlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Optional
+
+import openmm as mm
+
+from ..config import SampleStage, stagesOf
+from ..continuation import currentTargets
+from ..files import replacing
+from ..mesh import Mesh
+from ..simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
+from ..stages import createStage
+from ..studies import versions
+from .measure import Measurement, measure
+from .settings import COARSER, SCALE, apply, axes, forEdges, isExact, keyOf, moduliRatios
+
+AUTOMATIC = {"sampling.step_size": "auto"}
+REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9}
+EQUILIBRATION = 600  # Monte Carlo steps
+HOPELESS = 4.0  # a setting that costs so many times more than the best one is not measured any better
+AVERAGES = ("bending", "area", "volume")
+WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was, which is known to some 20% only
+
+
+@dataclass
+class Point:
+    """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene has it."""
+    axis: str
+    choice: dict
+    setting: dict
+    effort: float
+    measurement: Optional[Measurement]
+    problem: str = ""
+
+    def __post_init__(self):
+        if isinstance(self.measurement, dict):
+            self.measurement = Measurement(**self.measurement)
+
+
+class OutOfTime(Exception):
+    """The time for a search is spent.  What was measured is in its file."""
+
+
+class Search:
+    """A search under way, or its result.
+
+    Attributes
+    ----------
+    config, scene : Config
+        the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead to
+    points : list of Point
+        what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a long run
+    error : float
+        the relative error of averages that is allowed
+    """
+
+    def __init__(self, config, prefix, error=1e-3, effort=3e8, minutes=None, names=None, progress=None):
+        self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
+        self._names, self._progress = names, progress or (lambda *_: None)
+        self._end = math.inf if minutes is None else time.process_time()+60*minutes
+        self._file, self.points = Path(f"{prefix}.json"), []
+        self._seed = config.sampling.seed or 1
+        self.scene, self._mesh = self._begin(config, "start")
+        self._load()
+        self._coarse = None
+
+    @property
+    def baseline(self):
+        """The scene as it stands."""
+        return self.points[0]
+
+    @property
+    def reference(self):
+        """The scene with short steps, in a long run."""
+        return self.points[1]
+
+    def run(self):
+        """Measure what has not been measured, and return the Point to recommend, or None if none keeps within the error.
+
+        Raises OutOfTime when the time is spent.
+        """
+        available = self._axes()
+        self._measure("scene", {}, {}, self._effort)
+        self._measure("reference", REFERENCE, {}, 2*self._effort, accuracy=self.error/4)
+        best = self._descend(available)
+        if best is not None and self.bias(best) > self.error:  # it promised more than a longer run confirms
+            best = self._descend([axis for axis in available if axis.isExact])
+        return best
+
+    def deviations(self, point):
+        """Return the relative deviation of each average from the reference's and its standard error, by name."""
+        result = {}
+        for name in AVERAGES:
+            own, true = point.measurement.observables[name], self.reference.measurement.observables[name]
+            result[name] = (own.mean/true.mean-1, math.hypot(own.error, true.error)/abs(true.mean)) if point is not self.reference else (0.0, true.error/abs(true.mean))
+        return result
+
+    def bias(self, point):
+        """Return the largest relative deviation of an average from the reference's that is certain: more than twice its standard error; 0 where the distribution is the same."""
+        if isExact(point.setting):
+            return 0.0
+        return max(max(0.0, abs(deviation)-2*error) for deviation, error in self.deviations(point).values())
+
+    def gain(self, point):
+        """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
+        return self.baseline.measurement.secondsPer("shape")/point.measurement.secondsPer("shape")
+
+    def _axes(self):
+        available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
+        unknown = set(self._names or ())-{axis.name for axis in available}
+        if unknown:
+            raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(axis.name for axis in available)}")
+        return [axis for axis in available if self._names is None or axis.name in self._names]
+
+    def _descend(self, available):
+        """Go through the axes once, from each with the best choice to the next, and return the point at the end after a longer run there."""
+        best = self._measure("step size", AUTOMATIC, {}, self._effort)
+        for axis in available:
+            tried = [self._measure(axis.name, choice, best.setting, self._effort, best) for choice in axis.choices]
+            offered = [point for point in tried if axis.isOffered and self._isAdmissible(point)]
+            cheapest = min(offered, key=lambda point: point.measurement.secondsPer("shape"), default=best)
+            if best.measurement is None or cheapest.measurement.secondsPer("shape") < WORTHWHILE*best.measurement.secondsPer("shape"):
+                best = cheapest
+        return self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
+
+    def _isAdmissible(self, point):
+        return point.measurement is not None and point.measurement.acceptance > 0.3 and self.bias(point) <= self.error
+
+    def _measure(self, axis, choice, others, effort, best=None, accuracy=math.inf):
+        """Return the Point of a choice beside others, from the file if it is there."""
+        setting = {**others, **choice}
+        for point in self.points:
+            if keyOf(point.setting) == keyOf(setting) and point.effort >= effort:
+                return point
+        if time.process_time() > self._end:
+            raise OutOfTime
+        point = Point(axis, choice, setting, effort, None)
+        self._progress(point)
+        try:
+            point.measurement = self._run(setting, effort, best, accuracy)
+        except (ValueError, mm.OpenMMException) as error:
+            point.problem = str(error)
+            if len(self.points) < 2:
+                raise
+        self.points.append(point)
+        self._save()
+        self._progress(point)
+        return point
+
+    def _run(self, setting, effort, best, accuracy):
+        scene, mesh = self._place(setting)
+        if COARSER in setting:
+            setting = forEdges(setting, mesh.edgeLengths.mean()/self._mesh.edgeLengths.mean(), scene.tether.exponent)
+        factor = setting.get(SCALE, scene.mesh.scale)/scene.mesh.scale
+        config = apply(scene, setting)
+        config.sampling.seed = (self._seed*2654435761+zlib.crc32(keyOf(setting).encode())) % (2**31-1)+1
+        hopeless = HOPELESS*best.measurement.evaluationsPer("shape") if best and best.measurement else math.inf
+        return measure(config, Mesh(factor*mesh.vertices, mesh.triangles), effort, hopeless, moduliRatios(scene, setting), accuracy).inUnitsOf(factor)
+
+    def _place(self, setting):
+        """Return the scene that a setting changes, and the membrane to begin with."""
+        if COARSER not in setting:
+            return self.scene, self._mesh
+        if self._coarse is None:
+            config = self.config.model_copy(deep=True)
+            config.mesh.icosphere = setting[COARSER]
+            self._coarse = self._begin(config, "coarse")
+        return self._coarse
+
+    def _begin(self, config, name):
+        """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that moment.  The mesh is kept in a file."""
+        mesh = loadMesh(config)
+        scene = resolve(config, mesh)
+        scene.sampling.seed = self._seed
+        last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
+        if last.kind != "sample":
+            raise ValueError(f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'")
+        if last.temperature not in (None, scene.sampling.temperature):
+            raise ValueError(f"the last stage has the temperature {last.temperature:g} K and [sampling] {scene.sampling.temperature:g} K; they must be equal")
+        scene.sampling.step_size = last.step_size or scene.sampling.step_size
+        if scene.platform.name == "CPU":
+            scene.platform.threads = 1
+        target = Path(f"{self._prefix}_{name}.json")
+        if not target.exists() or not file.exists():
+            self._progress(Point("equilibration", {}, {}, 0, None))
+            targets = self._prepare(scene, mesh, last, file)
+            with replacing(target) as part:
+                part.write_text(json.dumps(targets))
+        targets = json.loads(target.read_text())
+        membrane = scene.membrane
+        membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = targets["area"], targets["volume"], targets["areaDifference"] or None, None
+        scene.stages = []
+        return scene, Mesh.read(file)
+
+    @staticmethod
+    def _prepare(scene, mesh, last, file):
+        force = createForce(scene, mesh)
+        simulation = createSimulation(scene, mesh, force)
+        equilibrate = SampleStage(**{**last.model_dump(), "steps": EQUILIBRATION, "step_size": "auto"})
+        for settings in [*scene.stages[:-1], equilibrate]:
+            stage = createStage(settings, scene, simulation, force)
+            while not stage.isDone:
+                stage.advance()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as part:
+            currentMesh(simulation, force).write(part.with_suffix(".ply"))
+            part.with_suffix(".ply").replace(part)
+        return currentTargets(simulation.context, force)
+
+    def _load(self):
+        """Take the points of an earlier search of the same scene."""
+        if self._file.exists():
+            data = json.loads(self._file.read_text(encoding="utf-8"))
+            if data["scene"] != self._identity():
+                raise ValueError(f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files")
+            self.points = [Point(**point) for point in data["points"]]
+
+    def _save(self):
+        data = {"scene": self._identity(), "points": [asdict(point) for point in self.points]}
+        with replacing(self._file) as part:
+            part.write_text(json.dumps(data, indent=1), encoding="utf-8")
+
+    def _identity(self):
+        scene = self.scene.model_dump(mode="json", exclude_none=True, exclude={"output"})
+        return {**scene, "versions": versions()}

@@ -1,0 +1,177 @@
+"""Settings: what of a scene can be traded, and the values to try.
+
+A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as the scene has it.
+"""
+import json
+from dataclasses import dataclass
+from typing import get_args
+
+from ..config import parseConfig, sections
+
+SCALE, COARSER = "mesh.scale", "mesh.icosphere"
+MODULI = {"bending": "membrane.bending_modulus", "area": "membrane.area_modulus", "volume": "membrane.volume_modulus",
+          "areaDifference": "membrane.area_difference_modulus", "tether": "tether.modulus", "repulsion": "repulsion.modulus"}
+# Powers of the unit of length in what depends on it.
+_POWERS = {"target_area": 2, "target_volume": 3, "target_area_difference": 2, "leaflet_separation": 1, "min_length": 1, "max_length": 1, "onset": 1}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Something that can be traded.
+
+    Attributes
+    ----------
+    name : str
+        what it is called
+    choices : list of dict
+        settings of its keys to try
+    isOffered : bool
+        whether a choice may be recommended; otherwise it is measured to compare with
+    """
+    name: str
+    choices: list
+    isOffered: bool = True
+
+    @property
+    def isExact(self):
+        """Whether all choices sample the same distribution."""
+        return all(map(isExact, self.choices))
+
+
+def axes(config, scene, edge):
+    """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes first.
+
+    Parameters
+    ----------
+    config : Config
+        the scene as it was written
+    scene : Config
+        the same with every default filled in
+    edge : float
+        the mean length of its edges
+    """
+    return [axis for axis in (
+        Axis("tether", _tethers(scene, edge)),
+        Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
+        Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.3, 0.8])),
+        Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
+        Axis("integrator", _literals("sampling.integrator")),
+        Axis("precision", _literals("platform.precision")),
+        Axis("flip probability", _each("sampling.flip_probability", [0.1, 0.25, 0.5, 0.75])),
+        Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
+        Axis("constraints", _softer(scene)),
+        Axis("resolution", _coarser(config)),
+        Axis("terms", _without(scene), isOffered=False)) if axis.choices]
+
+
+def apply(config, setting, asWritten=False):
+    """Return a Config changed by a setting, or raise a ValueError if this has a value that is not allowed.
+
+    With another scale of the mesh, every length changes with it: the membrane is the same but for the tether, whose power laws have a scale of their own.
+
+    Parameters
+    ----------
+    config : Config
+        what to change
+    setting : dict
+        the values to change
+    asWritten : bool
+        leave all else to the defaults that its file left it to, and not to what the Config has
+    """
+    data = config.model_dump(mode="json", exclude_none=True, exclude_unset=asWritten)
+    if SCALE in setting:
+        _rescale(data, setting[SCALE]/config.mesh.scale)
+    for name, value in setting.items():
+        section, key = name.split(".")
+        data.setdefault(section, {})[key] = value
+    return parseConfig(data, "setting")
+
+
+def forEdges(setting, ratio, exponent):
+    """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
+    if SCALE in setting:
+        return {**setting, SCALE: setting[SCALE]/ratio}
+    powers = {"tether.min_length": 1, "tether.max_length": 1, "tether.modulus": -exponent}
+    return {name: value*ratio**powers.get(name, 0) if name in powers else value for name, value in setting.items()}
+
+
+def isExact(setting):
+    """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors alone."""
+    return all(name.split(".")[0] in ("sampling", "platform") for name in setting)
+
+
+def keyOf(setting):
+    """Return a string that is the same for equal settings."""
+    return json.dumps(setting, sort_keys=True)
+
+
+def describe(setting):
+    """Return a setting in a few words."""
+    words = [f"{name.split('.')[1].replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{name.split('.')[1].replace('_', ' ')} {value}"
+             for name, value in setting.items()]
+    return ", ".join(words) or "as it stands"
+
+
+def moduliRatios(scene, setting):
+    """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
+    own = {term: setting[name] for term, name in MODULI.items() if name in setting}
+    if 0 in own.values() or any(name in setting for name in ("tether.min_length", "tether.max_length", SCALE, COARSER)):
+        return {}
+    ratios = {term: valueOf(scene, MODULI[term])/value for term, value in own.items()}
+    return {term: ratio for term, ratio in ratios.items() if ratio != 1}
+
+
+def valueOf(config, name):
+    """Return the value of a key of a Config by its name, like "tether.modulus"."""
+    section, key = name.split(".")
+    return getattr(getattr(config, section), key)
+
+
+def _rescale(data, factor):
+    for section in [data.get("membrane", {}), data.get("tether", {}), data.get("repulsion", {}), *data.get("stages", [])]:
+        for name, power in _POWERS.items():
+            if name in section:
+                section[name] *= factor**power
+    repulsion = data.get("repulsion", {})
+    if "modulus" in repulsion:
+        repulsion["modulus"] *= factor**repulsion.get("exponent", 2)
+
+
+def _tethers(scene, edge):
+    """Return tethers softer and stiffer than the scene's, and some of a mesh that is scaled to edges of length 1.
+
+    There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
+    """
+    modulus = float(scene.tether.modulus)
+    if modulus == 0:
+        return []
+    scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": least, "tether.max_length": greatest}
+              for least, greatest in ((0.75, 1.4), (0.85, 1.3)) for stiffness in (25.0, 250.0)]
+    return _each("tether.modulus", [modulus*factor for factor in (0.01, 0.1, 10.0)])+scaled
+
+
+def _softer(scene):
+    """Return settings with weaker constraints of area and volume."""
+    moduli = {MODULI[term]: valueOf(scene, MODULI[term]) for term in ("area", "volume")}
+    return [{name: modulus*factor for name, modulus in moduli.items() if modulus > 0} for factor in (0.1, 0.01) if any(moduli.values())]
+
+
+def _coarser(config):
+    """Return a quarter of the vertices, for a mesh that can be made anew."""
+    return _each(COARSER, [config.mesh.icosphere-1]) if config.mesh.icosphere else []
+
+
+def _without(scene):
+    """Return settings that leave out a term each.  Bending stays: without it there is no membrane."""
+    return [{name: 0.0} for term, name in MODULI.items() if term != "bending" and valueOf(scene, name) > 0]
+
+
+def _literals(name):
+    """Return the values of a key that takes one of a few, if this version has it."""
+    section, key = name.split(".")
+    field = sections()[section].model_fields.get(key)
+    return _each(name, get_args(field.annotation)) if field else []
+
+
+def _each(name, values):
+    return [{name: value} for value in values]

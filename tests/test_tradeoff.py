@@ -1,0 +1,173 @@
+"""Trading speed for accuracy: the statistics of one setting, the search, and what it recommends."""
+import json
+import math
+
+import numpy as np
+import pytest
+
+import openmmhelfrich as mh
+from openmmhelfrich.analysis import gyrationTensor
+from openmmhelfrich.config import parseConfig, readConfig
+from openmmhelfrich.studies import run
+from openmmhelfrich.tradeoff import tradeoff
+from openmmhelfrich.tradeoff.measure import forceError, measure, observe, shapeSeries
+from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios
+from openmmhelfrich.simulation import createForce, loadMesh, resolve
+from membranes import createContext, energyOf
+
+pytest.importorskip("emcee")
+SCENE = {"mesh": {"icosphere": 1}, "membrane": {"bending_modulus": 20, "area_modulus": 1e4, "volume_modulus": 1e4, "reduced_volume": 0.95},
+         "sampling": {"seed": 1, "step_size": 1e-4, "steps_per_trajectory": 20}, "platform": {"threads": 1}}
+
+
+def resolved(**sampling):
+    config = parseConfig({**SCENE, "sampling": {**SCENE["sampling"], **sampling}})
+    mesh = loadMesh(config)
+    return resolve(config, mesh), mesh
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """A search over all axes of a small membrane."""
+    prefix = tmp_path_factory.mktemp("tradeoff")/"a"
+    return (*tradeoff(SCENE, prefix, error=1e-2, effort=2.5e5), prefix)
+
+
+def test_statistics_of_a_known_process():
+    """x_n = a x_(n-1) + noise, in five columns: a time of (1+a)/(1-a), within the error that is stated."""
+    random, x = np.random.default_rng(1), np.zeros((4000, 5))
+    for n in range(1, len(x)):
+        x[n] = 0.9*x[n-1]+random.normal(size=5)
+    result = observe(x, interval=3)
+    assert result.time == pytest.approx(3*19, rel=3*result.timeError) and result.timeError < 0.15
+    assert result.deviation == pytest.approx(1/math.sqrt(1-0.81), rel=0.05) and abs(result.mean) < 3*result.error
+
+
+def test_shape_of_a_sphere_is_its_modes_of_degree_2():
+    """Of each mode, the amplitude comes out in one column alone; that of another degree in none."""
+    from openmmhelfrich.analysis import _realHarmonics
+    mesh = mh.Mesh.icosphere(3)
+    harmonics = _realHarmonics(mesh.vertices, 3)
+    series = shapeSeries(np.array([gyrationTensor(mh.Mesh(mesh.vertices*(1+1e-3*y)[:, np.newaxis], mesh.triangles)) for y in harmonics[:, 4:].T]), True)
+    amplitudes = np.abs(series).max(axis=1)
+    assert amplitudes[:5] == pytest.approx(amplitudes[0], rel=0.02) and np.all(amplitudes[5:] < 0.02*amplitudes[0])
+
+
+@pytest.mark.parametrize("sampling", [{"step_size": "auto"}, {"trajectory_jitter": 0.5, "flip_probability": 0.2}])
+def test_exact_settings_agree(sampling):
+    """Mean energy, area and volume do not depend on how they are sampled, and trajectories up in energy are accepted as often as those down."""
+    results = []
+    for settings in ({"steps_per_trajectory": 10, "step_size": 3e-4}, {"step_size": 2e-4, **sampling}):
+        config, mesh = resolved(**settings)
+        results.append(measure(config, mesh, 8e5, accuracy=2e-3))
+    for result in results:
+        mean, error = result.balance
+        assert abs(mean) < 4*error and 0.3 < result.acceptance <= 1
+    for name in ("bending", "area", "volume"):
+        a, b = (result.observables[name] for result in results)
+        assert abs(a.mean-b.mean) < 4*math.hypot(a.error, b.error) and a.error < 4e-3*a.mean
+
+
+def test_softer_constraints_are_corrected():
+    """Weights bring averages of softer constraints to those of the scene's own, which are certainly different."""
+    config, mesh = resolved(step_size="auto")
+    softer = apply(config, {"membrane.area_modulus": 5e3, "membrane.volume_modulus": 5e3})
+    ratios = moduliRatios(config, {"membrane.area_modulus": 5e3, "membrane.volume_modulus": 5e3})
+    assert ratios == {"area": 2, "volume": 2}
+    hard, soft = measure(config, mesh, 8e5, accuracy=2e-3), measure(softer, mesh, 8e5, moduli=ratios, accuracy=2e-3)
+    assert 0.1 < soft.effectiveFraction < 0.95
+    for name in ("area", "volume"):
+        true, raw, (mean, error) = hard.observables[name], soft.observables[name], soft.reweighted[name]
+        assert abs(mean-true.mean) < 4*math.hypot(error, true.error)
+        assert abs(mean-true.mean) < abs(raw.mean-true.mean)
+
+
+def test_force_error():
+    config, mesh = resolved()
+    assert 0 < forceError(config, mesh) < 1e-12
+    config.platform.name, config.platform.threads = "Reference", None
+    assert forceError(config, mesh) == 0
+
+
+def test_scaled_scene_is_the_same_but_for_the_tether():
+    config, mesh = resolved()
+    config.repulsion.modulus, config.repulsion.onset, config.repulsion.exclusion_level = 3.0, 0.9, 2
+    scaled = apply(config, {"mesh.scale": 4.0})
+    energies = []
+    for c, m in ((config, mesh), (scaled, mh.Mesh(4*mesh.vertices, mesh.triangles))):
+        c.tether.modulus = 0.0
+        energies.append(energyOf(createContext(m, createForce(c, m))))
+    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
+    assert scaled.tether.min_length == pytest.approx(4*config.tether.min_length)
+
+
+def test_tether_of_a_coarser_mesh():
+    setting = {"tether.modulus": 8.0, "tether.min_length": 0.5, "sampling.steps_per_trajectory": 10}
+    assert forEdges(setting, 2.0, 2) == {"tether.modulus": 2.0, "tether.min_length": 1.0, "sampling.steps_per_trajectory": 10}
+    assert forEdges({"mesh.scale": 4.0, "tether.modulus": 8.0}, 2.0, 2) == {"mesh.scale": 2.0, "tether.modulus": 8.0}
+
+
+def test_search(searched):
+    """All axes are measured, the recommendation keeps within the error and costs no more than what it is chosen from."""
+    search, best, prefix = searched
+    assert [point.axis for point in search.points[:3]] == ["scene", "reference", "step size"]
+    assert {"tether", "length", "jitter", "acceptance", "flip probability", "flip fraction", "constraints", "terms"} <= {point.axis for point in search.points}
+    assert best is not None and search.bias(best) <= search.error
+    assert search.gain(best) > 2, "steps of a tenth of what they could be"
+    table = (prefix.parent/"a.md").read_text().splitlines()
+    assert len(table) == 2+len(search.points) and len({line.count("|") for line in table}) == 1
+    assert (prefix.parent/"a.png").stat().st_size > 10000
+
+
+def test_recommendation_runs(searched, tmp_path):
+    """The configuration that is written is one that runs, and its averages are those of the reference."""
+    search, best, prefix = searched
+    config = readConfig(f"{prefix}.toml")
+    assert config.sampling.step_size == pytest.approx(best.measurement.stepSize, rel=1e-3)
+    config.sampling.steps, config.output.prefix, config.output.observables_interval = min(config.sampling.steps, 3000), str(tmp_path/"b"), 2
+    summary = run(config)
+    reference, factor = search.reference.measurement.observables, config.mesh.scale/search.config.mesh.scale
+    for name, column, power in (("bending", "E_bending", 0), ("area", "area", 2), ("volume", "volume", 3)):
+        assert summary.mean(column)/factor**power == pytest.approx(reference[name].mean, rel=search.error)
+
+
+def test_a_search_goes_on(searched, tmp_path):
+    """Points that are in the file are not measured again, and those that are missing come out the same."""
+    search, best, prefix = searched
+    for file in prefix.parent.glob("a*"):
+        (tmp_path/file.name).write_bytes(file.read_bytes())
+    data = json.loads((tmp_path/"a.json").read_text())
+    removed = data["points"][2:4]
+    data["points"] = data["points"][:2]
+    (tmp_path/"a.json").write_text(json.dumps(data))
+    again, nothing = tradeoff(SCENE, tmp_path/"a", error=1e-2, effort=2.5e5, minutes=0)
+    assert nothing is None and len(again.points) == 2
+    measured = []
+    with pytest.raises(KeyboardInterrupt):
+        def stop(point):
+            if point.measurement is not None:
+                measured.append(point)
+                if len(measured) == 2:
+                    raise KeyboardInterrupt
+        tradeoff(SCENE, tmp_path/"a", error=1e-2, effort=2.5e5, progress=stop)
+    for before, now in zip(removed, measured):
+        assert now.setting == before["setting"] and now.measurement.steps == before["measurement"]["steps"]
+        assert now.measurement.observables["bending"].mean == before["measurement"]["observables"]["bending"]["mean"]
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"stages": [{"kind": "minimize"}]}, "the last stage has the kind 'minimize'"),
+    ({"stages": [{"kind": "sample", "temperature": 100.0}]}, "the last stage has the temperature 100 K")])
+def test_scenes_that_cannot_be_measured(changes, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        tradeoff({**SCENE, **changes}, tmp_path/"a")
+
+
+def test_arguments(searched, tmp_path):
+    search, best, prefix = searched
+    with pytest.raises(ValueError, match="the error is 2"):
+        tradeoff(SCENE, tmp_path/"a", error=2)
+    with pytest.raises(ValueError, match="there is no axis 'speed'; this scene has tether, length"):
+        tradeoff(SCENE, tmp_path/"a", axes=["speed"])
+    with pytest.raises(ValueError, match="the measurements of another scene"):
+        tradeoff({**SCENE, "membrane": {"bending_modulus": 10}}, prefix)
