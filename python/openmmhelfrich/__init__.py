@@ -23,6 +23,8 @@ except PackageNotFoundError:  # a source tree on the path, not installed
 _LATER = {
     "studies": ["resume", "run"],
     "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
+    "grids": ["readGrid"],
+    "sweeps": ["sweep"],
     "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
     "analysis": ["autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion"],
 }
@@ -40,7 +42,7 @@ __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
     "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
-    "ContinuationResult", "continueTo", "resume", "run",
+    "ContinuationResult", "continueTo", "resume", "run", "readGrid", "sweep",
     "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
     "ReplicaExchange", "ThermodynamicState",
     "ExponentialSchedule", "TableSchedule", "createSchedule",

@@ -278,18 +278,23 @@ def readConfig(file):
         if it is not TOML, or has an unknown key or a value out of range; the message names section, key and what is allowed
     """
     path = Path(file)
-    if not path.exists():
-        raise FileNotFoundError(f"there is no configuration file {path}")
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not TOML: {error}") from None
-    config = parseConfig(data, str(path))
+    config = parseConfig(readTOML(path), str(path))
     if config.mesh.file is not None:
         config.mesh.file = str(path.parent/config.mesh.file)
     if config.output.prefix is None:
         config.output.prefix = path.stem
     return config
+
+
+def readTOML(file):
+    """Return the nested dict of a configuration file, or raise a FileNotFoundError or ValueError that names the file."""
+    path = Path(file)
+    if not path.exists():
+        raise FileNotFoundError(f"there is no configuration file {path}")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not TOML: {error}") from None
 
 
 def parseConfig(data, source="configuration"):
@@ -336,16 +341,22 @@ def _explain(mistake):
     name = _placeName(place)
     if kind == "missing":
         return f"{name} is missing{'; the mesh to begin with has no default' if place[0] == 'mesh' else ''}"
-    message = mistake["msg"].removeprefix("Value error, ").replace("Input should be", "it must be").replace("a valid integer", "a whole number").replace("a valid ", "a ")
+    message = requirement(mistake)
     if kind == "union_tag_not_found":
         return f"{name} has no kind; it must be one of {', '.join(STAGES)}"
     if kind == "union_tag_invalid":
-        return f"{name} has the kind {mistake['ctx']['tag']!r}{_nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+        return f"{name} has the kind {mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
     if kind == "value_error" and isinstance(mistake["input"], dict):
         return f"{name} {message}"  # a key of this table
     if kind == "model_type":
         return f"{name} is {mistake['input']!r}; it must be a table of keys"
     return f"{name} is {mistake['input']!r}; {message}"
+
+
+def requirement(mistake):
+    """Return what one of pydantic's errors says must be."""
+    message = mistake["msg"].removeprefix("Value error, ")
+    return message.replace("Input should be", "it must be").replace("a valid integer", "a whole number").replace("a valid ", "a ")
 
 
 def _placeName(place):
@@ -361,13 +372,14 @@ def _placeName(place):
 def _explainUnknown(place):
     *home, key = place
     if not home:
-        return f"there is no section or key '{key}'{_nearest(key, Config.model_fields)}"
+        return f"there is no section or key '{key}'{nearest(key, Config.model_fields)}"
     known = (STAGES[home[2]] if home[0] == "stages" else sections()[home[0]]).model_fields
     homes = [name for name, model in sections().items() if key in model.model_fields]
     where = f"{_placeName(home)} has no key '{key}'"
-    return f"{where}; it belongs in [{homes[0]}]" if homes else where+_nearest(key, known)
+    return f"{where}; it belongs in [{homes[0]}]" if homes else where+nearest(key, known)
 
 
-def _nearest(word, known, otherwise="it has"):
+def nearest(word, known, otherwise="it has"):
+    """Return the end of a sentence about an unknown word: the known one that it resembles, or all of them."""
     match = difflib.get_close_matches(str(word).lower(), known, n=1)
     return f"; did you mean '{match[0]}'?" if match else f"; {otherwise} {', '.join(known)}"

@@ -1,5 +1,9 @@
 """Pictures: the observables of a run against its steps, and a membrane's shape coloured by mean curvature."""
+import threading
+
 import numpy as np
+
+_drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
 
 # matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so that no display
 # is needed and no setting of the caller's is touched.
@@ -39,7 +43,7 @@ def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
     (more or [rates])[-1].set_xlabel("Monte Carlo step")
     for axes in (area, volume):
         axes.ticklabel_format(useOffset=False)
-    figure.savefig(file, dpi=120)
+    _save(figure, file)
 
 
 def _plotEnergies(axes, steps, table, energyUnit):
@@ -89,7 +93,7 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
         if axes.lines:
             axes.legend(fontsize="small")
     axes.set_xlabel("$\\lambda$; bars are standard deviations")
-    figure.savefig(file, dpi=120)
+    _save(figure, file)
 
 
 def _plotBranches(axes, windows, name, prefix):
@@ -127,7 +131,7 @@ def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
                                            shade=True, lightsource=LightSource(azdeg=120-azimuth, altdeg=50)))
     _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
     _colourBar(figure, axes, norm, lengthUnit)
-    figure.savefig(file, dpi=120)
+    _save(figure, file)
 
 
 def smoothMeanCurvature(mesh, rounds=2):
@@ -145,6 +149,11 @@ def smoothMeanCurvature(mesh, rounds=2):
 def _colourMap():
     from matplotlib import colormaps
     return colormaps["coolwarm"]
+
+
+def _save(figure, file):
+    with _drawing:
+        figure.savefig(file, dpi=120)
 
 
 def _frame(axes, vertices, elevation, azimuth, lengthUnit):

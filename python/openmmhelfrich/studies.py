@@ -89,11 +89,16 @@ def resume(prefix: PathLike, steps: Optional[int] = None, progress: Optional[Cal
     outputs = Outputs.of(config)
     if steps is not None:
         _addSteps(config, steps)
-    elif state.isComplete and all(path.exists() for path in outputs.paths()):
+    elif isFinished(state, outputs):
         raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
     _changePlatform(config, state, platform, threads)
     simulation, force = loadSimulation(file, *platformOf(config))
     return Study(config, outputs, simulation, force, state).finish(progress)
+
+
+def isFinished(state: RunState, outputs: Outputs) -> bool:
+    """Return whether a run has come to its end and left all of its files."""
+    return state.isComplete and all(path.exists() for path in outputs.paths())
 
 
 class Study:
@@ -130,7 +135,7 @@ class Study:
         with self._readable():
             writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
             self._writeSettings()
-            with _Stop() as stop, Recorder(self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes) as self._recorder:
+            with StopSignals() as stop, Recorder(self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes) as self._recorder:
                 if not self._sizes:
                     self._recorder.table.report(self.simulation, None)  # the table begins with the start
                 self._advance(stop, progress)
@@ -256,8 +261,14 @@ def versions():
     return {"openmm-helfrich": __version__, "OpenMM": mm.Platform.getOpenMMVersion(), "numpy": versionOf("numpy"), "Python": python.python_version()}
 
 
-class _Stop:
-    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop it."""
+class StopSignals:
+    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop it.
+
+    Attributes
+    ----------
+    signal : int or None
+        the one that came
+    """
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
     def __init__(self):

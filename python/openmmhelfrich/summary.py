@@ -58,16 +58,11 @@ class Summary:
 
     def drift(self, name):
         """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while :meth:`mean` averages."""
-        return float(np.max(np.abs(self._late(name)/self._late(f"target{name[0].upper()}{name[1:]}")-1)))
+        return float(np.max(np.abs(lateValues(self.table, name)/lateValues(self.table, f"target{name[0].upper()}{name[1:]}")-1)))
 
     def mean(self, name):
         """Return the average of a column of the table over the second half of the last stage, or of its last window, when its start is forgotten."""
-        return float(self._late(name).mean())
-
-    def _late(self, name):
-        stage, window = self.table["stage"], self.table["window"]
-        values = self.table[name][(stage == stage[-1]) & (window == window[-1])]
-        return values[len(values)//2:]
+        return float(lateValues(self.table, name).mean())
 
     def lines(self):
         """Return a label and a text for each thing worth knowing at the end."""
@@ -103,6 +98,13 @@ class Summary:
     def _mean(self, name, unitName):
         text = f"{self.mean(name):.2f} {unitName}"
         return text+f", always within {self.drift(name):.2%} of its target" if name in self.targets else text
+
+
+def lateValues(table, name):
+    """Return the values of a column of a run's table in the second half of the last stage, or of its last window, when its start is forgotten."""
+    stage, window = table["stage"], table["window"]
+    values = table[name][(stage == stage[-1]) & (window == window[-1])]
+    return values[len(values)//2:]
 
 
 def divergence(count):

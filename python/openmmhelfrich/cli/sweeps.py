@@ -1,0 +1,103 @@
+"""The command that runs grids of runs."""
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn
+
+from .errors import friendly
+from .progress import SECONDS_BETWEEN_LINES
+from .runs import Quiet
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: openmm-helfrich sweep examples/volume_diagram.toml --output results/volume --workers 2")
+@friendly
+def sweep(grid: Annotated[Path, typer.Argument(metavar="GRID.toml", help="A configuration, and lists of values for its keys.")],
+          output: Annotated[Optional[Path], typer.Option(metavar="FOLDER", help="Where the results go; by default a folder of the grid's name.")] = None,
+          scheduler: Annotated[Optional[str], typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers run the points; by default processes on "
+                                                                                   "this machine do.")] = None,
+          workers: Annotated[Optional[int], typer.Option(min=1, help="Number of these processes; one for each core by default.")] = None,
+          quiet: Quiet = False):
+    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a configuration.
+
+    Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is finished stays, and what had begun goes on
+    from its last checkpoint.  A table, summary.csv, has a row for each point.
+    """
+    from ..sweeps import sweep as runSweep
+    start = time.monotonic()
+    with _SweepProgress(quiet) as progress:
+        result = runSweep(grid, output, scheduler, workers, progress)
+    if not quiet:
+        counts = ", ".join(f"{result.count(status)} {status}" for status in ("done", "failed", "stopped", "waiting") if result.count(status))
+        print(f"{len(result.points)} points: {counts}, in {time.monotonic()-start:.0f} s\n{result.table}")
+    for state in result.points:
+        if state.status == "failed":
+            print(f"openmm-helfrich: point {state.point.name} failed: {state.reason}", file=sys.stderr)
+    if result.signal:
+        raise typer.Exit(128+result.signal)
+    if result.count("failed"):
+        raise typer.Exit(1)
+
+
+class _SweepProgress:
+    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.  Called with the states of the points."""
+
+    def __init__(self, quiet):
+        console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
+        self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
+        self._quiet, self._tasks, self._known, self._shownAt = quiet, {}, {}, 0.0
+
+    def __enter__(self):
+        if self._bar:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_):
+        if self._bar:
+            self._bar.stop()
+
+    def __call__(self, states):
+        if self._quiet:
+            return
+        if not self._known:
+            self._known = {state.point.name: state.status for state in states}
+        for state in states:
+            if state.status != self._known[state.point.name]:
+                self._known[state.point.name] = state.status
+                self._say(f"{state.point.name}: {state.status}{f': {state.reason}' if state.reason else ''}")
+        if self._bar:
+            self._draw(states)
+        elif time.monotonic() >= self._shownAt+SECONDS_BETWEEN_LINES:
+            self._shownAt = time.monotonic()
+            running = [f"{state.point.name} {state.stage} {state.position}/{state.steps}" for state in states if state.status == "running"]
+            self._say(f"{self._count(states)} of {len(states)} points{''.join('; '+text for text in running)}")
+
+    def _say(self, text):
+        if self._bar:
+            self._bar.console.print(text, markup=False, highlight=False)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
+    def _draw(self, states):
+        self._show("points", "points", self._count(states), len(states), "")
+        for state in states:
+            name = state.point.name
+            if state.status == "running":
+                self._show(name, name, state.position, state.steps, state.stage)
+            elif name in self._tasks:
+                self._bar.remove_task(self._tasks.pop(name))
+
+    def _show(self, key, title, done, total, text):
+        if key not in self._tasks:
+            self._tasks[key] = self._bar.add_task(title, total=total, text=text)
+        self._bar.update(self._tasks[key], completed=done, total=total, text=text)
+
+    @staticmethod
+    def _count(states):
+        return sum(state.status in ("done", "failed") for state in states)
