@@ -282,6 +282,11 @@ INTEGRATORS = [
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(value, 0.1, 10), ["temperature"]) for value in (0, NAN)],
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(300, value, 10), ["step size"]) for value in (0, NAN)],
     (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
+    *[(lambda i=i, value=value: mh.ShearWaveIntegrator(*[300, 0.1, 1, 2, 10][:i], value, *[300, 0.1, 1, 2, 10][i+1:]), [words]) for i, words in
+      enumerate(("temperature", "amplitude in nm", "least wave number", "greatest wave number", "number of moves per step")) for value in ((0, NAN) if i < 4 else (0,))],
+    (lambda: mh.ShearWaveIntegrator(300, 0.1, 3, 2), ["least wave number is 3 and the greatest 2 1/nm"]),
+    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).addShearWaves(mh.ShearWaveIntegrator(300, 0.1, 1, 2), value), ["probability of shear waves"])
+      for value in (-0.1, 1.1, NAN)],
 ]
 
 
@@ -304,14 +309,16 @@ def test_integrator_setters():
 
 
 def test_an_integrator_without_a_context():
-    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10)):
+    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+                       mh.ShearWaveIntegrator(300, 0.01, 1, 2)):
         with pytest.raises(mm.OpenMMException, match="not bound to a context"):
             integrator.step(1)
 
 
 def test_an_integrator_of_two_contexts():
     mesh = createBlob(1)
-    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10)):
+    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+                       mh.ShearWaveIntegrator(300, 0.01, 1, 2)):
         context = createContext(mesh, createForce(mesh), integrator=integrator)
         with pytest.raises(mm.OpenMMException, match="already bound to a context"):
             createContext(mesh, createForce(mesh), integrator=integrator)

@@ -21,6 +21,8 @@ def createIntegrator(driver, seed=7):
         integrator = mh.HybridMonteCarloIntegrator(langevin, flips, 0.3)
     else:
         integrator = flips if driver == "flips" else mh.HybridMonteCarloIntegrator(3000, 0.0001, 10, 0.1, 0.3, driver)
+    if driver == "native":
+        integrator.addShearWaves(mh.ShearWaveIntegrator(3000, 0.001, 1, 3, 4), 0.3)
     integrator.setRandomNumberSeed(seed)
     return integrator
 
@@ -45,6 +47,9 @@ def countersOf(integrator):
     counters = [flips.getNumSweeps(), flips.getNumAttempted(), flips.getNumAccepted(), flips.getNumForbidden()]
     if isinstance(integrator, mh.HybridMonteCarloIntegrator):
         counters += [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), integrator.getNumDivergedTrajectories()]
+        if integrator.getNumIntegrators() > 2:
+            waves = integrator.getShearWaveIntegrator()
+            counters += [waves.getNumAttempted(), waves.getNumAccepted(), waves.getNumDiverged()]
     return counters
 
 

@@ -41,8 +41,21 @@ def otherIntegrator():
     return mh.HybridMonteCarloIntegrator(mm.LangevinMiddleIntegrator(300, 1, 0.002), mh.EdgeFlipIntegrator(290, 0.5), 0.7)
 
 
+def waveIntegrator():
+    waves = mh.ShearWaveIntegrator(300.1, 0.015, 1/3, 2.5, 17)
+    waves.setRandomNumberSeed(8)
+    return waves
+
+
+def integratorWithWaves():
+    integrator = hybridIntegrator()
+    integrator.addShearWaves(waveIntegrator(), 0.25)
+    return integrator
+
+
 MAKERS = [completeForce, mh.HelfrichForce, lambda: mh.EdgeFlipIntegrator(300.1, 0.15),
-          lambda: mh.HamiltonianTrajectoryIntegrator(300.1, 0.02, 11), hybridIntegrator, lambda: hybridIntegrator('custom'), otherIntegrator]
+          lambda: mh.HamiltonianTrajectoryIntegrator(300.1, 0.02, 11), hybridIntegrator, lambda: hybridIntegrator('custom'), otherIntegrator,
+          waveIntegrator, integratorWithWaves]
 
 
 def properties(object):
@@ -52,7 +65,7 @@ def properties(object):
     for name in getters:
         try:
             value = getattr(object, name)()
-        except TypeError:
+        except (TypeError, mm.OpenMMException):  # it has arguments, or nothing to return
             continue
         if not isinstance(value, mm.Integrator):
             result[name] = value.tolist() if isinstance(value, np.ndarray) else value

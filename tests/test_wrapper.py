@@ -296,7 +296,7 @@ def test_other_threads_run_during_a_step():
 
 
 @pytest.mark.parametrize('class_', [mh.HelfrichForce, mh.EdgeFlipIntegrator, mh.HamiltonianTrajectoryIntegrator,
-                                    mh.HybridMonteCarloIntegrator])
+                                    mh.HybridMonteCarloIntegrator, mh.ShearWaveIntegrator])
 def test_everything_public_is_documented(class_):
     assert class_.__doc__
     public = [name for name in vars(class_) if not name.startswith('_') and name != 'thisown']

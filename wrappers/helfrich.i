@@ -11,6 +11,7 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
+#include "openmmhelfrich/ShearWaveIntegrator.h"
 #include "OpenMM.h"
 #include "OpenMMAmoeba.h"
 #include "OpenMMDrude.h"
@@ -45,4 +46,5 @@ import_array();
 %include "openmmhelfrich/HelfrichForce.h"
 %include "openmmhelfrich/EdgeFlipIntegrator.h"
 %include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
+%include "openmmhelfrich/ShearWaveIntegrator.h"
 %include "openmmhelfrich/HybridMonteCarloIntegrator.h"

@@ -67,10 +67,16 @@ def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFrac
     return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability, engine
 
 
+def _requireOwned(integrator):
+    if not getattr(integrator, 'thisown', True):
+        raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator already")
+
+
 def _integratorArguments(trajectory, flips, flipProbability=0.5):
-    for integrator in (trajectory, flips):
-        if trajectory is flips or not getattr(integrator, 'thisown', True):
-            raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator already")
+    _requireOwned(trajectory)
+    _requireOwned(flips)
+    if trajectory is flips:
+        raise ValueError(f"HybridMonteCarloIntegrator: the {type(flips).__name__} belongs to another integrator already: it is given twice")
     return trajectory, flips, flipProbability
 
 
@@ -134,20 +140,21 @@ _loadPlugins()
 HELFRICH_CLASS(HelfrichForce, Force)
 HELFRICH_CLASS(EdgeFlipIntegrator, Integrator)
 HELFRICH_CLASS(HamiltonianTrajectoryIntegrator, Integrator)
+HELFRICH_CLASS(ShearWaveIntegrator, Integrator)
 HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
 
 %extend HelfrichPlugin::HybridMonteCarloIntegrator {
 %pythoncode %{
     def getIntegrator(self, index):
-        """Get one of the two integrators.
+        """Get one of the integrators.
 
         Parameters
         ----------
         index : int
-            0 for the one that makes the trajectories, 1 for the EdgeFlipIntegrator
+            0 for the one that makes the trajectories, 1 for the EdgeFlipIntegrator, 2 for the ShearWaveIntegrator
         """
         integrator = super().getIntegrator(index)
-        for kind in (EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator):
+        for kind in (EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, ShearWaveIntegrator):
             if kind.isinstance(integrator):
                 return kind.cast(integrator)
         return integrator

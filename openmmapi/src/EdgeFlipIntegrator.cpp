@@ -1,9 +1,6 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/HelfrichSerialization.h"
-#include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
-#include "openmm/System.h"
-#include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/OSRngSeed.h"
 #include "openmm/serialization/SerializationNode.h"
 #include <cmath>
@@ -93,13 +90,7 @@ double EdgeFlipIntegrator::getFlipRate() const {
 }
 
 double EdgeFlipIntegrator::computeKineticEnergy() {
-    const System& system = context->getSystem();
-    vector<Vec3> velocities;
-    context->getVelocities(velocities);
-    double energy = 0;
-    for (int i = 0; i < system.getNumParticles(); i++)
-        energy += 0.5*system.getParticleMass(i)*velocities[i].dot(velocities[i]);
-    return energy;
+    return HelfrichPlugin::computeKineticEnergy(*context);
 }
 
 bool EdgeFlipIntegrator::kineticEnergyRequiresForce() const {

@@ -1,9 +1,7 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/HelfrichSerialization.h"
-#include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
-#include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/OSRngSeed.h"
 #include "openmm/serialization/SerializationNode.h"
 #include <limits>
@@ -54,10 +52,7 @@ void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
 }
 
 void HamiltonianTrajectoryIntegrator::findMembranes() {
-    hasOnlyMembranes = true;
-    for (ForceImpl* impl : context->getForceImpls())
-        if (dynamic_cast<HelfrichForceImpl*>(impl) == NULL)
-            hasOnlyMembranes = false;
+    hasOnlyMembranes = HelfrichPlugin::hasOnlyMembranes(*context);
     soleMembrane = NULL;
     if (hasOnlyMembranes && context->getForceImpls().size() == 1) {
         auto* membrane = dynamic_cast<HelfrichForceImpl*>(context->getForceImpls()[0]);
@@ -134,14 +129,7 @@ bool HamiltonianTrajectoryIntegrator::movesByItself() const {
 }
 
 double HamiltonianTrajectoryIntegrator::addForces(bool includeEnergy) {
-    // What a platform prepares for its own forces takes as long as a membrane's own: leave it out where there are none.
-
-    if (!hasOnlyMembranes)
-        return context->calcForcesAndEnergy(true, includeEnergy, getIntegrationForceGroups());
-    double energy = 0;
-    for (ForceImpl* impl : context->getForceImpls())
-        energy += impl->calcForcesAndEnergy(*context, true, includeEnergy, getIntegrationForceGroups());
-    return energy;
+    return calcForcesAndEnergy(*context, hasOnlyMembranes, true, includeEnergy, getIntegrationForceGroups());
 }
 
 double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {

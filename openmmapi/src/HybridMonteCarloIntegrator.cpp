@@ -64,6 +64,28 @@ HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(Integrator* trajectory, E
     addIntegrator(flips);
 }
 
+void HybridMonteCarloIntegrator::addShearWaves(ShearWaveIntegrator* shearWaves, double probability) {
+    if (findShearWaves() != NULL)
+        throw OpenMMException("HybridMonteCarloIntegrator: it has a ShearWaveIntegrator already");
+    checkProbabilities(flipProbability, probability);
+    addIntegrator(shearWaves);
+    shearWaveProbability = probability;
+}
+
+const ShearWaveIntegrator* HybridMonteCarloIntegrator::findShearWaves() const {
+    return getNumIntegrators() < 3 ? NULL : &dynamic_cast<const ShearWaveIntegrator&>(getIntegrator(2));
+}
+
+const ShearWaveIntegrator& HybridMonteCarloIntegrator::getShearWaveIntegrator() const {
+    if (findShearWaves() == NULL)
+        throw OpenMMException("HybridMonteCarloIntegrator: it has no ShearWaveIntegrator; call addShearWaves()");
+    return *findShearWaves();
+}
+
+ShearWaveIntegrator& HybridMonteCarloIntegrator::getShearWaves() {
+    return const_cast<ShearWaveIntegrator&>(getShearWaveIntegrator());
+}
+
 EdgeFlipIntegrator& HybridMonteCarloIntegrator::getFlips() {
     return dynamic_cast<EdgeFlipIntegrator&>(getIntegrator(1));
 }
@@ -90,6 +112,8 @@ double HybridMonteCarloIntegrator::getTemperature() const {
 void HybridMonteCarloIntegrator::setTemperature(double temperature) {
     requirePositive("HybridMonteCarloIntegrator: the temperature in K", temperature);
     getFlips().setTemperature(temperature);
+    if (findShearWaves() != NULL)
+        getShearWaves().setTemperature(temperature);
     if (HamiltonianTrajectoryIntegrator* native = getNative())
         native->setTemperature(temperature);
     if (CustomIntegrator* custom = getCustom())
@@ -130,10 +154,26 @@ void HybridMonteCarloIntegrator::setFlipFraction(double fraction) {
     getFlips().setFraction(fraction);
 }
 
+void HybridMonteCarloIntegrator::checkProbabilities(double flipProbability, double shearWaveProbability) const {
+    if (!(flipProbability >= 0 && flipProbability <= 1))
+        throw OpenMMException("HybridMonteCarloIntegrator: the flip probability is "+to_string(flipProbability)+"; it must be between 0 and 1");
+    if (!(shearWaveProbability >= 0 && shearWaveProbability <= 1))
+        throw OpenMMException("HybridMonteCarloIntegrator: the probability of shear waves is "+to_string(shearWaveProbability)+"; it must be between 0 and 1");
+    if (flipProbability+shearWaveProbability > 1)
+        throw OpenMMException("HybridMonteCarloIntegrator: the probabilities of flips, "+to_string(flipProbability)+", and of shear waves, "+
+                              to_string(shearWaveProbability)+", add up to more than 1");
+}
+
 void HybridMonteCarloIntegrator::setFlipProbability(double probability) {
-    if (!(probability >= 0 && probability <= 1))
-        throw OpenMMException("HybridMonteCarloIntegrator: the flip probability is "+to_string(probability)+"; it must be between 0 and 1");
+    checkProbabilities(probability, shearWaveProbability);
     flipProbability = probability;
+}
+
+void HybridMonteCarloIntegrator::setShearWaveProbability(double probability) {
+    checkProbabilities(flipProbability, probability);
+    if (probability > 0)
+        getShearWaves();
+    shearWaveProbability = probability;
 }
 
 void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed, bool alsoForIntegrators) {
@@ -143,6 +183,8 @@ void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed, bool alsoForInteg
     if (!alsoForIntegrators)
         return;
     getFlips().setRandomNumberSeed(seed);
+    if (findShearWaves() != NULL)
+        getShearWaves().setRandomNumberSeed(seed);
     if (HamiltonianTrajectoryIntegrator* native = getNative())
         native->setRandomNumberSeed(seed);
     if (CustomIntegrator* custom = getCustom())
@@ -177,6 +219,11 @@ double HybridMonteCarloIntegrator::getFlipRate() const {
     return getFlipIntegrator().getFlipRate();
 }
 
+double HybridMonteCarloIntegrator::getShearWaveAcceptanceRate() const {
+    const ShearWaveIntegrator* waves = findShearWaves();
+    return waves == NULL || waves->getNumAttempted() == 0 ? 0 : waves->getNumAccepted()/(double) waves->getNumAttempted();
+}
+
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     if (owner != NULL && &contextRef.getOwner() != owner)
         throw OpenMMException("This Integrator is already bound to a context");
@@ -189,17 +236,16 @@ void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     CompoundIntegrator::initialize(contextRef);
 }
 
-bool HybridMonteCarloIntegrator::isNextStepSweep() const {
-    auto words = Philox(activeSeed, RandomStream::MoveChoice)(0, context->getStepCount());
-    return Philox::uniform(words[0], words[1]) < flipProbability;
-}
-
 void HybridMonteCarloIntegrator::step(int steps) {
     if (context == NULL)
         throw OpenMMException("This Integrator is not bound to a context!");
     for (int i = 0; i < steps; i++) {
-        if (isNextStepSweep())
+        auto words = Philox(activeSeed, RandomStream::MoveChoice)(0, context->getStepCount());
+        double choice = Philox::uniform(words[0], words[1]);
+        if (choice < flipProbability)
             getFlips().step(1);
+        else if (choice < flipProbability+shearWaveProbability)
+            getShearWaves().step(1);
         else
             makeTrajectory();
     }

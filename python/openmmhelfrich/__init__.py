@@ -2,10 +2,10 @@
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
-from .adaptation import StepSizeAdapter, StepSizeTracker, adaptStepSize
+from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, adaptStepSize
 from .annealing import anneal
 from .continuation import ContinuationResult, continueTo
-from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator
+from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from .mesh import Mesh, reducedVolume
 from .minimization import MinimizationResult, minimize, minimizeFluid
 from .psf import writePSF
@@ -40,6 +40,7 @@ def __getattr__(name):
 
 __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
+    "AmplitudeAdapter", "AmplitudeTracker", "ShearWaveIntegrator",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
     "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run", "readGrid", "sweep",

@@ -1,9 +1,9 @@
-"""Step sizes of Hybrid Monte Carlo: found during a burn-in, or followed while the temperature falls.
+"""Step sizes of Hybrid Monte Carlo, and amplitudes of shear waves: found during a burn-in, or followed while the temperature falls.
 
 An adapter is told the acceptance probability of each trajectory and says with which step size to make the next one.  Its state is a handful of
 numbers, which :meth:`getState` and :meth:`setState` carry over a restart without losing a bit.
 
-Averages taken while the step size changes are not those of a fixed distribution: adapt first, freeze, then sample.
+Averages taken while step sizes and amplitudes change are not those of a fixed distribution: adapt first, freeze, then sample.
 """
 import math
 from dataclasses import dataclass
@@ -21,13 +21,19 @@ from .reporters import thermalEnergy, valueIn
 DEFAULT_ACCEPTANCE = 0.75
 
 
+# Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to 0.35 (Roberts, Gelman and Gilks, Ann. Appl.
+# Probab. 7, 110, 1997).
+DEFAULT_WAVE_ACCEPTANCE = 0.25
+
+
 class _Adapter:
     """A step size and a set of numbers, with checks."""
+    QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE):
-        stepSize = float(valueIn(stepSize, unit.picosecond))
+        stepSize = float(valueIn(stepSize, self.UNIT))
         if not (math.isfinite(stepSize) and stepSize > 0):
-            raise ValueError(f"{type(self).__name__}: the step size is {stepSize} ps; it must be positive and finite")
+            raise ValueError(f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite")
         if not 0 < acceptance < 1:
             raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
@@ -133,7 +139,8 @@ class StepSizeAdapter(_Adapter):
         """
         if not self._isFrozen:
             if not self.isReady:
-                raise ValueError(f"StepSizeAdapter: the search for the step size has not ended (it is at {self.stepSize:.3g} ps); more trajectories are needed")
+                raise ValueError(f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at {self.stepSize:.3g} {self.UNIT.get_symbol()}); "
+                                 "more trajectories are needed")
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize
 
@@ -188,6 +195,30 @@ class StepSizeTracker(_Adapter):
         return self.stepSize
 
 
+class _Amplitude:
+    """Makes an adapter of step sizes one of amplitudes, in nm."""
+    QUANTITY, UNIT = "amplitude", unit.nanometer
+
+    @property
+    def amplitude(self) -> float:
+        """The amplitude for the next step of shear waves, in nm."""
+        return self.stepSize
+
+
+class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
+    """Finds the amplitude of shear waves that are accepted with a given probability, as a :class:`StepSizeAdapter` does the step size."""
+
+    def __init__(self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE):
+        super().__init__(amplitude, acceptance)
+
+
+class AmplitudeTracker(_Amplitude, StepSizeTracker):
+    """Keeps shear waves accepted with a given probability, as a :class:`StepSizeTracker` does trajectories."""
+
+    def __init__(self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1):
+        super().__init__(amplitude, acceptance, gain)
+
+
 @dataclass(frozen=True, eq=False)
 class AdaptationResult:
     """What a burn-in found.
@@ -200,27 +231,33 @@ class AdaptationResult:
         mean acceptance probability over the second half of the trajectories, while the step size still changed
     stepSizes, probabilities : arrays of float
         the step size, in ps, and the acceptance probability of each trajectory
+    amplitude : float or None
+        the amplitude of shear waves that the simulation has now, in nm, if it makes any
     """
     stepSize: float
     acceptance: float
     stepSizes: np.ndarray
     probabilities: np.ndarray
+    amplitude: Optional[float] = None
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each trajectory."""
         return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
-def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, StepSizeTracker]) -> Optional[float]:
-    """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for.
+def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, StepSizeTracker, None],
+                 waveAdapter: Union[AmplitudeAdapter, AmplitudeTracker, None] = None) -> Optional[float]:
+    """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of shear waves that another does.
 
-    Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for a sweep of flips.  Raises a ValueError if
+    Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another kind of step.  Raises a ValueError if
     the trajectories are those of another integrator, which has no test of acceptance.
     """
     integrator = simulation.integrator
-    trajectories, diverged = integrator.getNumTrajectories(), integrator.getNumDivergedTrajectories()
+    trajectories, diverged, waves = integrator.getNumTrajectories(), integrator.getNumDivergedTrajectories(), _numWaves(integrator)
     simulation.step(1)
-    if integrator.getNumTrajectories() == trajectories:
+    if waveAdapter is not None and _numWaves(integrator) > waves:
+        integrator.getIntegrator(2).setAmplitude(waveAdapter.update(integrator.getIntegrator(2).getLastAcceptanceProbability()))
+    if adapter is None or integrator.getNumTrajectories() == trajectories:
         return None
     probability = 0.0 if integrator.getNumDivergedTrajectories() > diverged else _acceptanceProbability(integrator)
     integrator.setStepSize(adapter.update(probability))
@@ -229,7 +266,7 @@ def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, Ste
 
 def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DEFAULT_ACCEPTANCE,
                   progress: Optional[Callable[[int, float], None]] = None) -> AdaptationResult:
-    """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and leave it there.
+    """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its shear waves, and leave them there.
 
     The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for it to reach its temperature.
     The reporters of the Simulation see its steps.
@@ -241,22 +278,26 @@ def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DE
     steps : int
         number of Monte Carlo steps of the burn-in.  Some 100 trajectories bring the acceptance to within 0.1 of the one aimed at
     acceptance : float
-        the acceptance probability to aim at
+        the acceptance probability of trajectories to aim at; that of shear waves is 0.25
     progress : callable, optional
         called after each step with their number so far and the present step size, in ps
 
     Raises
     ------
     ValueError
-        if the steps were too few to find the order of magnitude, in which case the step size is as it was before, or if an argument is out of range
+        if the steps were too few to find the order of magnitude, in which case step size and amplitude are as they were before, or if an argument is
+        out of range
     """
     integrator = simulation.integrator
     original = integrator.getStepSize()
     adapter = StepSizeAdapter(original, acceptance)
+    waves = integrator.getIntegrator(2) if integrator.getShearWaveProbability() > 0 else None
+    originalAmplitude = waves and waves.getAmplitude()
+    waveAdapter = waves and AmplitudeAdapter(originalAmplitude)
     stepSizes, probabilities = [], []
     for step in range(steps):
         stepSize = adapter.stepSize
-        probability = stepAndAdapt(simulation, adapter)
+        probability = stepAndAdapt(simulation, adapter, waveAdapter)
         if probability is not None:
             stepSizes.append(stepSize)
             probabilities.append(probability)
@@ -264,10 +305,19 @@ def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DE
             progress(step+1, adapter.stepSize)
     try:
         integrator.setStepSize(adapter.freeze())
+        if waves:
+            waves.setAmplitude(waveAdapter.freeze())
     except ValueError as error:
         integrator.setStepSize(original)
+        if waves:
+            waves.setAmplitude(originalAmplitude)
         raise ValueError(f"{error} than the {len(probabilities)} of {steps} steps") from None
-    return AdaptationResult(adapter.stepSize, float(np.mean(probabilities[len(probabilities)//2:])), np.array(stepSizes), np.array(probabilities))
+    return AdaptationResult(adapter.stepSize, float(np.mean(probabilities[len(probabilities)//2:])), np.array(stepSizes), np.array(probabilities),
+                            waveAdapter and waveAdapter.amplitude)
+
+
+def _numWaves(integrator):
+    return integrator.getShearWaveIntegrator().getNumAttempted() if integrator.getNumIntegrators() > 2 else 0
 
 
 def _acceptanceProbability(integrator):

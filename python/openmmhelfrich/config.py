@@ -26,18 +26,20 @@ def _number(kind):
     return Annotated[float, BeforeValidator(lambda value, info: plainNumber(value, kind, info.context or Scales(thermalEnergy(300.0))))]
 
 
-def _stepSize(value, info):
-    """Return a step size in ps, or "auto"."""
-    if value is None or value == "auto":
-        return value
-    number = plainNumber(value, "time", info.context)
-    if isinstance(number, bool) or not isinstance(number, (int, float)) or not (math.isfinite(number) and number > 0):
-        raise ValueError("it must be a positive number, in ps, or 'auto'")
-    return float(number)
+def _numberOrAuto(kind, unitName):
+    """Return the type of a positive number that may have a unit, or "auto"."""
+    def validate(value, info):
+        if value is None or value == "auto":
+            return value
+        number = plainNumber(value, kind, info.context)
+        if isinstance(number, bool) or not isinstance(number, (int, float)) or not (math.isfinite(number) and number > 0):
+            raise ValueError(f"it must be a positive number, in {unitName}, or 'auto'")
+        return float(number)
+    return Annotated[Any, PlainValidator(validate)]
 
 
 Energy, Length, Area, Volume, Time, Mass, Temperature = map(_number, ("energy", "length", "area", "volume", "time", "mass", "temperature"))
-StepSize = Annotated[Any, PlainValidator(_stepSize)]
+StepSize, Amplitude = _numberOrAuto("time", "ps"), _numberOrAuto("length", "length units")
 
 
 class Section(BaseModel):
@@ -123,8 +125,21 @@ class SamplingSection(Section):
                                      "a mode from returning to where it began in every trajectory, 0 is the plain method")
     flip_fraction: float = Field(0.1, ge=0, description="attempts in a sweep, as a fraction of the number of edges")
     flip_probability: float = Field(0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow")
+    shear_wave_probability: float = Field(0.0, ge=0, le=1, description="probability that a step is one of shear waves, which move the longest wavelengths of large "
+                                          "membranes faster than trajectories do; 0 makes none")
+    shear_waves_per_step: int = Field(50, ge=1, description="moves in such a step, each of which costs about as much as a leapfrog step")
+    shear_wave_cutoff: float = Field(3.0, ge=1, description="largest wave number, in units of 1/R, for a sphere of radius R with the area A_0; the smallest is 1")
+    shear_wave_amplitude: Amplitude = Field("auto", description="standard deviation of the amplitude of the longest waves; \"auto\" adapts it, as a step_size, to an "
+                                            "acceptance of 1/4, where they get furthest")
     mass: Mass = Field(1.0, gt=0, description="of a vertex, in Da; it sets the scale of step_size and no average")
     seed: Optional[int] = Field(None, ge=1, le=2**31-1, description="of all random numbers; drawn and printed by default")
+
+    @model_validator(mode="after")
+    def _probabilities(self):
+        if self.flip_probability+self.shear_wave_probability > 1:
+            raise ValueError(f"flip_probability is {self.flip_probability:g} and shear_wave_probability {self.shear_wave_probability:g}; "
+                             "they must not add up to more than 1")
+        return self
 
 
 class PlatformSection(Section):

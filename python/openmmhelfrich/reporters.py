@@ -80,6 +80,9 @@ class ObservablesReporter:
             row["acceptance"] = integrator.getAcceptanceRate()
         if hasattr(integrator, "getFlipAcceptanceRate"):
             row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
+        if hasattr(integrator, "getShearWaveProbability") and integrator.getNumIntegrators() > 2:
+            row["waveAcceptance"] = integrator.getShearWaveAcceptanceRate()
+            row[f"waveAmplitude ({self._lengthUnit})"] = valueIn(integrator.getShearWaveIntegrator().getAmplitude(), unit.nanometer)
         flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
         if hasattr(flips, "getFlipRate"):
             row["flipRate"] = flips.getFlipRate()

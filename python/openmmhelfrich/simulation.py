@@ -7,7 +7,7 @@ import openmm as mm
 from openmm import app
 
 from .config import stagesOf
-from .helfrich import HelfrichForce, HybridMonteCarloIntegrator
+from .helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from .mesh import Mesh
 from .reporters import thermalEnergy
 
@@ -135,10 +135,25 @@ def createSimulation(config, mesh, force):
     system.addForce(force)
     stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
     integrator = HybridMonteCarloIntegrator(sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability)
+    if sampling.shear_wave_probability > 0:
+        integrator.addShearWaves(createShearWaves(config, mesh), sampling.shear_wave_probability)
     integrator.setRandomNumberSeed(sampling.seed or 0)
     simulation = app.Simulation(mesh.topology(), system, integrator, *platformOf(config))
     simulation.context.setPositions(mesh.vertices)
     return simulation
+
+
+def createShearWaves(config, mesh):
+    """Create the ShearWaveIntegrator that a Config describes.
+
+    The longest wave has the wave number 1/R of a sphere with the target area.  The amplitude to begin with is a rule of thumb: the energy of a strain s
+    changes by about s sqrt(N) kT, whatever the moduli.
+    """
+    sampling, radius = config.sampling, math.sqrt(targets(config, mesh)[0]/(4*math.pi))
+    amplitude = sampling.shear_wave_amplitude
+    if not isinstance(amplitude, float):
+        amplitude = 0.7*radius/math.sqrt(len(mesh.vertices))
+    return ShearWaveIntegrator(sampling.temperature, amplitude, 1/radius, sampling.shear_wave_cutoff/radius, sampling.shear_waves_per_step)
 
 
 def currentMesh(simulation, force):

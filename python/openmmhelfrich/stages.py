@@ -5,7 +5,7 @@ what was found at its start and the state of the step size's adapter: a few numb
 """
 import numpy as np
 
-from .adaptation import StepSizeAdapter, StepSizeTracker, stepAndAdapt
+from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, stepAndAdapt
 from .continuation import ContinuationPath, absoluteTargets, currentTargets, setTargets
 from .minimization import minimize, minimizeFluid
 from .reporters import thermalEnergy
@@ -42,7 +42,7 @@ class Stage:
         self._settings, self._config, self._simulation, self._force = settings, config, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
         self._startCounters = self._counters()
-        self._adapter = self._createAdapter()
+        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
 
     @property
     def isDone(self):
@@ -60,14 +60,16 @@ class Stage:
     def getState(self):
         """Return what the stage remembers, fit for JSON."""
         return {"position": self.position, "startTargets": self._startTargets, "startCounters": self._startCounters,
-                "adapter": self._adapter.getState() if self._adapter else None}
+                "adapter": self._adapter and self._adapter.getState(), "waveAdapter": self._waveAdapter and self._waveAdapter.getState()}
 
     def setState(self, state):
         """Go on from a state that getState() returned."""
         self.position, self._startTargets, self._startCounters = state["position"], state["startTargets"], state["startCounters"]
-        self._adapter = self._createAdapter()
+        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
         if self._adapter:
             self._adapter.setState(state["adapter"])
+        if self._waveAdapter:
+            self._waveAdapter.setState(state["waveAdapter"])
 
     def notes(self):
         """Return what is worth telling at the end of the stage."""
@@ -89,8 +91,15 @@ class Stage:
     def _createAdapter(self):
         return None
 
+    def _createWaveAdapter(self):
+        return None
+
+    @property
+    def _adapters(self):
+        return [adapter for adapter in (self._adapter, self._waveAdapter) if adapter is not None]
+
     def _isAdapting(self, n):
-        return self._adapter is not None
+        return len(self._adapters) > 0
 
 
 class _Minimize(Stage):
@@ -141,6 +150,7 @@ class _Minimize(Stage):
 
 class _MonteCarlo(Stage):
     """A number of Monte Carlo steps, whose conditions are functions of the step."""
+    WAVE_ADAPTER = AmplitudeTracker
 
     def advance(self):
         """Make a Monte Carlo step."""
@@ -149,7 +159,7 @@ class _MonteCarlo(Stage):
         setTargets(simulation.context, self._force, self._targets(n))
         setTrajectoryLength(simulation, self._config.sampling)
         if self._isAdapting(n):
-            stepAndAdapt(simulation, self._adapter)
+            stepAndAdapt(simulation, self._adapter, self._waveAdapter)
         else:
             simulation.step(1)
         self.position += 1
@@ -159,6 +169,12 @@ class _MonteCarlo(Stage):
         """Return an energy, in kT, and the rates of acceptance of the stage, in a few words."""
         trajectories, flips = self.acceptance()
         return f"energy {energy():.0f} kT, accepted {trajectories:.0%}, flips {flips:.0%}"
+
+    def _createWaveAdapter(self):
+        sampling = self._config.sampling
+        if sampling.shear_wave_probability == 0 or sampling.shear_wave_amplitude != "auto":
+            return None
+        return self.WAVE_ADAPTER(self._simulation.integrator.getShearWaveIntegrator().getAmplitude())
 
     def _temperature(self, n):
         return self._settings.temperature or self._config.sampling.temperature
@@ -171,7 +187,8 @@ class _MonteCarlo(Stage):
 
 
 class _Sample(_MonteCarlo):
-    """Constant conditions; an automatic step size adapts in the burn-in."""
+    """Constant conditions; an automatic step size or amplitude adapts in the burn-in."""
+    WAVE_ADAPTER = AmplitudeAdapter
 
     def _createAdapter(self):
         sampling, integrator = self._config.sampling, self._simulation.integrator
@@ -182,19 +199,24 @@ class _Sample(_MonteCarlo):
         return StepSizeAdapter(integrator.getStepSize(), sampling.target_acceptance)
 
     def _isAdapting(self, n):
-        return self._adapter is not None and not self._adapter.isFrozen
+        return not all(adapter.isFrozen for adapter in self._adapters)
 
     def _stepped(self):
-        if self._isAdapting(self.position) and self.position >= burnIn(self._config.sampling, self.steps) and self._adapter.isReady:
-            self._simulation.integrator.setStepSize(self._adapter.freeze())
+        isBurnedIn = self.position >= burnIn(self._config.sampling, self.steps) and all(adapter.isReady for adapter in self._adapters)
+        if self._isAdapting(self.position) and isBurnedIn:
+            if self._adapter:
+                self._simulation.integrator.setStepSize(self._adapter.freeze())
+            if self._waveAdapter:
+                self._simulation.integrator.getIntegrator(2).setAmplitude(self._waveAdapter.freeze())
             self._startCounters = self._counters()  # the acceptance is that of the step size that was chosen
 
     def notes(self):
-        if self._adapter is None:
-            return super().notes()
-        if self._adapter.isFrozen:
-            return [f"{self.title}: step size {self._adapter.stepSize:.4g} ps, chosen for an acceptance of {self._adapter.acceptance:.0%}", *super().notes()]
-        return [f"{self.title}: the burn-in has not ended, or was too short, and no step size has been chosen; it is {self._adapter.stepSize:.4g} ps"]
+        notes = []
+        for adapter in self._adapters:
+            value = f"{adapter.stepSize:.4g} {self._config.mesh.length_unit if adapter is self._waveAdapter else 'ps'}"
+            notes.append(f"{self.title}: {adapter.QUANTITY} {value}, chosen for an acceptance of {adapter.acceptance:.0%}" if adapter.isFrozen else
+                         f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been chosen; it is {value}")
+        return [*notes, *super().notes()]
 
 
 class _Anneal(_MonteCarlo):
@@ -258,7 +280,7 @@ class _Continue(_MonteCarlo):
         return StepSizeTracker(integrator.getStepSize(), sampling.target_acceptance)
 
     def _isAdapting(self, n):
-        return self._adapter is not None and self._place(n)[1] < self._settings.equilibration
+        return super()._isAdapting(n) and self._place(n)[1] < self._settings.equilibration
 
     def window(self):
         window, step = self._place(min(self.position, self.steps-1))

@@ -6,6 +6,8 @@
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmmhelfrich/HybridMonteCarloIntegratorProxy.h"
+#include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/ShearWaveIntegratorProxy.h"
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -28,4 +30,5 @@ extern "C" OPENMM_EXPORT_HELFRICH void registerHelfrichSerializationProxies() {
     SerializationProxy::registerProxy(typeid(EdgeFlipIntegrator), new EdgeFlipIntegratorProxy());
     SerializationProxy::registerProxy(typeid(HamiltonianTrajectoryIntegrator), new HamiltonianTrajectoryIntegratorProxy());
     SerializationProxy::registerProxy(typeid(HybridMonteCarloIntegrator), new HybridMonteCarloIntegratorProxy());
+    SerializationProxy::registerProxy(typeid(ShearWaveIntegrator), new ShearWaveIntegratorProxy());
 }

@@ -20,6 +20,21 @@ void HybridMonteCarloIntegratorProxy::serialize(const void* object, Serializatio
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.createChildNode("Trajectory", &integrator.getIntegrator(0));
     node.createChildNode("Flips", &integrator.getIntegrator(1));
+    if (integrator.getNumIntegrators() > 2) {
+        node.setDoubleProperty("shearWaveProbability", integrator.getShearWaveProbability());
+        node.createChildNode("ShearWaves", &integrator.getIntegrator(2));
+    }
+}
+
+static void addShearWaves(const SerializationNode& node, HybridMonteCarloIntegrator& integrator) {
+    if (!node.hasProperty("shearWaveProbability"))
+        return;
+    unique_ptr<Integrator> third(node.getChildNode("ShearWaves").decodeObject<Integrator>());
+    ShearWaveIntegrator* shearWaves = dynamic_cast<ShearWaveIntegrator*>(third.get());
+    if (shearWaves == nullptr)
+        throw OpenMMException("HybridMonteCarloIntegrator: the node 'ShearWaves' does not describe a ShearWaveIntegrator");
+    integrator.addShearWaves(shearWaves, node.getDoubleProperty("shearWaveProbability"));
+    third.release();
 }
 
 void* HybridMonteCarloIntegratorProxy::deserialize(const SerializationNode& node) const {
@@ -32,6 +47,7 @@ void* HybridMonteCarloIntegratorProxy::deserialize(const SerializationNode& node
     unique_ptr<HybridMonteCarloIntegrator> integrator(new HybridMonteCarloIntegrator(trajectory.get(), flips, node.getDoubleProperty("flipProbability")));
     trajectory.release();
     second.release();
+    addShearWaves(node, *integrator);
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"), false);
     return integrator.release();
 }

@@ -70,6 +70,18 @@ void testOtherTrajectories() {
     ASSERT_EQUAL(xml, toXml(copy));
 }
 
+void testShearWaves() {
+    HybridMonteCarloIntegrator integrator(310.5, 0.003);
+    ASSERT(toXml(integrator).find("hearWave") == string::npos);
+    integrator.addShearWaves(new ShearWaveIntegrator(310.5, 0.01, 1.0, 3.0), 0.25);
+    string xml = toXml(integrator);
+    unique_ptr<Integrator> deserialized = fromXml(xml);
+    HybridMonteCarloIntegrator& copy = dynamic_cast<HybridMonteCarloIntegrator&>(*deserialized);
+    ASSERT_EQUAL(0.25, copy.getShearWaveProbability());
+    ASSERT_EQUAL(3.0, copy.getShearWaveIntegrator().getMaxWaveNumber());
+    ASSERT_EQUAL(xml, toXml(copy));
+}
+
 static void assertRejected(string xml, const string& old, const string& with, const string& message) {
     size_t position = xml.find(old);
     ASSERT(position != string::npos);
@@ -92,6 +104,7 @@ void testDamagedText() {
     assertRejected(text, "version=\"1\"", "version=\"3\"", "HybridMonteCarloIntegrator: unsupported version 3");
     assertRejected(text, flips, "type=\"VerletIntegrator\" stepSize=\"1\" constraintTolerance=\"1e-5\"", "'Flips'");
     assertRejected(text, "<Trajectory", "<Path", "Trajectory");
+    assertRejected(text, "flipProb", "shearWaveProbability=\"0.1\" flipProb", "ShearWaves");
 }
 
 int main() {
@@ -101,6 +114,7 @@ int main() {
         testOwnSeeds<HamiltonianTrajectoryIntegrator>("native");
         testOwnSeeds<CustomIntegrator>("custom");
         testOtherTrajectories();
+        testShearWaves();
         testDamagedText();
     }
     catch (const exception& e) {

@@ -3,6 +3,7 @@
 
 #include "EdgeFlipIntegrator.h"
 #include "HamiltonianTrajectoryIntegrator.h"
+#include "ShearWaveIntegrator.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/CompoundIntegrator.h"
 #include "openmm/CustomIntegrator.h"
@@ -11,9 +12,9 @@ namespace HelfrichPlugin {
 
 /**
  * This Integrator samples a System with fluid membranes at constant temperature.  Each step is one Monte Carlo step: at random, with a given probability, a sweep of
- * edge flips, and otherwise a Hybrid Monte Carlo trajectory of the particles.
+ * edge flips, shear waves if there is an Integrator for them, and otherwise a Hybrid Monte Carlo trajectory of the particles.
  *
- * It is a CompoundIntegrator of two: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator.  Number 0 is a HamiltonianTrajectoryIntegrator, or the same algorithm as a
+ * It is a CompoundIntegrator: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator, and number 2, which addShearWaves() adds, a ShearWaveIntegrator.  Number 0 is a HamiltonianTrajectoryIntegrator, or the same algorithm as a
  * CustomIntegrator, which is slower and draws its random numbers from OpenMM's own generator.  Any other Integrator can take its place: with a LangevinMiddleIntegrator, for instance,
  * steps of dynamics alternate with sweeps.
  *
@@ -44,12 +45,19 @@ public:
      */
     HybridMonteCarloIntegrator(OpenMM::Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability=0.5);
     /**
+     * Add an Integrator that makes shear waves.  There is none at first, and there can be one.
+     *
+     * @param shearWaves   the Integrator; this object takes over its ownership
+     * @param probability  the probability that a step is one of shear waves; with that of a sweep of flips it must not add up to more than 1
+     */
+    void addShearWaves(ShearWaveIntegrator* shearWaves, double probability);
+    /**
      * Get the temperature, in Kelvin.
      */
     double getTemperature() const;
     /**
-     * Set the temperature of flips and trajectories, in Kelvin.  If number 0 is an Integrator of another kind than this class creates, only
-     * the flips' temperature is set.
+     * Set the temperature of all moves, in Kelvin.  If number 0 is an Integrator of another kind than this class creates, its
+     * temperature stays as it is.
      */
     void setTemperature(double temperature);
     /**
@@ -87,17 +95,27 @@ public:
      */
     void setFlipProbability(double probability);
     /**
+     * Get the probability that a step is one of shear waves: 0 if there is no Integrator for them.
+     */
+    double getShearWaveProbability() const {
+        return shearWaveProbability;
+    }
+    /**
+     * Set the probability that a step is one of shear waves.  With that of a sweep of flips it must not add up to more than 1.
+     */
+    void setShearWaveProbability(double probability);
+    /**
      * Get the random number seed.  See setRandomNumberSeed() for details.
      */
     int getRandomNumberSeed() const {
         return randomNumberSeed;
     }
     /**
-     * Set the random number seed of the choice of moves, of the trajectories and of the flips.  If it is 0 (the default), a unique seed is chosen when a
+     * Set the random number seed of the choice of moves and of the moves.  If it is 0 (the default), a unique seed is chosen when a
      * Context is created.
      *
      * @param seed                the seed
-     * @param alsoForIntegrators  whether to set the seeds of the two Integrators too
+     * @param alsoForIntegrators  whether to set the seeds of the Integrators too
      */
     void setRandomNumberSeed(int seed, bool alsoForIntegrators=true);
     /**
@@ -125,9 +143,17 @@ public:
      */
     double getFlipRate() const;
     /**
+     * Get the fraction of shear waves that were accepted, or 0 if there was none.
+     */
+    double getShearWaveAcceptanceRate() const;
+    /**
      * Get the Integrator that flips edges.
      */
     const EdgeFlipIntegrator& getFlipIntegrator() const;
+    /**
+     * Get the Integrator that makes shear waves.
+     */
+    const ShearWaveIntegrator& getShearWaveIntegrator() const;
     /**
      * Make Monte Carlo steps.
      *
@@ -144,10 +170,12 @@ private:
     EdgeFlipIntegrator& getFlips();
     HamiltonianTrajectoryIntegrator* getNative() const;
     OpenMM::CustomIntegrator* getCustom() const;
-    bool isNextStepSweep() const;
+    const ShearWaveIntegrator* findShearWaves() const;
+    ShearWaveIntegrator& getShearWaves();
+    void checkProbabilities(double flipProbability, double shearWaveProbability) const;
     void makeTrajectory();
     void abandonTrajectory(OpenMM::CustomIntegrator& custom);
-    double flipProbability;
+    double flipProbability = 0, shearWaveProbability = 0;
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;

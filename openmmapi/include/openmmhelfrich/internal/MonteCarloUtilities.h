@@ -2,14 +2,17 @@
 #define OPENMM_HELFRICH_MONTECARLOUTILITIES_H_
 
 #include "Checks.h"
+#include "HelfrichForceImpl.h"
 #include "Philox.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/System.h"
 #include "openmm/Vec3.h"
+#include "openmm/internal/ContextImpl.h"
 #include <cmath>
 #include <istream>
 #include <ostream>
 #include <string>
+#include <vector>
 
 /* What the Monte Carlo integrators have in common. */
 
@@ -29,6 +32,41 @@ inline void requireFreeParticles(const OpenMM::System& system, const std::string
     for (int i = 0; i < system.getNumParticles(); i++)
         if (system.isVirtualSite(i))
             throw OpenMM::OpenMMException(integrator+": particle "+std::to_string(i)+" is a virtual site; its trajectories support none");
+}
+
+/**
+ * Get whether no force acts in a Context but those of membranes.
+ */
+inline bool hasOnlyMembranes(OpenMM::ContextImpl& context) {
+    for (OpenMM::ForceImpl* impl : context.getForceImpls())
+        if (dynamic_cast<HelfrichForceImpl*>(impl) == NULL)
+            return false;
+    return true;
+}
+
+/**
+ * Compute the energy of a Context whose energy has been computed before, and add the forces.  What a platform prepares for its own forces takes as long
+ * as a membrane's own: it is left out where there are none.
+ */
+inline double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool hasOnlyMembranes, bool includeForces, bool includeEnergy, int groups) {
+    if (!hasOnlyMembranes)
+        return context.calcForcesAndEnergy(includeForces, includeEnergy, groups);
+    double energy = 0;
+    for (OpenMM::ForceImpl* impl : context.getForceImpls())
+        energy += impl->calcForcesAndEnergy(context, includeForces, includeEnergy, groups);
+    return energy;
+}
+
+/**
+ * Compute the kinetic energy of a Context.
+ */
+inline double computeKineticEnergy(OpenMM::ContextImpl& context) {
+    std::vector<OpenMM::Vec3> velocities;
+    context.getVelocities(velocities);
+    double energy = 0;
+    for (int i = 0; i < (int) velocities.size(); i++)
+        energy += 0.5*context.getSystem().getParticleMass(i)*velocities[i].dot(velocities[i]);
+    return energy;
 }
 
 /**

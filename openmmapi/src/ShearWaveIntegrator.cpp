@@ -1,0 +1,180 @@
+#include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmm/System.h"
+#include "openmm/internal/ContextImpl.h"
+#include "openmm/internal/OSRngSeed.h"
+#include "openmm/serialization/SerializationNode.h"
+#include <cmath>
+#include <limits>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+ShearWaveIntegrator::ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber, double maxWaveNumber, int movesPerStep) {
+    setTemperature(temperature);
+    setAmplitude(amplitude);
+    setWaveNumbers(minWaveNumber, maxWaveNumber);
+    setMovesPerStep(movesPerStep);
+    setStepSize(0);
+    setConstraintTolerance(1e-5);
+}
+
+void ShearWaveIntegrator::setTemperature(double temperature) {
+    requirePositive("ShearWaveIntegrator: the temperature in K", temperature);
+    this->temperature = temperature;
+}
+
+void ShearWaveIntegrator::setAmplitude(double amplitude) {
+    requirePositive("ShearWaveIntegrator: the amplitude in nm", amplitude);
+    this->amplitude = amplitude;
+}
+
+void ShearWaveIntegrator::setWaveNumbers(double minWaveNumber, double maxWaveNumber) {
+    requirePositive("ShearWaveIntegrator: the least wave number in 1/nm", minWaveNumber);
+    requirePositive("ShearWaveIntegrator: the greatest wave number in 1/nm", maxWaveNumber);
+    if (minWaveNumber > maxWaveNumber) {
+        stringstream message;
+        message << "ShearWaveIntegrator: the least wave number is " << minWaveNumber << " and the greatest " << maxWaveNumber << " 1/nm; the least must not be above the greatest";
+        throw OpenMMException(message.str());
+    }
+    this->minWaveNumber = minWaveNumber;
+    this->maxWaveNumber = maxWaveNumber;
+}
+
+void ShearWaveIntegrator::setMovesPerStep(int moves) {
+    requirePositive("ShearWaveIntegrator: the number of moves per step", moves);
+    movesPerStep = moves;
+}
+
+void ShearWaveIntegrator::setRandomNumberSeed(int seed) {
+    randomNumberSeed = seed;
+    if (context != NULL)
+        activeSeed = (seed == 0 ? osrngseed() : seed);
+}
+
+void ShearWaveIntegrator::initialize(ContextImpl& contextRef) {
+    if (owner != NULL && &contextRef.getOwner() != owner)
+        throw OpenMMException("This Integrator is already bound to a context");
+    requireFreeParticles(contextRef.getSystem(), "ShearWaveIntegrator");
+    context = &contextRef;
+    owner = &contextRef.getOwner();
+    activeSeed = (randomNumberSeed == 0 ? osrngseed() : randomNumberSeed);
+    numAttempted = numAccepted = numDiverged = 0;
+    lastAcceptanceProbability = 0;
+    hasOnlyMembranes = HelfrichPlugin::hasOnlyMembranes(contextRef);
+}
+
+void ShearWaveIntegrator::cleanup() {
+}
+
+vector<string> ShearWaveIntegrator::getKernelNames() {
+    return {};
+}
+
+void ShearWaveIntegrator::step(int steps) {
+    if (context == NULL)
+        throw OpenMMException("This Integrator is not bound to a context!");
+    for (int i = 0; i < steps; i++) {
+        makeMoves();
+        context->setStepCount(context->getStepCount()+1);
+    }
+}
+
+void ShearWaveIntegrator::makeMoves() {
+    // The energy at the start is that of a valid state: an error there is the user's to see.
+
+    double kT = BOLTZMANN*temperature;
+    double energy = context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
+    if (!isfinite(energy))
+        throw OpenMMException("ShearWaveIntegrator: the energy is not finite before a move; see the forces of the System");
+    context->getPositions(positions);
+    double sumOfProbabilities = 0;
+    for (int i = 0; i < movesPerStep; i++) {
+        displace();
+        context->setPositions(trialPositions);
+        double trialEnergy = computeTrialEnergy();
+        double probability = min(1.0, exp((energy-trialEnergy)/kT));
+        auto words = Philox(activeSeed, RandomStream::ShearWaveTest)(0, numAttempted);
+        numAttempted++;
+        sumOfProbabilities += probability;
+        if (Philox::uniform(words[0], words[1]) < probability) {
+            numAccepted++;
+            energy = trialEnergy;
+            positions.swap(trialPositions);
+        }
+        else
+            context->setPositions(positions);
+    }
+    lastAcceptanceProbability = sumOfProbabilities/movesPerStep;
+}
+
+void ShearWaveIntegrator::displace() {
+    Philox random(activeSeed, RandomStream::ShearWaves);
+    Vec3 direction = drawNormals(random, numAttempted, 0), other = drawNormals(random, numAttempted, 1);
+    auto words = random(numAttempted, 4);
+    double waveNumber = minWaveNumber+(maxWaveNumber-minWaveNumber)*Philox::uniform(words[0], words[1]);
+    double phase = 2*M_PI*Philox::uniform(words[2], words[3]);
+    Vec3 waveVector = direction*(waveNumber/sqrt(direction.dot(direction)));
+    Vec3 displacement = direction.cross(other);
+    displacement *= amplitude*(minWaveNumber/waveNumber)*drawNormals(random, numAttempted, 3)[0]/sqrt(displacement.dot(displacement));
+    const System& system = context->getSystem();
+    trialPositions.resize(positions.size());
+    for (int i = 0; i < (int) positions.size(); i++) {
+        const Vec3& x = positions[i];
+        trialPositions[i] = (system.getParticleMass(i) == 0 ? x : x+displacement*sin(waveVector.dot(x)+phase));
+    }
+}
+
+double ShearWaveIntegrator::computeTrialEnergy() {
+    double energy;
+    try {
+        energy = calcForcesAndEnergy(*context, hasOnlyMembranes, false, true, getIntegrationForceGroups());
+    }
+    catch (const OpenMMException&) {
+        energy = numeric_limits<double>::infinity();
+    }
+    if (isfinite(energy))
+        return energy;
+    numDiverged++;
+    return numeric_limits<double>::infinity();
+}
+
+double ShearWaveIntegrator::computeKineticEnergy() {
+    return HelfrichPlugin::computeKineticEnergy(*context);
+}
+
+bool ShearWaveIntegrator::kineticEnergyRequiresForce() const {
+    return false;
+}
+
+void ShearWaveIntegrator::createCheckpoint(ostream& stream) const {
+    writeBinary(stream, activeSeed);
+    writeBinary(stream, numAttempted);
+    writeBinary(stream, numAccepted);
+    writeBinary(stream, numDiverged);
+}
+
+void ShearWaveIntegrator::loadCheckpoint(istream& stream) {
+    readBinary(stream, activeSeed);
+    readBinary(stream, numAttempted);
+    readBinary(stream, numAccepted);
+    readBinary(stream, numDiverged);
+}
+
+void ShearWaveIntegrator::serializeParameters(SerializationNode& node) const {
+    node.setIntProperty("version", 1);
+    node.setIntProperty("activeSeed", (int) activeSeed);
+    node.setLongProperty("numAttempted", numAttempted);
+    node.setLongProperty("numAccepted", numAccepted);
+    node.setLongProperty("numDiverged", numDiverged);
+}
+
+void ShearWaveIntegrator::deserializeParameters(const SerializationNode& node) {
+    requireVersion(node, 1, "ShearWaveIntegrator");
+    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
+    numAttempted = node.getLongProperty("numAttempted");
+    numAccepted = node.getLongProperty("numAccepted");
+    numDiverged = node.getLongProperty("numDiverged");
+}
