@@ -538,9 +538,12 @@ void testPositionsThatAreNotFinite() {
     }
 }
 
+#include "HelfrichExtremes.h"
+
 int main() {
     try {
         platform = &initializeTests();
+        testExtremes();
         testEnergyAgainstEquations();
         testEveryTermIsAtWork();
         testGeometryAgainstEquations();

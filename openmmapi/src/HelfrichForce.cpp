@@ -15,6 +15,16 @@ static void fail(const string& item, double value, const string& allowed) {
     throw OpenMMException(message.str());
 }
 
+/**
+ * The largest exponent: its own power in the stretching potential is still a number, and a slip of the pen in a file costs no hours.
+ */
+static const int MAX_EXPONENT = 100;
+
+static void checkExponent(const string& item, int exponent) {
+    if (exponent < 1 || exponent > MAX_EXPONENT)
+        fail(item, exponent, "from 1 to "+to_string(MAX_EXPONENT));
+}
+
 static void checkFinite(const string& item, double value) {
     if (!isfinite(value))
         fail(item, value, "finite");
@@ -122,8 +132,7 @@ void HelfrichForce::setTether(double modulus, double minLength, double maxLength
         message << "setTether: the minimum length " << minLength << " must be less than the maximum length " << maxLength;
         throw OpenMMException(message.str());
     }
-    if (exponent < 1)
-        fail("setTether: the exponent", exponent, "at least 1");
+    checkExponent("setTether: the exponent", exponent);
     tetherModulus = modulus;
     tetherMinLength = minLength;
     tetherMaxLength = maxLength;
@@ -142,8 +151,7 @@ void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int
     requirePositive("setRepulsion: the onset", onset, true);
     if (modulus != 0 && onset == 0)
         fail("setRepulsion: the onset", onset, "positive");
-    if (exponent < 1)
-        fail("setRepulsion: the exponent", exponent, "at least 1");
+    checkExponent("setRepulsion: the exponent", exponent);
     if (exclusionLevel < 0 || exclusionLevel > 2)
         fail("setRepulsion: the exclusion level", exclusionLevel, "0, 1 or 2");
     repulsionModulus = modulus;

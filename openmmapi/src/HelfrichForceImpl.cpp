@@ -131,9 +131,21 @@ void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichEnerg
     context.getPositions(positions);
     checkPositions(positions);
     stringstream message;
-    message << owner.getName() << ": the energy is not finite (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume
+    message << owner.getName() << ": the energy is not finite, or a force is not (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume
             << ", area difference " << terms.areaDifference << ", tether " << terms.tether << ", repulsion " << terms.repulsion
             << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
+    throw OpenMMException(message.str());
+}
+
+void HelfrichForceImpl::checkGeometry(ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const {
+    if (isfinite(geometry.area) && isfinite(geometry.volume) && (!needsCurvature || isfinite(geometry.integratedMeanCurvature)))
+        return;
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    checkPositions(positions);
+    stringstream message;
+    message << owner.getName() << ": the geometry is not finite (area " << geometry.area << " nm^2, volume " << geometry.volume << " nm^3, integrated mean curvature "
+            << geometry.integratedMeanCurvature << " nm): the positions are too far apart, or the two ends of an edge are in one place";
     throw OpenMMException(message.str());
 }
 
@@ -199,6 +211,7 @@ HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     requirePositions(context);
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
+    checkGeometry(context, geometry, true);
     geometry.areaDifference = 2*moduli.leafletSeparation*geometry.integratedMeanCurvature;
     return geometry;
 }
@@ -222,6 +235,7 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     context.getPositions(positions);
     checkPositions(positions);
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweepGeometry);
+    checkGeometry(context, sweepGeometry, parameters.needsCurvature());
     sweep->setPositions(positions, sweepGeometry);
     EdgeFlipStatistics statistics = sweep->execute(parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();

@@ -305,7 +305,21 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
     readBinary(stream, numTrajectories);
     readBinary(stream, numAccepted);
     readBinary(stream, numDiverged);
-    CompoundIntegrator::loadCheckpoint(stream);
+    // OpenMM takes the number of the present integrator as it is.
+    auto requireIntegrator = [&] () {
+        if (getCurrentIntegrator() >= 0 && getCurrentIntegrator() < getNumIntegrators())
+            return;
+        setCurrentIntegrator(0);
+        throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is damaged");
+    };
+    try {
+        CompoundIntegrator::loadCheckpoint(stream);
+    }
+    catch (const OpenMMException&) {
+        requireIntegrator();
+        throw;
+    }
+    requireIntegrator();
 }
 
 void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) const {

@@ -99,14 +99,14 @@ class TetherSection(Section):
                                       "max_length by a tenth of the mean edge length")
     min_length: Optional[Length] = Field(None, gt=0, description="l_c1; by default 0.75 of the mean edge length, or 0.95 of the shortest edge if that is less")
     max_length: Optional[Length] = Field(None, gt=0, description="l_c0; by default 1.4 of the mean edge length, or 1.05 of the longest edge if that is more")
-    exponent: int = Field(2, ge=1, description="r; 2 makes the long branch a spring")
+    exponent: int = Field(2, ge=1, le=100, description="r; 2 makes the long branch a spring")
 
 
 class RepulsionSection(Section):
     """Keeps the surface from crossing itself.  Off by default: it needs a neighbour list."""
     modulus: Energy = Field(0.0, ge=0, description="kappa_R in kT")
     onset: Optional[Length] = Field(None, gt=0, description="the distance below which vertices repel each other; the tether's min_length by default")
-    exponent: int = Field(2, ge=1, description="r, as for the tether")
+    exponent: int = Field(2, ge=1, le=100, description="r, as for the tether")
     exclusion_level: Literal[0, 1, 2] = Field(1, description="leave out no pair (0), bonded vertices (1), or also those that share a neighbour (2)")
 
 

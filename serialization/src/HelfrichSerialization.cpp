@@ -55,7 +55,7 @@ void HelfrichPlugin::storeTriangles(const vector<array<int, 3> >& triangles, Ser
 vector<array<int, 3> > HelfrichPlugin::loadTriangles(const SerializationNode& node) {
     vector<int> particles = loadIntegers("particles", node);
     long long count = node.getLongProperty("count");
-    if (count < 0 || 3*count != (long long) particles.size())
+    if (count != (long long) particles.size()/3 || particles.size()%3 != 0)
         throw OpenMMException("HelfrichForce: the serialized triangles are not complete: "+to_string(particles.size())+
                 " particles for "+to_string(count)+" triangles");
     vector<array<int, 3> > triangles(count);

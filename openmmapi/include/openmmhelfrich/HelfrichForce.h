@@ -249,7 +249,7 @@ public:
      * @param modulus    the modulus kappa_T, measured in kJ/mol; 0 turns the term off
      * @param minLength  the length l_c1, measured in nm, below which an edge is pushed apart
      * @param maxLength  the length l_c0, measured in nm, above which an edge is pulled together
-     * @param exponent   the exponent r, at least 1
+     * @param exponent   the exponent r, from 1 to 100
      */
     void setTether(double modulus, double minLength, double maxLength, int exponent);
     /**
@@ -267,7 +267,7 @@ public:
      *
      * @param modulus         the modulus kappa_R, measured in kJ/mol; 0 turns the term off
      * @param onset           the distance, measured in nm, below which two vertices repel each other
-     * @param exponent        the exponent n, at least 1
+     * @param exponent        the exponent n, from 1 to 100
      * @param exclusionLevel  which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1), or bonded vertices and those
      *                        that share a bonded vertex (2)
      */

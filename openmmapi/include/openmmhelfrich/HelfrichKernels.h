@@ -36,7 +36,7 @@ public:
      * @param parameters     the moduli and targets
      * @param includeForces  true if forces should be computed
      * @param[out] terms     the terms of the energy
-     * @return false if the area of the surface is not finite, as it is where a position is not: the terms then have no meaning
+     * @return false if the area of the surface is not finite, as it is where a position is not, or a force is not: the terms then have no meaning
      */
     virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) = 0;
     /**

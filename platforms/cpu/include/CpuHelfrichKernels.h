@@ -60,7 +60,7 @@ private:
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
     void computeRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
     void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
-    void addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
+    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
     void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double velocityStep, double positionStep,
               double* nextPositions);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;

@@ -24,6 +24,8 @@ struct CpuHelfrichArrays {
  */
 struct CpuHelfrichSums : HelfrichTotals {
     double bending = 0, tether = 0, repulsion = 0;
+    /// of the components of the forces, which is finite if they are
+    double force = 0;
     /// not 0 where the repulsion's list of pairs is
     double outdated = 0;
 };

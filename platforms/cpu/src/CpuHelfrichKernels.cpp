@@ -182,7 +182,7 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
             #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 if (includeForces)
-                    addForces(parameters, slopes, arrays, chunk, forces);
+                    chunkSums[chunk].force = addForces(parameters, slopes, arrays, chunk, forces);
                 else if (parameters.repulsionModulus != 0)
                     computeRepulsion(parameters, arrays, chunk, NULL);
         }
@@ -190,16 +190,20 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
         sums = found;
     }
     terms = getTerms(parameters, sums);
-    return isfinite(sums.area);
+    return isfinite(sums.area) && (!includeForces || isfinite(addUp(chunkSums, &CpuHelfrichSums::force)));
 }
 
-void CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
+double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
                                            vector<Vec3>& forces) {
     alignas(64) double gradients[4*GROUPS_PER_CHUNK*CpuHelfrichLayout::MAX_WIDTH];
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
-    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4)
+    double sum = 0;
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4) {
         forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
+        sum += gradient[0]+gradient[1]+gradient[2];
+    }
+    return sum;
 }
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {

@@ -86,6 +86,6 @@ void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, int g, vector<int>& 
         for (int lane = 0; lane < width; lane++) {
             int slot = g*width+lane, valence = valences[slot], n = start[lane]+(i < valence ? i : 0);
             n -= (n < valence ? 0 : valence);
-            ring[i*width+lane] = (valence == 0 ? 4*slot : tips[n*width+lane]);
+            ring[i*width+lane] = tips[n*width+lane];
         }
 }

@@ -122,7 +122,8 @@ inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& p
     if (parts != Angles && !HasTether)
         return;
     Simd length2 = dot(toNeighbor, toNeighbor);
-    Simd inverse = inverseLength(length2), length = length2*inverse;
+    // Of an edge without length this makes something that is no number, and so an error.
+    Simd inverse = inverseSqrt(length2), length = length2*inverse;
     if (parts == Angles) {
         Simd sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);

@@ -48,6 +48,8 @@ public:
 private:
     void computeTriangles();
     void computeEdges();
+    /// M/A of a vertex, and 0 if it has no area
+    double getMeanCurvature(int vertex) const;
     template <class Visitor>
     void forEachEdge(Visitor visit) const;
     template <class Visitor>

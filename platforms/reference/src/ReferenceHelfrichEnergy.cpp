@@ -41,7 +41,9 @@ void ReferenceHelfrichEnergy::computeEdges() {
         const Vector3d& ng = normals[mesh.opposite(h)/3];
         Vector3d edge = x[j]-x[i];
         double length = edge.norm();
-        double angle = atan2(nf.cross(ng).dot(edge)/length, nf.dot(ng));
+        // A triangle without area has no angles, and an edge without length nothing to say.  Adding 0 makes -0 a 0: what is folded flat has the angle pi, and not -pi.
+        bool isFlat = (length != 0 && (nf.isZero(0) || ng.isZero(0)));
+        double angle = isFlat ? 0 : atan2(nf.cross(ng).dot(edge)/length+0.0, nf.dot(ng));
         dihedralAngles[h] = dihedralAngles[mesh.opposite(h)] = angle;
         vertexCurvatures[i] += length*angle/4;
         vertexCurvatures[j] += length*angle/4;
@@ -55,6 +57,10 @@ void ReferenceHelfrichEnergy::getGeometry(HelfrichGeometry& geometry) const {
     geometry.integratedMeanCurvature = totals.curvature;
     geometry.vertexAreas = vertexAreas;
     geometry.vertexMeanCurvatures = vertexCurvatures;
+}
+
+double ReferenceHelfrichEnergy::getMeanCurvature(int vertex) const {
+    return vertexAreas[vertex] == 0 ? 0 : vertexCurvatures[vertex]/vertexAreas[vertex];
 }
 
 template <class Visitor>
@@ -72,7 +78,7 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
     double slope;
     if (p.bendingModulus != 0)
         for (int i = 0; i < mesh.getNumVertices(); i++)
-            terms.bending += 2*p.bendingModulus*vertexCurvatures[i]*vertexCurvatures[i]/vertexAreas[i];
+            terms.bending += 2*p.bendingModulus*vertexCurvatures[i]*getMeanCurvature(i);
     addPenalties(p, totals, terms);
     if (p.tetherModulus != 0)
         forEachEdge([&] (int h, int i, int j) {
@@ -89,13 +95,14 @@ ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const 
     vector<double> byVertexArea(mesh.getNumVertices(), slopes.area), byVertexCurvature(mesh.getNumVertices(), slopes.curvature);
     if (p.bendingModulus != 0)
         for (int i = 0; i < mesh.getNumVertices(); i++) {
-            double meanCurvature = vertexCurvatures[i]/vertexAreas[i];
+            double meanCurvature = getMeanCurvature(i);
             byVertexArea[i] -= 2*p.bendingModulus*meanCurvature*meanCurvature;
             byVertexCurvature[i] += 4*p.bendingModulus*meanCurvature;
         }
     Vectors gradient(mesh.getNumVertices(), Vector3d::Zero());
     addAreaAndVolumeGradient(byVertexArea, slopes.volume, gradient);
-    addCurvatureGradient(byVertexCurvature, gradient);
+    if (p.needsCurvature())
+        addCurvatureGradient(byVertexCurvature, gradient);
     addTetherGradient(p, gradient);
     addRepulsionGradient(p, gradient);
     return gradient;

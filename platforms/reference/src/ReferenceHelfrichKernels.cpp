@@ -28,14 +28,17 @@ ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPosi
 bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context);
     ReferenceHelfrichEnergy energy(*mesh, x);
+    bool isFinite = isfinite(energy.getTotals().area);
     if (includeForces) {
         vector<Vec3>& forces = *getData(context).forces;
         auto gradient = energy.computeGradient(parameters);
-        for (int v = 0; v < mesh->getNumVertices(); v++)
+        for (int v = 0; v < mesh->getNumVertices(); v++) {
             forces[mesh->getParticles()[v]] -= Vec3(gradient[v][0], gradient[v][1], gradient[v][2]);
+            isFinite = isFinite && gradient[v].allFinite();
+        }
     }
     terms = energy.computeEnergy(parameters);
-    return isfinite(energy.getTotals().area);
+    return isFinite;
 }
 
 void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {

@@ -60,6 +60,12 @@ public:
      */
     EdgeFlipStatistics execute(const HelfrichParameters& parameters, double kT, long long numAttempts, const Philox& random, long long sweep,
                                const Observer& observer=Observer());
+    /**
+     * Get the area, volume and integrated mean curvature of the surface, as the flips since setPositions() have changed them.
+     */
+    const HelfrichTotals& getTotals() const {
+        return totals;
+    }
 private:
     void prepare(EdgeFlipBatch& batch, long long firstAttempt) const;
     void findTriangles(EdgeFlipBatch& batch) const;

@@ -70,6 +70,7 @@ private:
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
+    void checkGeometry(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
     HelfrichParameters moduli;

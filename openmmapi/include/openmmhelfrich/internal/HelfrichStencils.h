@@ -35,7 +35,7 @@ inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
 /**
  * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to the triangles (i, j, k) and
  * (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge e, and its component along it is
- * -|e| N_f.(x_l-x_i): no cross product is needed, and no normal need have unit length.
+ * -|e| N_f.(x_l-x_i): no cross product is needed, and no normal need have unit length.  It is never -0, so that two triangles folded onto each other have the angle pi.
  *
  * @param length   |e|
  * @param normalF  (x_j-x_i) x (x_k-x_i)
@@ -44,7 +44,7 @@ inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
  */
 template <class Real>
 inline void dihedralSineCosine(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG, const Vector3<Real>& toL, Real& sine, Real& cosine) {
-    sine = -length*dot(normalF, toL);
+    sine = 0.0-length*dot(normalF, toL);
     cosine = dot(normalF, normalG);
 }
 
