@@ -74,17 +74,20 @@ def recommendationText(search, point):
 
 def plot(search, file, recommended=None):
     """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
     points = [point for point in search.points if point.measurement is not None]
-    colours = {axis: f"C{i % 10}" for i, axis in enumerate(dict.fromkeys(point.axis for point in points))}
+    axes = list(dict.fromkeys(point.axis for point in points))
+    colours = dict(zip(axes, colormaps["tab20"].colors))
     figure = Figure(figsize=(13, 2+0.2*len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
     _plotCosts(costs, points, colours)
     places = {i: (point.measurement.secondsPer("shape"), _bound(search, point)) for i, point in enumerate(points)}
     for i, (x, y) in places.items():
-        isBest = recommended is not None and points[i].setting == recommended.setting
+        isBest = points[i] is recommended
         pareto.plot(x, y, "*" if isBest else "o" if isExact(points[i].setting) else "s", ms=16 if isBest else 6, color=colours[points[i].axis])
-    front = sorted(place for place in places.values() if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in places.values()))
+    offered = [place for i, place in places.items() if points[i].axis != "terms"]
+    front = sorted(place for place in offered if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in offered))
     pareto.plot(*zip(*front), color="0.5", lw=1, zorder=0, drawstyle="steps-post")
     pareto.axhline(search.error, color="0.7", ls="--", lw=1)
     pareto.set(xscale="log", yscale="log", xlabel="processor time per independent sample of the shape, s",

@@ -17,12 +17,12 @@ from ..simulation import createForce, createSimulation, currentMesh, loadMesh, r
 from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
-from .settings import COARSER, SCALE, apply, axes, forEdges, isExact, keyOf, moduliRatios
+from .settings import COARSER, SCALE, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios
 
 AUTOMATIC = {"sampling.step_size": "auto"}
 REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9}
 EQUILIBRATION = 600  # Monte Carlo steps
-HOPELESS = 4.0  # a setting that costs so many times more than the best one is not measured any better
+HOPELESS = 3.0  # a setting that costs so many times more than the best one is not measured any better
 AVERAGES = ("bending", "area", "volume")
 WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was, which is known to some 20% only
 
@@ -80,17 +80,17 @@ class Search:
         return self.points[1]
 
     def run(self):
-        """Measure what has not been measured, and return the Point to recommend, or None if none keeps within the error.
+        """Measure what has not been measured, and return the Point to recommend.
 
         Raises OutOfTime when the time is spent.
         """
         available = self._axes()
-        self._measure("scene", {}, {}, self._effort)
+        self._measure("scene", {}, {}, 2*self._effort)
         self._measure("reference", REFERENCE, {}, 2*self._effort, accuracy=self.error/4)
         best = self._descend(available)
-        if best is not None and self.bias(best) > self.error:  # it promised more than a longer run confirms
+        if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
-        return best
+        return min(best, self.baseline, key=lambda point: point.measurement.secondsPer("shape"))
 
     def deviations(self, point):
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
@@ -119,14 +119,16 @@ class Search:
 
     def _descend(self, available):
         """Go through the axes once, from each with the best choice to the next, and return the point at the end after a longer run there."""
-        best = self._measure("step size", AUTOMATIC, {}, self._effort)
+        automatic = self._measure("step size", AUTOMATIC, {}, self._effort)
+        best = automatic if automatic.measurement else self.baseline
         for axis in available:
-            tried = [self._measure(axis.name, choice, best.setting, self._effort, best) for choice in axis.choices]
+            tried = [self._measure(axis.name, choice, best.setting, self._effort, best) for choice in axis.choices if changes(self.scene, best.setting, choice)]
             offered = [point for point in tried if axis.isOffered and self._isAdmissible(point)]
             cheapest = min(offered, key=lambda point: point.measurement.secondsPer("shape"), default=best)
-            if best.measurement is None or cheapest.measurement.secondsPer("shape") < WORTHWHILE*best.measurement.secondsPer("shape"):
+            if cheapest.measurement.secondsPer("shape") < WORTHWHILE*best.measurement.secondsPer("shape"):
                 best = cheapest
-        return self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
+        longer = self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
+        return longer if longer.measurement else best
 
     def _isAdmissible(self, point):
         return point.measurement is not None and point.measurement.acceptance > 0.3 and self.bias(point) <= self.error

@@ -52,13 +52,13 @@ def axes(config, scene, edge):
     """
     return [axis for axis in (
         Axis("tether", _tethers(scene, edge)),
+        Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
         Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
-        Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.3, 0.8])),
+        Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
+        Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
         Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
         Axis("integrator", _literals("sampling.integrator")),
         Axis("precision", _literals("platform.precision")),
-        Axis("flip probability", _each("sampling.flip_probability", [0.1, 0.25, 0.5, 0.75])),
-        Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
         Axis("constraints", _softer(scene)),
         Axis("resolution", _coarser(config)),
         Axis("terms", _without(scene), isOffered=False)) if axis.choices]
@@ -87,6 +87,11 @@ def apply(config, setting, asWritten=False):
     return parseConfig(data, "setting")
 
 
+def changes(scene, setting, choice):
+    """Return whether a choice is anything new beside a setting."""
+    return any(setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items())
+
+
 def forEdges(setting, ratio, exponent):
     """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
     if SCALE in setting:
@@ -107,9 +112,7 @@ def keyOf(setting):
 
 def describe(setting):
     """Return a setting in a few words."""
-    words = [f"{name.split('.')[1].replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{name.split('.')[1].replace('_', ' ')} {value}"
-             for name, value in setting.items()]
-    return ", ".join(words) or "as it stands"
+    return ", ".join(f"{_title(name)} {value:.4g}" if isinstance(value, float) else f"{_title(name)} {value}" for name, value in setting.items()) or "as it stands"
 
 
 def moduliRatios(scene, setting):
@@ -127,6 +130,11 @@ def valueOf(config, name):
     return getattr(getattr(config, section), key)
 
 
+def _title(name):
+    section, key = name.split(".")
+    return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
+
+
 def _rescale(data, factor):
     for section in [data.get("membrane", {}), data.get("tether", {}), data.get("repulsion", {}), *data.get("stages", [])]:
         for name, power in _POWERS.items():
@@ -138,16 +146,18 @@ def _rescale(data, factor):
 
 
 def _tethers(scene, edge):
-    """Return tethers softer and stiffer than the scene's, and some of a mesh that is scaled to edges of length 1.
+    """Return tethers softer and stiffer than the scene's, others with tighter bounds, and some of a mesh that is scaled to edges of length 1.
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
     """
     modulus = float(scene.tether.modulus)
     if modulus == 0:
         return []
+    factors = _each("tether.modulus", [modulus*factor for factor in (0.1, 10.0)])
+    tighter = [{"tether.min_length": 0.85*edge, "tether.max_length": 1.35*edge}]
     scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": least, "tether.max_length": greatest}
-              for least, greatest in ((0.75, 1.4), (0.85, 1.3)) for stiffness in (25.0, 250.0)]
-    return _each("tether.modulus", [modulus*factor for factor in (0.01, 0.1, 10.0)])+scaled
+              for least, greatest, stiffness in ((0.75, 1.4, 250.0), (0.85, 1.35, 100.0), (0.9, 1.4, 50.0), (0.85, 1.25, 25.0))]
+    return factors+tighter+scaled
 
 
 def _softer(scene):
