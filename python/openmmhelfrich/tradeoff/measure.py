@@ -46,7 +46,7 @@ class Measurement:
     stepSize : float
         of the trajectories, in ps
     steps, evaluations : int
-        Monte Carlo steps and force evaluations that were made
+        Monte Carlo steps and evaluations, of forces in trajectories and energies of shear waves, that were made
     secondsPerStep, secondsPerEvaluation : float
         cost of a Monte Carlo step, with its share of sweeps, and of a force evaluation within a trajectory
     acceptance, flipAcceptance, diverged : float
@@ -154,18 +154,25 @@ class _Run:
         self._simulation = createSimulation(config, mesh, self._force)
         self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
         sampling = config.sampling
-        self._interval = max(1, round(EVALUATIONS_PER_ROW/(sampling.steps_per_trajectory*(1-sampling.flip_probability))))
+        self._probabilities = {"flips": sampling.flip_probability, "waves": sampling.shear_wave_probability,
+                               "trajectory": 1-sampling.flip_probability-sampling.shear_wave_probability}
+        self._evaluations = {"flips": 0, "waves": sampling.shear_waves_per_step, "trajectory": sampling.steps_per_trajectory}
+        perStep = sum(p*self._evaluations[kind] for kind, p in self._probabilities.items())
+        if not self._probabilities["trajectory"] > 0:
+            raise ValueError("there are no trajectories; flip_probability and shear_wave_probability must add up to less than 1")
+        self._interval = max(1, round(EVALUATIONS_PER_ROW/perStep))
         self._diffusion = _DiffusionProbe(mesh)
-        self._rows, self._tensors, self._changes, self._sweeps, self._trajectories = [], [], [], [], []
+        self._rows, self._tensors, self._changes = [], [], []
+        self._kinds = {"trajectory": [], "flips": [], "waves": []}  # for each step of a kind, its seconds and evaluations
         self._forceError = forceError(config, mesh)
 
     @property
     def steps(self):
-        return len(self._sweeps)+len(self._trajectories)
+        return sum(map(len, self._kinds.values()))
 
     @property
     def evaluations(self):
-        return sum(length for _, length in self._trajectories)
+        return sum(evaluations for steps in self._kinds.values() for _, evaluations in steps)
 
     def adapt(self, limit):
         """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy error grows no further."""
@@ -174,7 +181,8 @@ class _Run:
             return
         length = min(sampling.steps_per_trajectory, ADAPTING_LENGTH)
         self._integrator.setStepsPerTrajectory(length)
-        adaptStepSize(self._simulation, int(min(ADAPTING_TRAJECTORIES, max(30, limit/length))/(1-sampling.flip_probability)), sampling.target_acceptance)
+        trajectories = min(ADAPTING_TRAJECTORIES, max(30, limit/length))
+        adaptStepSize(self._simulation, int(trajectories/self._probabilities["trajectory"]), sampling.target_acceptance)
         self._integrator.setStepsPerTrajectory(sampling.steps_per_trajectory)
 
     def sample(self, evaluations):
@@ -187,15 +195,17 @@ class _Run:
 
     def _step(self):
         setTrajectoryLength(self._simulation, self._config.sampling)
-        trajectories, length = self._integrator.getNumTrajectories(), self._integrator.getStepsPerTrajectory()
+        integrator, flips = self._integrator, self._integrator.getFlipIntegrator()
+        trajectories, sweeps, length = integrator.getNumTrajectories(), flips.getNumSweeps(), integrator.getStepsPerTrajectory()
         start = time.process_time()
-        self._integrator.step(1)
+        integrator.step(1)
         seconds = time.process_time()-start
-        if self._integrator.getNumTrajectories() == trajectories:
-            self._sweeps.append(seconds)
+        if integrator.getNumTrajectories() > trajectories:
+            self._kinds["trajectory"].append((seconds, length))
+            self._changes.append(valueIn(integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole)/self._kT)
         else:
-            self._trajectories.append((seconds, length))
-            self._changes.append(valueIn(self._integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole)/self._kT)
+            kind = "flips" if flips.getNumSweeps() > sweeps else "waves"
+            self._kinds[kind].append((seconds, self._evaluations[kind]))
 
     def _observe(self):
         terms, geometry = self._force.getEnergyTermsInContext(self._simulation.context), self._force.getGeometryInContext(self._simulation.context)
@@ -231,10 +241,12 @@ class _Run:
         probabilities = np.exp(-np.maximum(changes, 0))
         balance = np.sign(changes)*probabilities
         reweighted, fraction = _reweight(series, observables, moduli, self._kT)
-        seconds, lengths = np.array(self._trajectories).T
-        # Medians, for the processor has other work; trajectories take turns with sweeps at the frequency that was asked for.
-        perEvaluation, p = float(np.median(seconds/lengths)), self._config.sampling.flip_probability
-        perStep = (1-p)*perEvaluation*self._config.sampling.steps_per_trajectory+(p*float(np.median(self._sweeps)) if self._sweeps else 0)
+        seconds, lengths = np.array(self._kinds["trajectory"]).T
+        # Medians, for the processor has other work; each kind of step comes as often as it was asked for.
+        perEvaluation = float(np.median(seconds/lengths))
+        costs = {kind: float(np.median([cost for cost, _ in self._kinds[kind]])) if self._kinds[kind] else 0.0 for kind in ("flips", "waves")}
+        costs["trajectory"] = perEvaluation*self._evaluations["trajectory"]
+        perStep = sum(p*costs[kind] for kind, p in self._probabilities.items())
         return Measurement(valueIn(integrator.getStepSize(), unit.picosecond), self.steps, self.evaluations, perStep, perEvaluation,
                            float(probabilities.mean()), integrator.getFlipAcceptanceRate(), diverged,
                            float(np.quantile(np.abs(changes), 2/3)), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],

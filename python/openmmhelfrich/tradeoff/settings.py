@@ -53,6 +53,7 @@ def axes(config, scene, edge):
     return [axis for axis in (
         Axis("tether", _tethers(scene, edge)),
         Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
+        Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
         Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
         Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
         Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
