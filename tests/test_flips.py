@@ -161,6 +161,7 @@ def test_flips_with_dynamics():
     langevin.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
     integrator = mh.HybridMonteCarloIntegrator(langevin, flips, 0.3)
+    integrator.setRandomNumberSeed(4)
     context = createContext(mesh, force, "CPU", integrator)
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2000)

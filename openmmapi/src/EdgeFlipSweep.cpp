@@ -27,7 +27,8 @@ EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), e
     this->numThreads = min(numThreads, (int) batches.size());
 }
 
-void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry) {
+void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors) {
+    this->neighbors = neighbors;
     totals.area = geometry.area;
     totals.volume = geometry.volume;
     totals.curvature = geometry.integratedMeanCurvature;
@@ -35,7 +36,7 @@ void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGe
     #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int v = 0; v < mesh.getNumVertices(); v++) {
         const Vec3& x = positions[particles[v]];
-        vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v]};
+        vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], neighbors == NULL ? 0 : neighbors->lists[v].start, 0};
     }
 }
 
@@ -49,6 +50,12 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     exception = NULL;
     statistics = EdgeFlipStatistics();
     long long attemptsPerBlock = batchSize*(long long) batches.size();
+    bool isNeighborListNeeded = needsNeighborList(p);
+    if (isNeighborListNeeded) {
+        #pragma omp parallel for schedule(static) num_threads(numThreads)
+        for (int v = 0; v < mesh.getNumVertices(); v++)
+            findClosePartners(v);
+    }
     #pragma omp parallel num_threads(numThreads)
     for (long long first = 0; first < numAttempts; first += attemptsPerBlock) {
         int numBatches = min((long long) batches.size(), (numAttempts-first+batchSize-1)/batchSize);
@@ -66,6 +73,8 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
         rethrow_exception(exception);
     if (statistics.accepted > 0)
         mesh.markChanged();
+    if (isNeighborListNeeded)
+        neighbors->revision = mesh.getRevision();
     return statistics;
 }
 
@@ -108,33 +117,70 @@ void EdgeFlipSweep::findStencil(EdgeFlipBatch& batch, int n) const {
     }
 }
 
-void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) const {
-    // The vertices k and l may not be bonded already.  Of all attempts at the same time, go around the one with fewer neighbors, from j on: i and j are known.  Who is
-    // around before the others goes on, for it costs less than to stop.
+namespace {
 
-    int halfedge[EdgeFlipBatch::SIZE], wanted[EdgeFlipBatch::SIZE], maxSteps = 0;
+/**
+ * Walks around vertices to see if they are bonded to others.  All go on at the same time, and those that are around before the others begin again: no branch depends on a valence,
+ * which no processor could predict.
+ */
+class Walks {
+public:
+    static const int MAX = EdgeFlipBatch::SIZE;
+    /**
+     * Begin a walk.
+     *
+     * @param halfedge  starts from the vertex to go around; its apex is the first neighbor on the way
+     * @param numSteps  the number of neighbors to see
+     * @param wanted    the vertex to look for
+     */
+    void begin(int halfedge, int numSteps, int wanted) {
+        halfedges[count] = halfedge;
+        this->wanted[count] = wanted;
+        isFound[count++] = false;
+        maxSteps = max(maxSteps, numSteps);
+    }
+    void finish(const HelfrichMesh& mesh) {
+        for (int step = 0; step < maxSteps; step++)
+            for (int n = 0; n < count; n++) {
+                isFound[n] |= (mesh.apex(halfedges[n]) == wanted[n]);
+                halfedges[n] = mesh.rotate(halfedges[n]);
+            }
+    }
+    void clear() {
+        count = maxSteps = 0;
+    }
+    bool isFound[MAX];
+    int count = 0;
+private:
+    int halfedges[MAX], wanted[MAX], maxSteps = 0;
+};
+
+} // namespace
+
+void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) const {
+    // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors, from j on: i and j are known.
+
+    Walks walks;
     for (int n = first; n < last; n++) {
         int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
-        bool aroundK = mesh.valence(k) <= mesh.valence(l);
-        halfedge[n] = mesh.opposite(aroundK ? mesh.next(h) : mesh.next(o));
-        wanted[n] = (aroundK ? l : k);
-        maxSteps = max(maxSteps, mesh.valence(aroundK ? k : l)-2);
+        if (mesh.valence(k) <= mesh.valence(l))
+            walks.begin(mesh.opposite(mesh.next(h)), mesh.valence(k)-2, l);
+        else
+            walks.begin(mesh.opposite(mesh.next(o)), mesh.valence(l)-2, k);
         batch.isForbidden[n] = (mesh.isFixed(h) || mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
     }
-    for (int step = 0; step < maxSteps; step++)
-        for (int n = first; n < last; n++) {
-            batch.isForbidden[n] |= (mesh.apex(halfedge[n]) == wanted[n]);
-            halfedge[n] = mesh.rotate(halfedge[n]);
-        }
+    walks.finish(mesh);
+    for (int n = first; n < last; n++)
+        batch.isForbidden[n] |= walks.isFound[n-first];
 }
 
 void EdgeFlipSweep::evaluate(EdgeFlipBatch& batch, int first, int last) const {
     evaluation.evaluate(p, vertices.data(), batch, first, last);
-    if (hasRepulsion()) {
-        findClosePairs(batch, first, last);
+    if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
         for (int n = first; n < last; n++)
-            batch.repulsion[n] = repulsionChange(batch, n);
-    }
+            batch.repulsion[n] = pairEnergy(batch.vertex[0][n], batch.vertex[1][n])-pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
+    if (needsNeighborList(p))
+        findRepulsion(batch, first, last);
 }
 
 void EdgeFlipSweep::decideBlock(int numBatches) {
@@ -159,8 +205,6 @@ void EdgeFlipSweep::decide(EdgeFlipBatch& batch, int n) {
         findForbidden(batch, n, n+1);
         evaluate(batch, n, n+1);
     }
-    else if (isBlockChanged && hasRepulsion() && batch.hasClosePairs[n])
-        batch.repulsion[n] = repulsionChange(batch, n);
     statistics.attempted++;
     if (batch.isForbidden[n]) {
         statistics.forbidden++;
@@ -175,6 +219,16 @@ bool EdgeFlipSweep::isStale(const EdgeFlipBatch& batch, int n) const {
     for (int i = 0; i < 4; i++)
         if (stamps[batch.vertex[i][n]] == block)
             return true;
+    return hasRepulsion() && batch.dependsOnPartners[n] && isPartnerStamped(batch, n);
+}
+
+bool EdgeFlipSweep::isPartnerStamped(const EdgeFlipBatch& batch, int n) const {
+    for (int i = 0; i < 4; i++) {
+        int vertex = batch.vertex[i][n];
+        for (int m = 0; m < vertices[vertex].numClose; m++)
+            if (stamps[partnersOf(vertex)[m]] == block)
+                return true;
+    }
     return false;
 }
 
@@ -190,6 +244,13 @@ void EdgeFlipSweep::accept(const EdgeFlipBatch& batch, int n, double energy) {
     totals.volume += batch.volume[n];
     totals.curvature += batch.curvature[n];
     isBlockChanged = true;
+    if (needsNeighborList(p)) {
+        int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
+        setApart(i, j);
+        setApart(j, i);
+        setBonded(k, l);
+        setBonded(l, k);
+    }
     mesh.flip(batch.halfedge[n]);
     statistics.accepted++;
     if (*observer)
@@ -212,88 +273,105 @@ bool EdgeFlipSweep::hasRepulsion() const {
     return p.repulsionModulus != 0 && p.repulsionExclusionLevel != 0;
 }
 
-void EdgeFlipSweep::findClosePairs(EdgeFlipBatch& batch, int first, int last) const {
-    // A flip changes whether pairs of one of its vertices and a neighbor of the opposite one are excluded.  Hardly any of them is so close that it matters.
+/**
+ * Pairs of a flip's vertex and a vertex that is close to it, and the walks that tell whether this one is bonded to the vertex opposite in the flip.
+ */
+struct EdgeFlipSweep::ClosePairs {
+    Walks walks;
+    int attempt[Walks::MAX], corner[Walks::MAX], partner[Walks::MAX];
+};
 
-    fill(batch.hasClosePairs+first, batch.hasClosePairs+last, false);
-    if (p.repulsionExclusionLevel < 2)
-        return;
-    for (int corner = 0; corner < 4; corner++) {
-        // Go around the vertex opposite to the corner, in all attempts at the same time, past those of its neighbors that belong to the flip.
+void EdgeFlipSweep::findRepulsion(EdgeFlipBatch& batch, int first, int last) const {
+    // Few vertices are close to any that they are not bonded to.
 
-        int halfedge[EdgeFlipBatch::SIZE], steps[EdgeFlipBatch::SIZE], active[EdgeFlipBatch::SIZE], numActive = 0;
-        for (int n = first; n < last; n++) {
-            int h = batch.halfedge[n], o = mesh.opposite(h), center = batch.vertex[corner^1][n];
-            halfedge[n] = (corner == 0 ? mesh.rotate(o) : corner == 1 ? mesh.rotate(h) : mesh.opposite(mesh.next(corner == 2 ? o : h)));
-            steps[n] = mesh.valence(center)-(corner < 2 ? 3 : 2);
-            active[numActive] = n;
-            numActive += (steps[n] > 0);
-        }
-        while (numActive > 0) {
-            int numLeft = 0;
-            for (int m = 0; m < numActive; m++) {
-                int n = active[m];
-                batch.hasClosePairs[n] |= (distance2(batch.vertex[corner][n], mesh.apex(halfedge[n])) < p.repulsionOnset*p.repulsionOnset);
-                halfedge[n] = mesh.rotate(halfedge[n]);
-                active[numLeft] = n;
-                numLeft += (--steps[n] > 0);
+    ClosePairs pairs;
+    for (int n = first; n < last; n++) {
+        batch.repulsion[n] = 0;
+        batch.dependsOnPartners[n] = false;
+        for (int corner = 0; corner < 4; corner++) {
+            int vertex = batch.vertex[corner][n], middle = batch.vertex[corner^1][n];
+            for (int m = 0; m < vertices[vertex].numClose; m++) {
+                int partner = partnersOf(vertex)[m];
+                bool aroundPartner = (mesh.valence(partner) <= mesh.valence(middle));
+                int center = (aroundPartner ? partner : middle);
+                pairs.attempt[pairs.walks.count] = n;
+                pairs.corner[pairs.walks.count] = corner;
+                pairs.partner[pairs.walks.count] = partner;
+                pairs.walks.begin(mesh.outgoing(center), mesh.valence(center), aroundPartner ? middle : partner);
+                if (pairs.walks.count == Walks::MAX)
+                    addRepulsion(batch, pairs);
             }
-            numActive = numLeft;
         }
     }
+    addRepulsion(batch, pairs);
 }
 
-double EdgeFlipSweep::repulsionChange(const EdgeFlipBatch& batch, int n) const {
-    int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
-    if (p.repulsionExclusionLevel == 1)
-        return pairEnergy(i, j)-pairEnergy(k, l);
-    if (!batch.hasClosePairs[n])
-        return 0;
-    int h = batch.halfedge[n], o = mesh.opposite(h);
-    return repulsionOfPairsSeparated(h)+repulsionOfPairsSeparated(o)-repulsionOfPairsJoined(k, mesh.previous(o))-repulsionOfPairsJoined(l, mesh.previous(h));
+void EdgeFlipSweep::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const {
+    // The flip takes from i and j, and gives to k and l, the paths to the neighbors of the opposite vertex.  It matters where there is no other path of two edges.
+
+    pairs.walks.finish(mesh);
+    for (int m = 0; m < pairs.walks.count; m++)
+        if (pairs.walks.isFound[m]) {
+            int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
+            batch.dependsOnPartners[n] = true;
+            if (!shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
+                batch.repulsion[n] += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
+        }
+    pairs.walks.clear();
 }
 
-double EdgeFlipSweep::repulsionOfPairsSeparated(int h) const {
-    // The flip removes the edge i-j, and with it the path from i over j to each neighbor of j.
-
-    int i = mesh.origin(h), j = mesh.tip(h), k = mesh.apex(h), l = mesh.apex(mesh.opposite(h));
-    double sum = 0;
-    int first = mesh.opposite(h);
-    for (int g = mesh.rotate(first); g != first; g = mesh.rotate(g)) {
-        int other = mesh.tip(g);
-        if (other == k || other == l)
-            continue;
-        double energy = pairEnergy(i, other);
-        if (energy != 0 && !isExcludedWithout(i, other, j))
-            sum += energy;
-    }
-    return sum;
-}
-
-double EdgeFlipSweep::repulsionOfPairsJoined(int vertex, int outgoing) const {
-    // The flip bonds the vertex to the origin of the outgoing halfedge, and so makes a path from it to each neighbor of that origin.
-
-    double sum = 0;
-    int g = outgoing;
+bool EdgeFlipSweep::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
+    int first = mesh.outgoing(vertex1), h = first;
     do {
-        int other = mesh.tip(g);
-        double energy = pairEnergy(vertex, other);
-        if (energy != 0 && !mesh.areExcluded(vertex, other, 2))
-            sum += energy;
-        g = mesh.rotate(g);
-    } while (g != outgoing);
-    return sum;
-}
-
-bool EdgeFlipSweep::isExcludedWithout(int vertex, int other, int removedNeighbor) const {
-    int first = mesh.outgoing(vertex), h = first;
-    do {
-        int neighbor = mesh.tip(h);
-        if (neighbor == other || (neighbor != removedNeighbor && mesh.areBonded(neighbor, other)))
+        if (mesh.tip(h) != middle && mesh.areBonded(mesh.tip(h), vertex2))
             return true;
         h = mesh.rotate(h);
     } while (h != first);
     return false;
+}
+
+void EdgeFlipSweep::findClosePartners(int vertex) {
+    int *partners = partnersOf(vertex), numClose = 0;
+    for (int n = 0; n < neighbors->lists[vertex].numApart; n++)
+        if (distance2(vertex, partners[n]) < p.repulsionOnset*p.repulsionOnset)
+            swap(partners[n], partners[numClose++]);
+    sort(partners, partners+numClose);
+    vertices[vertex].numClose = numClose;
+}
+
+static int* findPartner(int* first, int* last, int partner) {
+    // It costs less to look at all than to stop.
+
+    int* found = last;
+    for (int* other = first; other != last; other++)
+        found = (*other == partner ? other : found);
+    return found;
+}
+
+void EdgeFlipSweep::setApart(int vertex, int other) {
+    HelfrichNeighborList::List& list = neighbors->lists[vertex];
+    int &numClose = vertices[vertex].numClose, *partners = partnersOf(vertex), *end = partners+list.numPartners, *found = findPartner(partners+list.numApart, end, other);
+    if (found == end)
+        return;
+    swap(*found, partners[list.numApart]);
+    if (distance2(vertex, other) < p.repulsionOnset*p.repulsionOnset) {
+        swap(partners[numClose], partners[list.numApart]);
+        inplace_merge(partners, partners+numClose, partners+numClose+1);
+        numClose++;
+    }
+    list.numApart++;
+}
+
+void EdgeFlipSweep::setBonded(int vertex, int other) {
+    HelfrichNeighborList::List& list = neighbors->lists[vertex];
+    int &numClose = vertices[vertex].numClose, *partners = partnersOf(vertex), *end = partners+list.numApart, *found = findPartner(partners, end, other);
+    if (found == end)
+        return;
+    if (found < partners+numClose) {
+        rotate(found, found+1, partners+numClose);
+        found = partners+--numClose;
+    }
+    swap(*found, partners[--list.numApart]);
 }
 
 double EdgeFlipSweep::distance2(int vertex1, int vertex2) const {

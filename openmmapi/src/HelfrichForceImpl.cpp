@@ -236,7 +236,10 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     checkPositions(positions);
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweepGeometry);
     checkGeometry(context, sweepGeometry, parameters.needsCurvature());
-    sweep->setPositions(positions, sweepGeometry);
+    HelfrichNeighborList* neighbors = NULL;
+    if (EdgeFlipSweep::needsNeighborList(parameters))
+        neighbors = &kernel.getAs<CalcHelfrichForceKernel>().getNeighborList(context, parameters.repulsionOnset);
+    sweep->setPositions(positions, sweepGeometry, neighbors);
     EdgeFlipStatistics statistics = sweep->execute(parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();
     return statistics;

@@ -28,9 +28,23 @@ HelfrichGeometry getGeometry(const Membrane& membrane) {
     return geometry;
 }
 
-void setPositions(EdgeFlipSweep& sweep, const Membrane& membrane) {
-    sweep.setPositions(membrane.positions, getGeometry(membrane));
-}
+/**
+ * Sweeps over a membrane whose vertices stay where they are.
+ */
+class Sweep : public EdgeFlipSweep {
+public:
+    Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p, int numThreads=1) : EdgeFlipSweep(mesh, numThreads) {
+        if (needsNeighborList(p)) {
+            neighbors.build(membrane.positions, 1.1*p.repulsionOnset);
+            neighbors.divide(mesh);
+        }
+        setPositions(membrane.positions, geometry, needsNeighborList(p) ? &neighbors : NULL);
+    }
+    Sweep(const Membrane& membrane, HelfrichMesh& mesh, const HelfrichParameters& p, int numThreads=1) : Sweep(membrane, getGeometry(membrane), mesh, p, numThreads) {
+    }
+private:
+    HelfrichNeighborList neighbors;
+};
 
 /**
  * A rough, flat ellipsoid of 10*4^n+2 vertices.
@@ -63,8 +77,7 @@ void testEnergyChanges() {
             all.push_back(createParameters(blob, terms, level));
     for (auto& p : all) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
-        EdgeFlipSweep sweep(mesh);
-        setPositions(sweep, blob);
+        Sweep sweep(blob, mesh, p);
         long double energy = getExactEnergy(blob, mesh, p), scale = fabsl(energy);
         int numChanged = 0;
         auto check = [&] (double change) {
@@ -103,8 +116,7 @@ const Philox FLIP_RANDOM(1, 2);
  */
 Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT, int numSweeps, int numAttempts, int numThreads) {
     HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
-    EdgeFlipSweep sweep(mesh, numThreads);
-    sweep.setPositions(membrane.positions, geometry);
+    Sweep sweep(membrane, geometry, mesh, p, numThreads);
     Outcome outcome;
     for (int i = 0; i < numSweeps; i++)
         outcome.add(sweep.execute(p, kT, numAttempts, FLIP_RANDOM, i, [&] (double change) { outcome.changes.push_back(change); }));
@@ -222,8 +234,7 @@ void testRunningTotals() {
     Membrane blob = createBlob(3);
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference | Tether);
     HelfrichMesh mesh(blob.triangles, blob.positions.size());
-    EdgeFlipSweep sweep(mesh);
-    setPositions(sweep, blob);
+    Sweep sweep(blob, mesh, p);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
     EdgeFlipStatistics statistics = sweep.execute(p, HOT, numAttempts, Philox(1, 2), 3, [&] (double change) { sum += change; });
     ASSERT(statistics.accepted > numAttempts/4);
@@ -242,8 +253,7 @@ void testStatisticsAndRandomNumbers() {
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
     auto flip = [&] (int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
-        EdgeFlipSweep sweep(mesh);
-        setPositions(sweep, blob);
+        Sweep sweep(blob, mesh, p);
         int numObserved = 0;
         statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
             numObserved++;
@@ -269,9 +279,9 @@ void testStatisticsAndRandomNumbers() {
 void testSweepThatChangesNothing() {
     Membrane sphere = createSphere(1);
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
-    EdgeFlipSweep sweep(mesh);
-    setPositions(sweep, sphere);
-    EdgeFlipStatistics statistics = sweep.execute(createParameters(sphere, Bending), 1e-9, 1000, Philox(1, 2), 0);
+    HelfrichParameters p = createParameters(sphere, Bending);
+    Sweep sweep(sphere, mesh, p);
+    EdgeFlipStatistics statistics = sweep.execute(p, 1e-9, 1000, Philox(1, 2), 0);
     ASSERT_EQUAL(0, statistics.accepted);
     ASSERT_EQUAL(0, mesh.getRevision());
     ASSERT_EQUAL_CONTAINERS(sphere.triangles, mesh.getTriangles());
@@ -293,8 +303,7 @@ void testFixedEdges() {
         if (h < all.opposite(h) && h != open && all.opposite(h) != open)
             edges.push_back({all.origin(h), all.tip(h)});
     all.setFixedEdges(edges);
-    EdgeFlipSweep sweepOfAll(all);
-    setPositions(sweepOfAll, blob);
+    Sweep sweepOfAll(blob, all, p);
     EdgeFlipStatistics statistics = sweepOfAll.execute(p, hot, numAttempts, Philox(1, 2), 0);
     double expected = numAttempts/(double) all.getNumEdges();
     ASSERT(fabs(statistics.attempted-statistics.forbidden-expected) < 4*sqrt(expected));
@@ -309,8 +318,7 @@ void testFixedEdges() {
     for (int numThreads : {1, 2, 3}) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         mesh.setFixedEdges(path);
-        EdgeFlipSweep sweep(mesh, numThreads);
-        setPositions(sweep, blob);
+        Sweep sweep(blob, mesh, p, numThreads);
         statistics = sweep.execute(p, hot, numAttempts, Philox(1, 2), 0);
         ASSERT(statistics.accepted > numAttempts/4);
         ASSERT(statistics.forbidden > 0.9*numAttempts*path.size()/mesh.getNumEdges());
@@ -376,8 +384,7 @@ public:
         Membrane copies = createCopies(numCopies);
         HelfrichMesh mesh(copies.triangles, copies.positions.size());
         mesh.setFixedEdges(copyFixedEdges(numCopies));
-        EdgeFlipSweep sweep(mesh, numThreads);
-        setPositions(sweep, copies);
+        Sweep sweep(copies, mesh, p, numThreads);
         vector<int> counts(triangulations.size(), 0);
         int numSweeps = numSamples/numCopies;
         for (int i = -BURN_IN; i < numSweeps; i++) {

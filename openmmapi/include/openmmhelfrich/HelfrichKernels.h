@@ -3,6 +3,7 @@
 
 #include "HelfrichForce.h"
 #include "internal/HelfrichMesh.h"
+#include "internal/HelfrichNeighborList.h"
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
 #include "openmm/KernelImpl.h"
@@ -46,6 +47,13 @@ public:
      * @param[out] geometry  the geometry; the area difference is left as it is
      */
     virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
+    /**
+     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the mesh may divide them anew.
+     *
+     * @param context  the Context in which to execute the kernel
+     * @param onset    the onset of the repulsion, measured in nm
+     */
+    virtual HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset) = 0;
     /**
      * Get whether makeLeapfrogSteps() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
      * the surface.  It gives the same result, bit for bit.

@@ -47,6 +47,7 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeLeapfrogSteps() const {
         return true;
     }

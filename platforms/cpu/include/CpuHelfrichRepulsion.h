@@ -3,6 +3,7 @@
 
 #include "CpuHelfrichLayout.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <array>
 #include <vector>
@@ -25,6 +26,10 @@ public:
      */
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const;
     /**
+     * Get the lists before exclusions, divided for the mesh and up to date.  See update() for the other parameters.
+     */
+    HelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
+    /**
      * Bring the lists up to date.
      *
      * @param positions  the position of each slot: x, y, z, unused; all finite
@@ -45,6 +50,7 @@ private:
         double x[3];
         int vertex;
     };
+    void updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
     void adaptSkin();
     void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
     Cell findCell(const std::array<double, 3>& x) const;
@@ -60,7 +66,7 @@ private:
     std::vector<std::array<double, 3> > reference;
     std::vector<Point> points;
     std::vector<int> bucketStarts;
-    std::vector<int> candidateStarts, candidates;
+    HelfrichNeighborList candidates;
     std::vector<int> pairStarts, pairs, marks;
 };
 

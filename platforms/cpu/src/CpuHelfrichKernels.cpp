@@ -326,6 +326,18 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     }
 }
 
+HelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    updateLayout(numThreads);
+    const vector<Vec3>& source = *getData(context).positions;
+    #pragma omp parallel for schedule(static) num_threads(numThreads)
+    for (int chunk = 0; chunk < numChunks; chunk++) {
+        loadPositions(source, chunk);
+        chunkSums[chunk].outdated = repulsion.hasMoved(layout, positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+    }
+    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
+}
+
 static const int PARTICLES_PER_CHUNK = 256;
 
 /**

@@ -8,21 +8,31 @@ using namespace std;
 
 void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p,
                                   bool hasMoved) {
-    bool isNew = (p.repulsionOnset != onset);
-    if (isNew)
-        skin = 0.5*p.repulsionOnset;
-    numUpdates++;
-    if (isNew || hasMoved) {
-        onset = p.repulsionOnset;
-        adaptSkin();
-        findCandidates(layout, positions);
-        isNew = true;
-    }
-    if (isNew || mesh.getRevision() != revision || p.repulsionExclusionLevel != exclusionLevel) {
+    updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
+    if (mesh.getRevision() != revision || p.repulsionExclusionLevel != exclusionLevel) {
         removeExclusions(mesh, layout, p.repulsionExclusionLevel);
         revision = mesh.getRevision();
         exclusionLevel = p.repulsionExclusionLevel;
     }
+}
+
+void CpuHelfrichRepulsion::updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved) {
+    numUpdates++;
+    if (newOnset == onset && !hasMoved)
+        return;
+    if (newOnset != onset)
+        skin = 0.5*newOnset;
+    onset = newOnset;
+    adaptSkin();
+    findCandidates(layout, positions);
+    revision = -1;
+}
+
+HelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, double newOnset,
+                                                            bool hasMoved) {
+    updateCandidates(layout, positions, newOnset, hasMoved);
+    candidates.divide(mesh);
+    return candidates;
 }
 
 void CpuHelfrichRepulsion::adaptSkin() {
@@ -86,13 +96,14 @@ void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
         for (int i = 0; i < 3; i++)
             reference[v][i] = positions[4*layout.slots[v]+i];
     sortIntoBuckets();
-    candidateStarts.clear();
-    candidates.clear();
+    candidates.lists.resize(reference.size());
+    candidates.partners.clear();
+    candidates.revision = -1;
     for (size_t v = 0; v < reference.size(); v++) {
-        candidateStarts.push_back(candidates.size());
+        int start = candidates.partners.size();
         addCandidates(v, (onset+skin)*(onset+skin));
+        candidates.lists[v] = {start, 0, int(candidates.partners.size()-start)};
     }
-    candidateStarts.push_back(candidates.size());
 }
 
 void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {
@@ -115,7 +126,7 @@ void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, dou
                 continue;
             Cell cell = findCell(reference[other.vertex]);
             if (cell[1] == first[1] && cell[2] == first[2])
-                candidates.push_back(other.vertex);
+                candidates.partners.push_back(other.vertex);
         }
     };
     addRange(bucketStarts[begin], bucketStarts[end]);
@@ -150,12 +161,13 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
         if (layout.valences[slot] == 0)
             continue;
         int vertex = layout.vertices[slot];
-        if (candidateStarts[vertex] == candidateStarts[vertex+1])
+        const HelfrichNeighborList::List& list = candidates.lists[vertex];
+        if (list.numPartners == 0)
             continue;
         markExclusions(mesh, vertex, level);
-        for (int i = candidateStarts[vertex]; i < candidateStarts[vertex+1]; i++)
-            if (marks[candidates[i]] != vertex)
-                pairs.push_back(candidates[i]);
+        for (int i = list.start; i < list.start+list.numPartners; i++)
+            if (marks[candidates.partners[i]] != vertex)
+                pairs.push_back(candidates.partners[i]);
         // In the order of the vertices, which does not depend on where the list was built: a restart must add them up in the same order.
         sort(pairs.begin()+pairStarts[slot], pairs.end());
         for (size_t i = pairStarts[slot]; i < pairs.size(); i++)

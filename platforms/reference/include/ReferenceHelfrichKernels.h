@@ -16,9 +16,11 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
 private:
     ReferenceHelfrichEnergy::Vectors getVertexPositions(OpenMM::ContextImpl& context) const;
     const HelfrichMesh* mesh;
+    HelfrichNeighborList neighbors;
 };
 
 /**

@@ -46,6 +46,15 @@ void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, Hel
     ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
 }
 
+HelfrichNeighborList& ReferenceCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+    vector<Vec3> x;
+    for (int particle : mesh->getParticles())
+        x.push_back((*getData(context).positions)[particle]);
+    neighbors.build(x, onset);
+    neighbors.divide(*mesh);
+    return neighbors;
+}
+
 void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
     for (int i = 0; i < system.getNumParticles(); i++)
         masses.push_back(system.getParticleMass(i));

@@ -12,6 +12,8 @@ struct HelfrichParameters;
  */
 struct alignas(64) EdgeFlipVertex {
     double x, y, z, area, curvature;
+    /// the list of its partners, and how many of those apart are closer than the repulsion's onset
+    int firstPartner, numClose;
 };
 
 /**
@@ -31,8 +33,8 @@ struct alignas(64) EdgeFlipBatch {
     int vertex[8][SIZE];
     /// true if the rules do not allow the flip
     bool isForbidden[SIZE];
-    /// true if the repulsion depends on more of the connectivity than the neighbors of vertices 0 to 3
-    bool hasClosePairs[SIZE];
+    /// true if the repulsion depends on the neighbors of the partners that vertices 0 to 3 are close to and apart from
+    bool dependsOnPartners[SIZE];
     /// the changes at vertices 0 to 3
     double vertexArea[4][SIZE], vertexCurvature[4][SIZE];
     int numAttempts;

@@ -3,6 +3,7 @@
 
 #include "EdgeFlipEvaluation.h"
 #include "HelfrichMesh.h"
+#include "HelfrichNeighborList.h"
 #include "HelfrichParameters.h"
 #include "openmm/Vec3.h"
 #include <exception>
@@ -46,8 +47,15 @@ public:
      *
      * @param positions  the position of each particle
      * @param geometry   the areas, volume and curvatures of the membrane at these positions
+     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Sweeps divide them as the flipped mesh does
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry);
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors);
+    /**
+     * Get whether a sweep needs to know which vertices are close to each other.
+     */
+    static bool needsNeighborList(const HelfrichParameters& parameters) {
+        return parameters.repulsionModulus != 0 && parameters.repulsionExclusionLevel == 2;
+    }
     /**
      * Make one sweep.
      *
@@ -75,15 +83,21 @@ private:
     void decideBlock(int numBatches);
     void decide(EdgeFlipBatch& batch, int n);
     bool isStale(const EdgeFlipBatch& batch, int n) const;
+    bool isPartnerStamped(const EdgeFlipBatch& batch, int n) const;
     void accept(const EdgeFlipBatch& batch, int n, double energy);
     double penaltyChange(const EdgeFlipBatch& batch, int n) const;
     bool hasRepulsion() const;
-    void findClosePairs(EdgeFlipBatch& batch, int first, int last) const;
-    double repulsionChange(const EdgeFlipBatch& batch, int n) const;
-    double repulsionOfPairsSeparated(int h) const;
-    double repulsionOfPairsJoined(int vertex, int outgoing) const;
-    bool isExcludedWithout(int vertex, int other, int removedNeighbor) const;
+    struct ClosePairs;
+    void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
+    void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
+    bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
     double distance2(int vertex1, int vertex2) const;
+    void findClosePartners(int vertex);
+    void setBonded(int vertex, int other);
+    void setApart(int vertex, int other);
+    int* partnersOf(int vertex) const {
+        return neighbors->partners.data()+vertices[vertex].firstPartner;
+    }
     double pairEnergy(int vertex1, int vertex2) const;
     HelfrichMesh& mesh;
     const EdgeFlipEvaluation& evaluation;
@@ -97,6 +111,8 @@ private:
     HelfrichTotals totals;
     EdgeFlipStatistics statistics;
     std::vector<EdgeFlipVertex> vertices;
+    /// of the partners apart from a vertex, the close ones come first in these lists, in ascending order
+    HelfrichNeighborList* neighbors;
     std::vector<EdgeFlipBatch> batches;
     /// for each vertex the last block that flipped an edge at it
     std::vector<long long> stamps;
