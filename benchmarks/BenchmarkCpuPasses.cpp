@@ -1,4 +1,4 @@
-// The CPU platform's passes over a noisy icosphere, one thread, by instruction set and number of vertices: a tool for work on them.  Time is per vertex.
+// The CPU platform's passes over a noisy icosphere, one thread, by instruction set, precision and number of vertices: a tool for work on them.  Time is per vertex.
 
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichPasses.h"
@@ -14,8 +14,9 @@ using namespace HelfrichPlugin;
 using namespace std;
 
 /**
- * A rough sphere whose connectivity random flips have melted, with every array that the passes need.
+ * A rough sphere whose connectivity random flips have melted, with every array that the passes need.  Real is the type in which they compute.
  */
+template <class Real>
 struct Scene {
     Scene(int subdivisions, bool hasTether) : membrane(createSphere(subdivisions)) {
         int numVertices = membrane.positions.size();
@@ -29,7 +30,7 @@ struct Scene {
             if (mesh->canFlip(h))
                 mesh->flip(h);
         }
-        layout.initialize(*mesh, getCpuHelfrichPasses().width);
+        layout.initialize(*mesh, getCpuHelfrichPasses().in<Real>().width);
         layout.update(*mesh, 1);
         parameters.bendingModulus = 20;
         if (hasTether) {
@@ -40,61 +41,72 @@ struct Scene {
         }
         for (size_t i = 0; i < data.size(); i++)
             data[i].reset(static_cast<double*>(aligned_alloc(64, 64+sizeof(double)*max(4*layout.getNumSlots(), (int) layout.neighbors.size())/64*64+64)));
-        arrays = {data[0].get(), data[1].get(), data[2].get(), data[3].get(), data[4].get()};
+        auto array = [&] (int i) {
+            return reinterpret_cast<Real*>(data[i].get());
+        };
+        int* fixedPositions = reinterpret_cast<int*>(data[5].get());
+        const double corner[] = {-2, -2, -2}, unit = ldexp(1, -29);
+        arrays = {data[0].get(), array(1), array(2), array(3), array(4), fixedPositions, float(unit)};
         for (int slot = 0; slot < layout.getNumSlots(); slot++)
             for (int i = 0; i < 3; i++)
                 arrays.positions[4*slot+i] = membrane.positions[layout.vertices[slot]][i];
+        getCpuHelfrichPasses().roundPositions(arrays.positions, 0, layout.getNumSlots(), corner, 1/unit, fixedPositions);
     }
     Membrane membrane;
     unique_ptr<HelfrichMesh> mesh;
     CpuHelfrichLayout layout;
     HelfrichParameters parameters;
-    CpuHelfrichArrays arrays;
+    CpuHelfrichArrays<Real> arrays;
     struct Free {
         void operator()(double* pointer) const {
             free(pointer);
         }
     };
-    array<unique_ptr<double, Free>, 5> data;
+    array<unique_ptr<double, Free>, 6> data;
 };
 
-static void reportPerVertex(benchmark::State& state, const Scene& scene) {
-    state.counters["vertices"] = scene.mesh->getNumVertices();
-    state.counters["perVertex"] = benchmark::Counter(scene.mesh->getNumVertices(), benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+static void reportPerVertex(benchmark::State& state, int numVertices) {
+    state.counters["vertices"] = numVertices;
+    state.counters["perVertex"] = benchmark::Counter(numVertices, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
 }
 
+template <class Real>
 static void energy(benchmark::State& state) {
-    Scene scene(state.range(0), state.range(1));
-    const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
+    Scene<Real> scene(state.range(0), state.range(1));
+    auto& passes = getCpuHelfrichPasses().in<Real>();
     CpuHelfrichSums sums;
     for (auto _ : state)
         passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
-    reportPerVertex(state, scene);
+    reportPerVertex(state, scene.mesh->getNumVertices());
 }
 
+template <class Real>
 static void gradient(benchmark::State& state) {
-    Scene scene(state.range(0), state.range(1));
-    const CpuHelfrichPasses& passes = getCpuHelfrichPasses();
+    Scene<Real> scene(state.range(0), state.range(1));
+    auto& passes = getCpuHelfrichPasses().in<Real>();
     CpuHelfrichSums sums;
     HelfrichTotals slopes;
     slopes.area = slopes.volume = slopes.curvature = 1;
-    vector<double> gradients(4*scene.layout.getNumSlots());
+    alignas(64) double gradients[4*CpuHelfrichLayout::MAX_WIDTH];
     passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     for (auto _ : state)
-        for (int g = 0; g < scene.layout.getNumGroups(); g += 8)
-            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, min(g+8, scene.layout.getNumGroups()), gradients.data());
-    reportPerVertex(state, scene);
+        for (int g = 0; g < scene.layout.getNumGroups(); g++)
+            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, g+1, gradients);
+    reportPerVertex(state, scene.mesh->getNumVertices());
 }
 
+template <class Real>
 static void layout(benchmark::State& state) {
-    Scene scene(state.range(0), false);
+    Scene<Real> scene(state.range(0), false);
     for (auto _ : state)
         scene.layout.update(*scene.mesh, 1);
-    reportPerVertex(state, scene);
+    reportPerVertex(state, scene.mesh->getNumVertices());
 }
 
-BENCHMARK(energy)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
-BENCHMARK(gradient)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
-BENCHMARK(layout)->ArgsProduct({{4, 6, 8}})->ArgNames({"subdivisions"});
+BENCHMARK(energy<double>)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(energy<float>)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(gradient<double>)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(gradient<float>)->ArgsProduct({{4, 6, 8}, {0, 1}})->ArgNames({"subdivisions", "tether"});
+BENCHMARK(layout<double>)->ArgsProduct({{4, 6, 8}})->ArgNames({"subdivisions"});
 
 BENCHMARK_MAIN();

@@ -32,6 +32,12 @@ void HamiltonianTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
     stepsPerTrajectory = steps;
 }
 
+void HamiltonianTrajectoryIntegrator::setForcePrecision(const string& precision) {
+    if (precision != "double" && precision != "mixed")
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the precision of forces is '"+precision+"'; it must be 'double' or 'mixed'");
+    forcePrecision = precision;
+}
+
 void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
     randomNumberSeed = seed;
     if (context != NULL)
@@ -111,7 +117,7 @@ double HamiltonianTrajectoryIntegrator::moveToEnd() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double dt = getStepSize();
     if (movesByItself()) {
-        double potentialEnergy = soleMembrane->makeLeapfrogSteps(*context, dt, stepsPerTrajectory);
+        double potentialEnergy = soleMembrane->makeLeapfrogSteps(*context, dt, stepsPerTrajectory, forcePrecision == "mixed");
         return potentialEnergy+trajectory.computeKineticEnergy(*context);
     }
     trajectory.move(*context, 0.5*dt, dt);

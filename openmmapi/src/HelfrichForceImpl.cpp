@@ -160,9 +160,9 @@ bool HelfrichForceImpl::canMakeLeapfrogSteps(ContextImpl& context) const {
     return mesh->getNumVertices() == context.getSystem().getNumParticles() && kernel.getAs<CalcHelfrichForceKernel>().canMakeLeapfrogSteps();
 }
 
-double HelfrichForceImpl::makeLeapfrogSteps(ContextImpl& context, double stepSize, int numSteps) {
+double HelfrichForceImpl::makeLeapfrogSteps(ContextImpl& context, double stepSize, int numSteps, bool mixed) {
     HelfrichEnergyTerms terms;
-    if (!kernel.getAs<CalcHelfrichForceKernel>().makeLeapfrogSteps(context, getParameters(context), stepSize, numSteps, terms))
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeLeapfrogSteps(context, getParameters(context), stepSize, numSteps, mixed, terms))
         throwNonFinite(context, terms);
     return terms.getTotal();
 }

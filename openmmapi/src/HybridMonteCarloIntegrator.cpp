@@ -146,6 +146,18 @@ void HybridMonteCarloIntegrator::setStepsPerTrajectory(int steps) {
         throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one whose number of steps can be set");
 }
 
+string HybridMonteCarloIntegrator::getForcePrecision() const {
+    HamiltonianTrajectoryIntegrator* native = getNative();
+    return native == NULL ? "double" : native->getForcePrecision();
+}
+
+void HybridMonteCarloIntegrator::setForcePrecision(const string& precision) {
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setForcePrecision(precision);
+    else if (precision != "double")
+        throw OpenMMException("HybridMonteCarloIntegrator: the precision of forces is '"+precision+"'; integrator 0 is not one for which it can be other than 'double'");
+}
+
 double HybridMonteCarloIntegrator::getFlipFraction() const {
     return getFlipIntegrator().getFraction();
 }

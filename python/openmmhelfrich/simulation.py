@@ -137,6 +137,7 @@ def createSimulation(config, mesh, force):
     integrator = HybridMonteCarloIntegrator(sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability)
     if sampling.shear_wave_probability > 0:
         integrator.addShearWaves(createShearWaves(config, mesh), sampling.shear_wave_probability)
+    integrator.setForcePrecision(config.platform.precision)
     integrator.setRandomNumberSeed(sampling.seed or 0)
     simulation = app.Simulation(mesh.topology(), system, integrator, *platformOf(config))
     simulation.context.setPositions(mesh.vertices)
@@ -170,4 +171,6 @@ def platformOf(config):
         raise ValueError(f"[platform] name is '{name}'; it must be one of {', '.join(names)}")
     if threads is not None and name != "CPU":
         raise ValueError(f"[platform] threads is {threads}; only the CPU platform has threads, not {name}")
+    if config.platform.precision != "double" and name != "CPU":
+        raise ValueError(f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', not {name}")
     return mm.Platform.getPlatformByName(name), {} if threads is None else {"Threads": str(threads)}

@@ -18,6 +18,7 @@ void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, Seriali
     node.setDoubleProperty("temperature", integrator.getTemperature());
     node.setDoubleProperty("stepSize", integrator.getStepSize());
     node.setIntProperty("stepsPerTrajectory", integrator.getStepsPerTrajectory());
+    node.setStringProperty("forcePrecision", integrator.getForcePrecision());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
 }
@@ -26,6 +27,7 @@ void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode&
     requireVersion(node, VERSION, getTypeName());
     unique_ptr<HamiltonianTrajectoryIntegrator> integrator(new HamiltonianTrajectoryIntegrator(node.getDoubleProperty("temperature"),
             node.getDoubleProperty("stepSize"), node.getIntProperty("stepsPerTrajectory")));
+    integrator->setForcePrecision(node.getStringProperty("forcePrecision", "double"));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

@@ -11,6 +11,7 @@ using namespace std;
 
 void testRoundTrip() {
     HamiltonianTrajectoryIntegrator integrator(300.1, 0.015, 42);
+    integrator.setForcePrecision("mixed");
     integrator.setRandomNumberSeed(-5);
     integrator.setIntegrationForceGroups(6);
     stringstream stream;
@@ -20,6 +21,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(integrator.getTemperature(), copy.getTemperature());
     ASSERT_EQUAL(integrator.getStepSize(), copy.getStepSize());
     ASSERT_EQUAL(integrator.getStepsPerTrajectory(), copy.getStepsPerTrajectory());
+    ASSERT_EQUAL(integrator.getForcePrecision(), copy.getForcePrecision());
     ASSERT_EQUAL(integrator.getRandomNumberSeed(), copy.getRandomNumberSeed());
     ASSERT_EQUAL(integrator.getIntegrationForceGroups(), copy.getIntegrationForceGroups());
 }

@@ -56,6 +56,22 @@ public:
      */
     void setStepsPerTrajectory(int steps);
     /**
+     * Get the precision in which trajectories compute forces.  See setForcePrecision() for details.
+     */
+    const std::string& getForcePrecision() const {
+        return forcePrecision;
+    }
+    /**
+     * Set the precision in which trajectories compute forces: "double" (the default) or "mixed".  With "mixed", areas, angles and forces of single vertices may be computed in
+     * single precision, which is faster; positions, velocities, sums over vertices and the energies at both ends stay in double precision.
+     *
+     * This does not change what is sampled.  The forces remain a function of the positions alone, so that trajectories remain reversible and preserve volume in phase space, and
+     * the test that accepts them uses exact energies: errors of the forces cost acceptance only, and they are far below those of a leapfrog step.
+     *
+     * On the CPU platform it has an effect where a HelfrichForce is the only Force of the System and its surface has all particles.  Elsewhere forces are computed as with "double".
+     */
+    void setForcePrecision(const std::string& precision);
+    /**
      * Get the random number seed.  See setRandomNumberSeed() for details.
      */
     int getRandomNumberSeed() const {
@@ -114,6 +130,7 @@ private:
     double addForces(bool includeEnergy);
     double temperature;
     int stepsPerTrajectory;
+    std::string forcePrecision = "double";
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;

@@ -56,7 +56,7 @@ public:
     virtual HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset) = 0;
     /**
      * Get whether makeLeapfrogSteps() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
-     * the surface.  It gives the same result, bit for bit.
+     * the surface.  It gives the same result, bit for bit, if it computes the forces in double precision.
      */
     virtual bool canMakeLeapfrogSteps() const {
         return false;
@@ -68,10 +68,11 @@ public:
      * @param parameters  the moduli and targets
      * @param stepSize    the size of a step, measured in ps
      * @param numSteps    the number of steps
+     * @param mixed       whether the forces may be computed in single precision.  They must be a function of the positions alone all the same, and the terms in double precision.
      * @param[out] terms  the terms of the energy at the end
      * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of the last step made
      */
-    virtual bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
+    virtual bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed, HelfrichEnergyTerms& terms) {
         throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no leapfrog steps");
     }
 };

@@ -77,6 +77,15 @@ public:
      */
     void setStepsPerTrajectory(int steps);
     /**
+     * Get the precision in which trajectories compute forces.
+     */
+    std::string getForcePrecision() const;
+    /**
+     * Set the precision in which trajectories compute forces: "double" or "mixed".  See HamiltonianTrajectoryIntegrator::setForcePrecision() for details; "mixed" requires
+     * that number 0 is of that class.
+     */
+    void setForcePrecision(const std::string& precision);
+    /**
      * Get the number of attempts in a sweep, as a fraction of the number of edges.
      */
     double getFlipFraction() const;

@@ -51,24 +51,34 @@ public:
     bool canMakeLeapfrogSteps() const {
         return true;
     }
-    bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms);
+    bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed, HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
+    void setLayoutWidth(int width);
     void updateLayout(int numThreads);
-    CpuHelfrichArrays prepareArrays(const HelfrichParameters& parameters, bool needsGeometry, int numThreads);
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
-    void computeRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
-    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double* gradients);
-    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
-    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double velocityStep, double positionStep,
-              double* nextPositions);
+    void computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients);
+    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
+    // Real is the type in which the passes compute.
+    template <class Real>
+    CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
+    template <class Real>
+    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
+    template <class Real>
+    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double velocityStep, double positionStep,
+              double* nextPositions);
+    template <class Real>
+    bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms);
     // These are for all threads of a parallel region to call; they return the same on each.
-    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays);
-    void updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays);
-    bool makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
+    bool roundPositions(CpuHelfrichArrays<float>& arrays);
+    template <class Real>
+    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays);
+    void updateRepulsion(const HelfrichParameters& parameters, const double* positions);
+    template <class Real>
+    bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, double velocityStep, double positionStep, double* nextPositions,
                   HelfrichEnergyTerms& terms);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;
@@ -83,8 +93,11 @@ private:
     Array positions, bendingSlopes, anglesPerLength;
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has room for areas and curvatures
     Array nextPositions, velocities;
+    /// in a trajectory with forces in single precision: of each slot x, y, z, unused
+    std::vector<int, CacheLineAllocator<int> > fixedPositions;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
+    std::vector<CpuHelfrichBox> chunkBoxes;
 };
 
 /**

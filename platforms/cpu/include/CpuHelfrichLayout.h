@@ -45,7 +45,7 @@ public:
         return groups.size()*width;
     }
     /// the lanes of the widest SIMD vector that there is
-    static constexpr int MAX_WIDTH = 8;
+    static constexpr int MAX_WIDTH = 16;
     int width = 1;
     std::vector<Group> groups;
     /// the vertex in each slot; the padding's is 0

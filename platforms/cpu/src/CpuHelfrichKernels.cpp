@@ -10,7 +10,7 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static const int GROUPS_PER_CHUNK = 8;
+static const int SLOTS_PER_CHUNK = 64;
 
 static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
@@ -27,11 +27,18 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
 
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
     this->mesh = &mesh;
-    layout.initialize(mesh, passes.width);
+    setLayoutWidth(passes.inDouble.width);
+}
+
+void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
+    if (layout.width == width && layout.getNumGroups() != 0)
+        return;
+    layout.initialize(*mesh, width);
     positions.resize(4*layout.getNumSlots());
     chunkSums.resize(getNumChunks());
+    chunkBoxes.resize(getNumChunks());
     particles.resize(layout.getNumSlots());
-    revision = mesh.getRevision()-1;
+    revision = mesh->getRevision()-1;
 }
 
 void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
@@ -44,32 +51,33 @@ void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
     revision = mesh->getRevision();
 }
 
-CpuHelfrichArrays CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, bool needsGeometry, int numThreads) {
+template <class Real>
+CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, int numThreads) {
     updateLayout(numThreads);
-    if (parameters.needsCurvature() || needsGeometry) {
+    if (parameters.needsCurvature()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
     }
-    CpuHelfrichArrays arrays = {positions.data(), bendingSlopes.data(), NULL, NULL, anglesPerLength.data()};
-    if (needsGeometry) {
-        nextPositions.resize(positions.size());
-        arrays.areas = nextPositions.data();
-        arrays.curvatures = arrays.areas+layout.getNumSlots();
+    CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL, reinterpret_cast<Real*>(anglesPerLength.data())};
+    if constexpr (is_same<Real, float>::value) {
+        // No vertex is ever where slots without one stay, for an edge between them would have no length.
+        fixedPositions.resize(positions.size(), -1);
+        arrays.fixedPositions = fixedPositions.data();
     }
     return arrays;
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
-    return (layout.getNumGroups()+GROUPS_PER_CHUNK-1)/GROUPS_PER_CHUNK;
+    return (layout.getNumSlots()+SLOTS_PER_CHUNK-1)/SLOTS_PER_CHUNK;
 }
 
 int CpuCalcHelfrichForceKernel::getFirstGroup(int chunk) const {
-    return chunk*GROUPS_PER_CHUNK;
+    return chunk*SLOTS_PER_CHUNK/layout.width;
 }
 
 int CpuCalcHelfrichForceKernel::getLastGroup(int chunk) const {
-    return min((chunk+1)*GROUPS_PER_CHUNK, layout.getNumGroups());
+    return min(getFirstGroup(chunk+1), layout.getNumGroups());
 }
 
 int CpuCalcHelfrichForceKernel::getFirstSlot(int chunk) const {
@@ -120,11 +128,12 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
     return total.get();
 }
 
-CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays) {
+template <class Real>
+CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays) {
     int numChunks = getNumChunks();
     #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++) {
-        passes.computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        passes.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
         if (parameters.repulsionModulus != 0)
             chunkSums[chunk].outdated = repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
@@ -136,22 +145,23 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
     return sums;
 }
 
-void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays) {
+void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
     if (parameters.repulsionModulus != 0) {
         #pragma omp single
-        repulsion.update(*mesh, layout, arrays.positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
+        repulsion.update(*mesh, layout, positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
     }
 }
 
-void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, int chunk, double* gradients) {
-    chunkSums[chunk].repulsion = repulsion.compute(arrays.positions, parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
+void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients) {
+    chunkSums[chunk].repulsion = repulsion.compute(positions, parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
 }
 
-void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
+template <class Real>
+void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk,
                                                  double* gradients) {
-    passes.computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
+    passes.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
     if (parameters.repulsionModulus != 0)
-        computeRepulsion(parameters, arrays, chunk, gradients);
+        computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
 
 HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const {
@@ -166,7 +176,7 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    CpuHelfrichArrays arrays = prepareArrays(parameters, false, numThreads);
+    auto arrays = prepareArrays<double>(parameters, numThreads);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSums sums;
@@ -177,14 +187,14 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
             loadPositions(source, chunk);
         CpuHelfrichSums found = computeEnergy(parameters, arrays);
         if (isfinite(found.area)) {
-            updateRepulsion(parameters, arrays);
+            updateRepulsion(parameters, arrays.positions);
             HelfrichTotals slopes = penaltySlopes(parameters, found);
             #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 if (includeForces)
                     chunkSums[chunk].force = addForces(parameters, slopes, arrays, chunk, forces);
                 else if (parameters.repulsionModulus != 0)
-                    computeRepulsion(parameters, arrays, chunk, NULL);
+                    computeRepulsion(parameters, arrays.positions, chunk, NULL);
         }
         #pragma omp master
         sums = found;
@@ -193,9 +203,9 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
     return isfinite(sums.area) && (!includeForces || isfinite(addUp(chunkSums, &CpuHelfrichSums::force)));
 }
 
-double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk,
-                                           vector<Vec3>& forces) {
-    alignas(64) double gradients[4*GROUPS_PER_CHUNK*CpuHelfrichLayout::MAX_WIDTH];
+double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<double>& arrays, int chunk,
+                                             vector<Vec3>& forces) {
+    alignas(64) double gradients[4*SLOTS_PER_CHUNK];
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
     double sum = 0;
@@ -208,6 +218,7 @@ double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameter
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     loadPositions(*getData(context).positions, chunk);
+    chunkBoxes[chunk] = passes.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     const vector<Vec3>& source = *getData(context).velocities;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
@@ -227,11 +238,12 @@ void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* 
     }
 }
 
-void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int chunk, double velocityStep,
+template <class Real>
+void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double velocityStep,
                                       double positionStep, double* nextPositions) {
     // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
 
-    alignas(64) double gradients[4*GROUPS_PER_CHUNK*CpuHelfrichLayout::MAX_WIDTH];
+    alignas(64) double gradients[4*SLOTS_PER_CHUNK];
     int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk)*layout.width;
     for (int slot = firstSlot; slot < lastSlot; slot += 2) {
         __builtin_prefetch(&velocities[4*slot], 1);
@@ -248,14 +260,47 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
             next[i] = isFrozen ? x[i] : x[i]+positionStep*v[i];
         }
     }
+    if constexpr (is_same<Real, float>::value)
+        chunkBoxes[chunk] = passes.findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
-bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, const CpuHelfrichArrays& arrays, double velocityStep, double positionStep, double* nextPositions,
+bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays) {
+    // The forces must be a function of the positions alone, for only then are the steps reversible: origin and unit of the fixed point numbers are those of the step's own
+    // positions.  The unit is a power of two, and so adds no error.
+
+    CpuHelfrichBox box = chunkBoxes[0];
+    double extent = 0;
+    for (int i = 0; i < 3; i++) {
+        for (auto& chunkBox : chunkBoxes) {
+            if (!isfinite(chunkBox.upper[i]-chunkBox.lower[i]))
+                return false;
+            box.lower[i] = min(box.lower[i], chunkBox.lower[i]);
+            box.upper[i] = max(box.upper[i], chunkBox.upper[i]);
+        }
+        extent = max(extent, box.upper[i]-box.lower[i]);
+    }
+    if (!isfinite(extent))
+        return false;
+    int exponent, numChunks = getNumChunks();
+    frexp(extent, &exponent);
+    double unit = ldexp(1, exponent-31);
+    #pragma omp for schedule(static)
+    for (int chunk = 0; chunk < numChunks; chunk++)
+        passes.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1/unit, arrays.fixedPositions);
+    arrays.fixedUnit = unit;
+    return true;
+}
+
+template <class Real>
+bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, double velocityStep, double positionStep, double* nextPositions,
                                           HelfrichEnergyTerms& terms) {
+    if constexpr (is_same<Real, float>::value)
+        if (!roundPositions(arrays))
+            return false;
     CpuHelfrichSums sums = computeEnergy(parameters, arrays);
     if (!isfinite(sums.area))
         return false;
-    updateRepulsion(parameters, arrays);
+    updateRepulsion(parameters, arrays.positions);
     HelfrichTotals slopes = penaltySlopes(parameters, sums);
     int numChunks = getNumChunks();
     #pragma omp for schedule(static)
@@ -265,17 +310,19 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     return isfinite(terms.getTotal());
 }
 
-bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
+template <class Real>
+bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
 
+    setLayoutWidth(passes.in<Real>().width);
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    CpuHelfrichArrays startArrays = prepareArrays(parameters, false, numThreads);
+    const auto startArrays = prepareArrays<Real>(parameters, numThreads);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
     bool isFinite = true;
     #pragma omp parallel num_threads(numThreads)
     {
-        CpuHelfrichArrays arrays = startArrays;
+        CpuHelfrichArrays<Real> arrays = startArrays;
         double* next = nextPositions.data();
         HelfrichEnergyTerms now;
         #pragma omp for schedule(static)
@@ -299,16 +346,28 @@ bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const H
     return isFinite;
 }
 
+bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed,
+                                                   HelfrichEnergyTerms& terms) {
+    if (!mixed)
+        return makeSteps<double>(context, parameters, stepSize, numSteps, terms);
+    return makeSteps<float>(context, parameters, stepSize, numSteps, terms) && execute(context, parameters, false, terms);
+}
+
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    CpuHelfrichArrays arrays = prepareArrays(HelfrichParameters(), true, numThreads);
+    HelfrichParameters parameters;
+    parameters.bendingModulus = 1;
+    auto arrays = prepareArrays<double>(parameters, numThreads);
+    nextPositions.resize(positions.size());
+    arrays.areas = nextPositions.data();
+    arrays.curvatures = arrays.areas+layout.getNumSlots();
     const vector<Vec3>& source = *getData(context).positions;
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        CpuHelfrichSums sums = computeEnergy(HelfrichParameters(), arrays);
+        CpuHelfrichSums sums = computeEnergy(parameters, arrays);
         #pragma omp master
         {
             geometry.area = sums.area;

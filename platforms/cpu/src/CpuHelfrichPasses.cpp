@@ -5,16 +5,25 @@
 #include "openmmhelfrich/internal/Simd.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
+#include <algorithm>
 
 using namespace HelfrichPlugin;
 
 namespace {
 
-typedef Vector3<Simd> Point;
+/**
+ * The vectors of floating point numbers of a type, and what the positions are given in: vectors of them, or of integers.
+ */
+template <class Real>
+using Vector = typename SimdOf<Real>::Vector;
+template <class Real>
+using Point = Vector3<Vector<Real> >;
+template <class Real>
+using Coordinates = Vector3<std::conditional_t<std::is_same<Real, double>::value, Vector<double>, typename SimdOf<Real>::Integers> >;
 
 /* How far ahead to ask for what is in no cache.  A group's neighbors are in its patch, in an order that the processor does not foresee; and where it does, it stops at the end of
    each page. */
-const int GROUPS_AHEAD = 2*HelfrichMesh::PATCH/WIDTH, CORNERS_AHEAD = 24;
+const int SLOTS_AHEAD = 2*HelfrichMesh::PATCH, CORNERS_AHEAD = 24;
 
 /**
  * Ask for the cache lines of an array's elements, which need not exist.
@@ -25,45 +34,82 @@ inline void prefetch(const T* data, int count) {
         __builtin_prefetch(data+i);
 }
 
+inline const double* getCoordinates(const CpuHelfrichArrays<double>& arrays) {
+    return arrays.positions;
+}
+
+inline const int* getCoordinates(const CpuHelfrichArrays<float>& arrays) {
+    return arrays.fixedPositions;
+}
+
+template <class Real>
+inline Coordinates<Real> loadCoordinates(const CpuHelfrichArrays<Real>& arrays, const int* offsets) {
+    Coordinates<Real> result;
+    loadPoints(getCoordinates(arrays), offsets, result.x, result.y, result.z);
+    return result;
+}
+
 /**
- * The ring of a group of vertices.
+ * The vector to one point from another.
  */
+inline Point<double> difference(const Coordinates<double>& to, const Coordinates<double>& from, const CpuHelfrichArrays<double>& arrays) {
+    return to-from;
+}
+
+inline Point<float> difference(const Coordinates<float>& to, const Coordinates<float>& from, const CpuHelfrichArrays<float>& arrays) {
+    auto convert = [] (auto integers) {
+        return __builtin_convertvector(integers, Vector<float>);
+    };
+    Coordinates<float> d = to-from;
+    return Point<float>{convert(d.x), convert(d.y), convert(d.z)}*broadcast(arrays.fixedUnit);
+}
+
+/**
+ * The rings of as many vertices as a vector has lanes: a group of the layout, or a part of it.
+ */
+template <class Real>
 class Ring {
 public:
-    Ring(const CpuHelfrichLayout& layout, const double* positions, int g) : group(layout.groups[g]), positions(positions), neighbors(layout.neighbors.data()+group.start),
-            valences(layout.valences.data()+g*WIDTH) {
-        prefetch(positions+4*(g+GROUPS_AHEAD)*WIDTH, 4*WIDTH);
+    static const int WIDTH = SimdOf<Real>::WIDTH;
+    Ring(const CpuHelfrichLayout& layout, const CpuHelfrichArrays<Real>& arrays, int firstSlot) : group(layout.groups[firstSlot/layout.width]), firstSlot(firstSlot),
+            arrays(arrays), stride(layout.width), firstCorner(group.start+firstSlot%layout.width), neighbors(layout.neighbors.data()+firstCorner),
+            valences(layout.valences.data()+firstSlot) {
+        prefetch(getCoordinates(arrays)+4*(firstSlot+SLOTS_AHEAD), 4*WIDTH);
         int own[WIDTH];
         for (int lane = 0; lane < WIDTH; lane++)
-            own[lane] = 4*(g*WIDTH+lane);
-        loadPoints(positions, own, center.x, center.y, center.z);
+            own[lane] = 4*(firstSlot+lane);
+        center = loadCoordinates(arrays, own);
     }
     /// the vector from the vertices to their neighbors of a number
-    Point toNeighbor(int i) const {
-        Point point;
-        loadPoints(positions, neighbors+i*WIDTH, point.x, point.y, point.z);
-        return point-center;
+    Point<Real> toNeighbor(int i) const {
+        return difference(loadCoordinates(arrays, neighbors+i*stride), center, arrays);
     }
     /// a value of the neighbors of a number
-    Simd ofNeighbor(const double* values, int i) const {
-        return loadScalars(values, neighbors+i*WIDTH);
+    Vector<Real> ofNeighbor(const Real* values, int i) const {
+        return loadScalars(values, neighbors+i*stride);
     }
     /// the normal of the triangles that follow a neighbor, u x w, and 0 where there is none
-    Point normal(int i, const Point& u, const Point& w) const {
-        Point n = cross(u, w);
+    Point<Real> normal(int i, const Point<Real>& u, const Point<Real>& w) const {
+        Point<Real> n = cross(u, w);
         if (!group.isPadded)
             return n;
-        SimdMask exists = has(i);
-        return {choose(exists, n.x, Simd{}), choose(exists, n.y, Simd{}), choose(exists, n.z, Simd{})};
+        auto exists = has(i);
+        return {choose(exists, n.x, Vector<Real>{}), choose(exists, n.y, Vector<Real>{}), choose(exists, n.z, Vector<Real>{})};
     }
     /// where the vertices have a neighbor of this number that is not padding
-    SimdMask has(int i) const {
-        return loadIntegers(valences) > i;
+    typename SimdOf<Real>::Integers has(int i) const {
+        return loadIntegers<Real>(valences) > i;
+    }
+    /// the first of the corners of a number
+    int corner(int i) const {
+        return firstCorner+i*stride;
     }
     const CpuHelfrichLayout::Group& group;
-    Point center;
+    const int firstSlot;
+    Coordinates<Real> center;
 private:
-    const double* positions;
+    const CpuHelfrichArrays<Real>& arrays;
+    const int stride, firstCorner;
     const int* neighbors;
     const int* valences;
 };
@@ -71,35 +117,50 @@ private:
 /**
  * 1/sqrt(x), and 0 where x is 0: what has no length has no direction.
  */
-inline Simd inverseLength(Simd x) {
-    return choose(x > 0.0, inverseSqrt(x), Simd{});
+template <class V>
+inline V inverseLength(V x) {
+    return choose(x > Lane<V>(0), inverseSqrt(x), V{});
 }
+
+/**
+ * The moduli and lengths that vectors are multiplied with or compared to, in their type.
+ */
+template <class Real>
+struct Parameters {
+    explicit Parameters(const HelfrichParameters& p) : bendingModulus(p.bendingModulus), tetherModulus(p.tetherModulus), tetherMinLength(p.tetherMinLength),
+            tetherMaxLength(p.tetherMaxLength), tetherExponent(p.tetherExponent) {
+    }
+    Real bendingModulus, tetherModulus, tetherMinLength, tetherMaxLength;
+    int tetherExponent;
+};
 
 /**
  * Where edges of a squared length may not be slack.
  */
-inline SimdMask isTetherTaut(Simd length2, const HelfrichParameters& p) {
+template <class Real>
+inline typename SimdOf<Real>::Integers isTetherTaut(Vector<Real> length2, const Parameters<Real>& p) {
     return (length2 < p.tetherMinLength*p.tetherMinLength) | (length2 > p.tetherMaxLength*p.tetherMaxLength);
 }
 
 /**
  * The tether's energy of edges, and its slope over their length.
  */
-inline Simd tetherEnergy(Simd length, SimdMask exists, const HelfrichParameters& p, Simd& slopeOverLength) {
-    Simd energy = {}, slope = {}, branchSlope;
-    SimdMask isShort = exists & (length < p.tetherMinLength), isLong = exists & (length > p.tetherMaxLength);
+template <class Real>
+inline Vector<Real> tetherEnergy(Vector<Real> length, typename SimdOf<Real>::Integers exists, const Parameters<Real>& p, Vector<Real>& slopeOverLength) {
+    Vector<Real> energy = {}, slope = {}, branchSlope;
+    auto isShort = exists & (length < p.tetherMinLength), isLong = exists & (length > p.tetherMaxLength);
     if (any(isShort)) {
-        Simd minLength = broadcast(p.tetherMinLength), inverse = divide(broadcast(1), length-minLength);
-        Simd value = contactPotential(length, minLength, p.tetherExponent, inverse, exponential(length*inverse), branchSlope);
+        Vector<Real> minLength = broadcast(p.tetherMinLength), inverse = divide(broadcast(Real(1)), length-minLength);
+        Vector<Real> value = contactPotential(length, minLength, p.tetherExponent, inverse, exponential(length*inverse), branchSlope);
         energy = choose(isShort, value, energy);
         slope = choose(isShort, branchSlope, slope);
     }
     if (any(isLong)) {
-        Simd value = stretchPotential(length, broadcast(p.tetherMaxLength), p.tetherExponent, branchSlope);
+        Vector<Real> value = stretchPotential(length, broadcast(p.tetherMaxLength), p.tetherExponent, branchSlope);
         energy = choose(isLong, value, energy);
         slope = choose(isLong, branchSlope, slope);
     }
-    slopeOverLength = choose(isShort | isLong, divide(p.tetherModulus*slope, length), Simd{});
+    slopeOverLength = choose(isShort | isLong, divide(p.tetherModulus*slope, length), Vector<Real>{});
     return p.tetherModulus*energy;
 }
 
@@ -111,48 +172,49 @@ enum Parts {Edges, Triangles, Angles};
 /**
  * The sums over the rings of a group.
  */
+template <class Real>
 struct RingSums {
-    Simd doubleAreas, curvature, tether;
-    Point normals;
+    Vector<Real> doubleAreas, curvature, tether;
+    Point<Real> normals;
 };
 
-template <Parts parts, bool HasTether>
-inline void addEdge(const Ring& ring, int i, const Point& normal, const Point& previousNormal, const Point& toNeighbor, const Point& toPrevious,
-                    const HelfrichParameters& p, const CpuHelfrichArrays& arrays, RingSums& sums) {
+template <Parts parts, bool HasTether, class Real>
+inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, const Point<Real>& previousNormal, const Point<Real>& toNeighbor, const Point<Real>& toPrevious,
+                    const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays, RingSums<Real>& sums) {
     if (parts != Angles && !HasTether)
         return;
-    Simd length2 = dot(toNeighbor, toNeighbor);
+    Vector<Real> length2 = dot(toNeighbor, toNeighbor);
     // Of an edge without length this makes something that is no number, and so an error.
-    Simd inverse = inverseSqrt(length2), length = length2*inverse;
+    Vector<Real> inverse = inverseSqrt(length2), length = length2*inverse;
     if (parts == Angles) {
-        Simd sine, cosine;
+        Vector<Real> sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
-        Simd angle = angleOf<SimdMath>(sine, cosine);
-        store(arrays.anglesPerLength+ring.group.start+i*WIDTH, angle*inverse);
+        Vector<Real> angle = angleOf<SimdMath>(sine, cosine);
+        store(arrays.anglesPerLength+ring.corner(i), angle*inverse);
         sums.curvature += length*angle;
     }
     if (HasTether && any(isTetherTaut(length2, p))) {
-        Simd slope;
+        Vector<Real> slope;
         sums.tether += tetherEnergy(length, ring.has(i), p, slope);
     }
 }
 
-template <Parts parts, bool HasTether>
-inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const CpuHelfrichArrays& arrays) {
-    RingSums sums = {};
+template <Parts parts, bool HasTether, class Real>
+inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays) {
+    RingSums<Real> sums = {};
     const CpuHelfrichLayout::Group& group = ring.group;
     if (parts == Edges) {
-        const Point none = {};
+        const Point<Real> none = {};
         for (int i = 0; i < group.length && HasTether; i++)
             addEdge<Edges, HasTether>(ring, i, none, none, ring.toNeighbor(i), none, p, arrays, sums);
         return sums;
     }
-    Point first = ring.toNeighbor(0), current = first;
-    Point firstNormal = {}, previous = {}, previousNormal = {}, last = {}, lastNormal = {};
+    Point<Real> first = ring.toNeighbor(0), current = first;
+    Point<Real> firstNormal = {}, previous = {}, previousNormal = {}, last = {}, lastNormal = {};
     for (int i = 0; i < group.length; i++) {
-        Point next = i+1 < group.length ? ring.toNeighbor(i+1) : first;
-        Point normal = ring.normal(i, current, next);
-        Simd square = dot(normal, normal);
+        Point<Real> next = i+1 < group.length ? ring.toNeighbor(i+1) : first;
+        Point<Real> normal = ring.normal(i, current, next);
+        Vector<Real> square = dot(normal, normal);
         sums.doubleAreas += square*inverseLength(square);
         sums.normals = sums.normals+normal;
         if (i == 0)
@@ -160,7 +222,7 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
         else
             addEdge<parts, HasTether>(ring, i, normal, previousNormal, current, previous, p, arrays, sums);
         if (group.isPadded) {
-            SimdMask exists = ring.has(i);
+            auto exists = ring.has(i);
             last = {choose(exists, current.x, last.x), choose(exists, current.y, last.y), choose(exists, current.z, last.z)};
             lastNormal = {choose(exists, normal.x, lastNormal.x), choose(exists, normal.y, lastNormal.y), choose(exists, normal.z, lastNormal.z)};
         }
@@ -176,31 +238,32 @@ inline RingSums sumRing(const Ring& ring, const HelfrichParameters& p, const Cpu
     return sums;
 }
 
-template <Parts parts, bool HasTether>
-void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
-    Simd area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
-    Point origin = {broadcast(arrays.positions[0]), broadcast(arrays.positions[1]), broadcast(arrays.positions[2])};
-    for (int g = firstGroup; g < lastGroup; g++) {
-        Ring ring(layout, arrays.positions, g);
-        RingSums ringSums = sumRing<parts, HasTether>(ring, p, arrays);
-        Point offset = ring.center-origin;
+template <Parts parts, bool HasTether, class Real>
+void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
+    typename SimdOf<Real>::Doubles area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
+    const int zeros[SimdOf<Real>::WIDTH] = {};
+    Coordinates<Real> origin = loadCoordinates(arrays, zeros);
+    for (int slot = firstGroup*layout.width; slot < lastGroup*layout.width; slot += SimdOf<Real>::WIDTH) {
+        Ring<Real> ring(layout, arrays, slot);
+        RingSums<Real> ringSums = sumRing<parts, HasTether>(ring, p, arrays);
+        Point<Real> offset = difference(ring.center, origin, arrays);
         // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
-        Simd vertexArea = parts == Edges ? 0.0*dot(offset, offset) : ringSums.doubleAreas*(1.0/6.0);
-        area += vertexArea;
-        volume += dot(ringSums.normals, offset);
+        Vector<Real> vertexArea = parts == Edges ? Real(0)*dot(offset, offset) : ringSums.doubleAreas*Real(1.0/6.0);
+        area += toDoubles(vertexArea);
+        volume += toDoubles(dot(ringSums.normals, offset));
         if (arrays.areas != nullptr)
-            store(arrays.areas+g*WIDTH, vertexArea);
+            store(arrays.areas+slot, vertexArea);
         if (parts == Angles) {
-            Simd vertexCurvature = 0.25*ringSums.curvature;
-            Simd meanCurvature = choose(vertexArea > 0.0, vertexCurvature/vertexArea, Simd{});
-            curvature += vertexCurvature;
-            bending += vertexCurvature*meanCurvature;
+            Vector<Real> vertexCurvature = Real(0.25)*ringSums.curvature;
+            Vector<Real> meanCurvature = choose(vertexArea > Real(0), vertexCurvature/vertexArea, Vector<Real>{});
+            curvature += toDoubles(vertexCurvature);
+            bending += toDoubles(vertexCurvature*meanCurvature);
             if (arrays.curvatures != nullptr)
-                store(arrays.curvatures+g*WIDTH, vertexCurvature);
-            store(arrays.bendingSlopes+g*WIDTH, 4.0*p.bendingModulus*meanCurvature);
+                store(arrays.curvatures+slot, vertexCurvature);
+            store(arrays.bendingSlopes+slot, 4*p.bendingModulus*meanCurvature);
         }
         if (HasTether)
-            tether += ringSums.tether;
+            tether += toDoubles(ringSums.tether);
     }
     sums.area = sum(area);
     sums.volume = sum(volume)*(1.0/18.0);
@@ -209,25 +272,26 @@ void computeEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
     sums.tether = 0.5*sum(tether);
 }
 
-void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
+template <class Real>
+void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
     bool hasTether = (p.tetherModulus != 0);
-    auto compute = hasTether ? computeEnergy<Edges, true> : computeEnergy<Edges, false>;
-    if (p.needsCurvature() || arrays.areas != nullptr)
-        compute = hasTether ? computeEnergy<Angles, true> : computeEnergy<Angles, false>;
+    auto compute = hasTether ? computeEnergy<Edges, true, Real> : computeEnergy<Edges, false, Real>;
+    if (p.needsCurvature())
+        compute = hasTether ? computeEnergy<Angles, true, Real> : computeEnergy<Angles, false, Real>;
     else if (p.needsTriangles())
-        compute = hasTether ? computeEnergy<Triangles, true> : computeEnergy<Triangles, false>;
-    compute(layout, p, arrays, firstGroup, lastGroup, sums);
+        compute = hasTether ? computeEnergy<Triangles, true, Real> : computeEnergy<Triangles, false, Real>;
+    compute(layout, Parameters<Real>(p), arrays, firstGroup, lastGroup, sums);
 }
 
 /**
  * The gradient of the tether alone.
  */
-template <bool HasTether>
-inline Point edgeGradient(const Ring& ring, const HelfrichParameters& p) {
-    Point gradient = {};
+template <bool HasTether, class Real>
+inline Point<Real> edgeGradient(const Ring<Real>& ring, const Parameters<Real>& p) {
+    Point<Real> gradient = {};
     for (int i = 0; i < ring.group.length && HasTether; i++) {
-        Point u = ring.toNeighbor(i);
-        Simd u2 = dot(u, u), slope;
+        Point<Real> u = ring.toNeighbor(i);
+        Vector<Real> u2 = dot(u, u), slope;
         if (any(isTetherTaut(u2, p))) {
             tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
             gradient = gradient-u*slope;
@@ -245,41 +309,41 @@ inline Point edgeGradient(const Ring& ring, const HelfrichParameters& p) {
  *
  * An edge's coefficient is C_e = (alpha_i+alpha_j)/4 with alpha = dE/dM_i, so that only differences of alpha are left in the last.
  */
-template <Parts parts, bool HasTether>
-inline Point ringGradient(const Ring& ring, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int g) {
+template <Parts parts, bool HasTether, class Real>
+inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& p, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays) {
     if (parts == Edges)
         return edgeGradient<HasTether>(ring, p);
-    const double byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus);
+    const Real byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1/(24*p.bendingModulus), byVolume = slopes.volume*(1.0/6.0), byCurvature = slopes.curvature;
     const CpuHelfrichLayout::Group& group = ring.group;
-    Point gradient = {};
-    Point first = ring.toNeighbor(0), u = first;
-    Simd u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
+    Point<Real> gradient = {};
+    Point<Real> first = ring.toNeighbor(0), u = first;
+    Vector<Real> u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
     if (parts == Angles) {
-        alpha = load(arrays.bendingSlopes+g*WIDTH);
-        prefetch(arrays.bendingSlopes+(g+GROUPS_AHEAD)*WIDTH, WIDTH);
-        prefetch(arrays.anglesPerLength+group.start+CORNERS_AHEAD*WIDTH, group.length*WIDTH);
+        alpha = load(arrays.bendingSlopes+ring.firstSlot);
+        prefetch(arrays.bendingSlopes+ring.firstSlot+SLOTS_AHEAD, ring.WIDTH);
+        prefetch(arrays.anglesPerLength+ring.corner(CORNERS_AHEAD), group.length*ring.WIDTH);
         firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
     }
     for (int i = 0; i < group.length; i++) {
         bool isLast = (i+1 == group.length);
-        Point w = isLast ? first : ring.toNeighbor(i+1);
-        Simd w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
-        Point normal = ring.normal(i, u, w);
-        Simd inverse = inverseLength(dot(normal, normal));
-        Simd byNormal = broadcast(slopes.volume*(1.0/6.0)), byArea = broadcast(slopes.area), byEdge = {};
+        Point<Real> w = isLast ? first : ring.toNeighbor(i+1);
+        Vector<Real> w2 = dot(w, w), uw = dot(u, w), db = u2-uw, dc = w2-uw;
+        Point<Real> normal = ring.normal(i, u, w);
+        Vector<Real> inverse = inverseLength(dot(normal, normal));
+        Vector<Real> byNormal = broadcast(byVolume), byArea = broadcast(Real(slopes.area)), byEdge = {};
         if (parts == Angles) {
-            Simd alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
+            Vector<Real> alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i+1);
             byArea += byBendingSlope2*(alpha*alpha+alphaU*alphaU+alphaW*alphaW);
-            byNormal -= 0.25*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
-            byEdge = (0.25*(alpha+alphaU)+0.5*slopes.curvature)*load(arrays.anglesPerLength+group.start+i*WIDTH);
+            byNormal -= Real(0.25)*inverse*inverse*((alphaU-alpha)*dc+(alphaW-alpha)*db);
+            byEdge = (Real(0.25)*(alpha+alphaU)+Real(0.5)*byCurvature)*load(arrays.anglesPerLength+ring.corner(i));
             alphaU = alphaW;
         }
         if (HasTether && any(isTetherTaut(u2, p))) {
-            Simd slope;
+            Vector<Real> slope;
             tetherEnergy(u2*inverseLength(u2), ring.has(i), p, slope);
             byEdge += slope;
         }
-        Simd byAreaHalf = 0.5*byArea*inverse;
+        Vector<Real> byAreaHalf = Real(0.5)*byArea*inverse;
         gradient = gradient+normal*byNormal-u*(byAreaHalf*dc+byEdge)-w*(byAreaHalf*db);
         u = w;
         u2 = w2;
@@ -287,28 +351,60 @@ inline Point ringGradient(const Ring& ring, const HelfrichParameters& p, const H
     return gradient;
 }
 
-template <Parts parts, bool HasTether>
-void computeGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+template <Parts parts, bool HasTether, class Real>
+void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                      int lastGroup, double* gradients) {
-    for (int g = firstGroup; g < lastGroup; g++) {
-        Point gradient = ringGradient<parts, HasTether>(Ring(layout, arrays.positions, g), p, slopes, arrays, g);
-        for (int lane = 0; lane < WIDTH; lane++, gradients += 4) {
-            gradients[0] = gradient.x[lane];
-            gradients[1] = gradient.y[lane];
-            gradients[2] = gradient.z[lane];
-        }
+    for (int slot = firstGroup*layout.width; slot < lastGroup*layout.width; slot += SimdOf<Real>::WIDTH) {
+        Point<Real> gradient = ringGradient<parts, HasTether>(Ring<Real>(layout, arrays, slot), p, slopes, arrays);
+        storePoints(gradients, gradient.x, gradient.y, gradient.z);
+        gradients += 4*SimdOf<Real>::WIDTH;
     }
 }
 
-void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays& arrays, int firstGroup,
+template <class Real>
+void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                     int lastGroup, double* gradients) {
     bool hasTether = (p.tetherModulus != 0);
-    auto compute = hasTether ? computeGradient<Edges, true> : computeGradient<Edges, false>;
+    auto compute = hasTether ? computeGradient<Edges, true, Real> : computeGradient<Edges, false, Real>;
     if (p.needsCurvature())
-        compute = hasTether ? computeGradient<Angles, true> : computeGradient<Angles, false>;
+        compute = hasTether ? computeGradient<Angles, true, Real> : computeGradient<Angles, false, Real>;
     else if (p.needsTriangles())
-        compute = hasTether ? computeGradient<Triangles, true> : computeGradient<Triangles, false>;
-    compute(layout, p, slopes, arrays, firstGroup, lastGroup, gradients);
+        compute = hasTether ? computeGradient<Triangles, true, Real> : computeGradient<Triangles, false, Real>;
+    compute(layout, Parameters<Real>(p), slopes, arrays, firstGroup, lastGroup, gradients);
+}
+
+CpuHelfrichBox findBox(const double* positions, int firstSlot, int lastSlot) {
+    // Several rows of points beside each other keep the processor busy.  Comparisons leave out what is not a number, a sum does not.
+
+    const int ROWS = 4;
+    double lower[4*ROWS], upper[4*ROWS], zero[4*ROWS] = {};
+    for (int i = 0; i < 4*ROWS; i++)
+        lower[i] = upper[i] = positions[4*firstSlot+i%4];
+    auto add = [&] (const double* x, int count) {
+        for (int i = 0; i < count; i++) {
+            lower[i] = (x[i] < lower[i] ? x[i] : lower[i]);
+            upper[i] = (x[i] > upper[i] ? x[i] : upper[i]);
+            zero[i] += 0*x[i];
+        }
+    };
+    int slot = firstSlot;
+    for (; slot+ROWS <= lastSlot; slot += ROWS)
+        add(positions+4*slot, 4*ROWS);
+    for (; slot < lastSlot; slot++)
+        add(positions+4*slot, 4);
+    CpuHelfrichBox box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int row = 0; row < ROWS; row++)
+        for (int i = 0; i < 3; i++) {
+            box.lower[i] = std::min(box.lower[i], lower[4*row+i])+zero[4*row+i];
+            box.upper[i] = std::max(box.upper[i], upper[4*row+i])+zero[4*row+i];
+        }
+    return box;
+}
+
+void roundPositions(const double* positions, int firstSlot, int lastSlot, const double* corner, double scale, int* fixedPositions) {
+    for (int slot = firstSlot; slot < lastSlot; slot++)
+        for (int i = 0; i < 3; i++)
+            fixedPositions[4*slot+i] = int((positions[4*slot+i]-corner[i])*scale);
 }
 
 } // namespace
@@ -319,6 +415,8 @@ void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p
 namespace HelfrichPlugin {
 
 extern const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD);
-const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {WIDTH, chooseEnergy, chooseGradient};
+const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {
+    {SimdOf<double>::WIDTH, chooseEnergy<double>, chooseGradient<double>}, {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>}, findBox, roundPositions
+};
 
 } // namespace HelfrichPlugin

@@ -1,7 +1,9 @@
 #include "TestHelfrichForce.h"
 #include "openmm/CustomExternalForce.h"
 #include "openmm/cpu/CpuPlatform.h"
+#include "openmm/internal/ContextImpl.h"
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
+#include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include <cstdlib>
 
 extern "C" void registerHelfrichCpuKernelFactories();
@@ -58,7 +60,7 @@ void testHistoryDoesNotMatter() {
 /**
  * A few trajectories of a blob, accepted or not, some vertices of which are frozen; and where they end.
  */
-vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p, bool isAlone, const string& threads, vector<double>& energyChanges) {
+vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p, bool isAlone, const string& threads, const string& precision, vector<double>& energyChanges) {
     System system;
     for (size_t i = 0; i < blob.positions.size(); i++)
         system.addParticle(i%10 == 0 ? 0 : 1+0.1*(i%3));
@@ -67,6 +69,7 @@ vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p,
         system.addForce(new CustomExternalForce("0"));
     HamiltonianTrajectoryIntegrator integrator(300, 1, 5);
     integrator.setRandomNumberSeed(5);
+    integrator.setForcePrecision(precision);
     Context context(system, integrator, *platform, {{"Threads", threads}});
     context.setPositions(blob.positions);
     energyChanges.clear();
@@ -87,12 +90,138 @@ void testMembraneAlone() {
     Membrane blob = createBlob(4);
     for (auto& p : createAllParameters(blob)) {
         vector<double> expectedChanges, changes;
-        vector<Vec3> expected = makeTrajectories(blob, p, false, "1", expectedChanges);
+        vector<Vec3> expected = makeTrajectories(blob, p, false, "1", "double", expectedChanges);
         for (string threads : {"1", "2"}) {
-            vector<Vec3> found = makeTrajectories(blob, p, true, threads, changes);
+            vector<Vec3> found = makeTrajectories(blob, p, true, threads, "double", changes);
             ASSERT_EQUAL_CONTAINERS(expectedChanges, changes);
             ASSERT_EQUAL_CONTAINERS(expected, found);
         }
+        vector<Vec3> mixed = makeTrajectories(blob, p, true, "1", "mixed", expectedChanges);
+        for (string threads : {"2", "3", "7"}) {
+            vector<Vec3> found = makeTrajectories(blob, p, true, threads, "mixed", changes);
+            ASSERT_EQUAL_CONTAINERS(expectedChanges, changes);
+            ASSERT_EQUAL_CONTAINERS(mixed, found);
+        }
+    }
+}
+
+/**
+ * This Integrator makes leapfrog steps of a membrane alone, and keeps the energy at their end.
+ */
+class LeapfrogIntegrator : public Integrator {
+public:
+    explicit LeapfrogIntegrator(bool mixed) : mixed(mixed) {
+    }
+    void step(int steps) {
+        energy = dynamic_cast<HelfrichForceImpl&>(*context->getForceImpls()[0]).makeLeapfrogSteps(*context, getStepSize(), steps, mixed);
+    }
+    double energy = 0;
+protected:
+    void initialize(ContextImpl& contextRef) {
+        context = &contextRef;
+        owner = &contextRef.getOwner();
+    }
+    vector<string> getKernelNames() {
+        return {};
+    }
+    double computeKineticEnergy() {
+        return 0;
+    }
+private:
+    bool mixed;
+};
+
+/**
+ * Positions and velocities after leapfrog steps.  Some of the vertices are frozen.
+ */
+struct Motion {
+    Motion(const Membrane& membrane, const HelfrichParameters& p, const vector<Vec3>& velocities, double stepSize, int numSteps, bool mixed, const string& threads="1") {
+        LeapfrogIntegrator integrator(mixed);
+        integrator.setStepSize(stepSize);
+        System system;
+        for (size_t i = 0; i < membrane.positions.size(); i++)
+            system.addParticle(i%10 == 0 ? 0 : 1+0.1*(i%3));
+        system.addForce(createForce(membrane, p));
+        Context context(system, integrator, *platform, {{"Threads", threads}});
+        context.setPositions(membrane.positions);
+        context.setVelocities(velocities);
+        integrator.step(numSteps);
+        State state = context.getState(State::Positions | State::Velocities | State::Energy | State::Forces);
+        positions = state.getPositions();
+        this->velocities = state.getVelocities();
+        forces = state.getForces();
+        energy = state.getPotentialEnergy();
+        ASSERT_EQUAL(energy, integrator.energy);
+    }
+    vector<Vec3> positions, velocities, forces;
+    double energy;
+};
+
+double getLargestDifference(const vector<Vec3>& a, const vector<Vec3>& b) {
+    double largest = 0;
+    for (size_t i = 0; i < a.size(); i++)
+        largest = max(largest, sqrt((a[i]-b[i]).dot(a[i]-b[i])));
+    return largest;
+}
+
+vector<Vec3> createVelocities(const Membrane& membrane, double speed) {
+    TestRandom random(4);
+    vector<Vec3> velocities;
+    for (size_t i = 0; i < membrane.positions.size(); i++)
+        velocities.push_back(i%10 == 0 ? Vec3() : random.vector(speed));
+    return velocities;
+}
+
+void testMixedPrecision() {
+    // Forces in single precision are wrong by a few units in its last place, wherever the membrane is; energies and forces that are asked for are in double precision,
+    // and any number of threads gives the same bits.
+
+    for (double shift : {0.0, 1000.0}) {
+        Membrane blob = createBlob(4);
+        for (auto& x : blob.positions)
+            x += Vec3(shift, -shift, 0);
+        vector<Vec3> start = createVelocities(blob, 1);
+        for (auto& p : createAllParameters(blob)) {
+            const double stepSize = 1e-7;
+            Motion exact(blob, p, start, stepSize, 1, false), mixed(blob, p, start, stepSize, 1, true);
+            vector<Vec3> impulse, error;
+            for (size_t i = 0; i < start.size(); i++) {
+                impulse.push_back((exact.velocities[i]-start[i])/stepSize);
+                error.push_back((mixed.velocities[i]-exact.velocities[i])/stepSize);
+            }
+            double relativeError = getNorm(error)/getNorm(impulse);
+            ASSERT(relativeError < 3e-6);
+            ASSERT(p.bendingModulus == 0 || relativeError > 1e-9);
+            Membrane end = blob;
+            end.positions = mixed.positions;
+            MembraneContext fresh(end, p);
+            ASSERT_EQUAL(fresh.getEnergy(), mixed.energy);
+            ASSERT_EQUAL_CONTAINERS(fresh.getForces(), mixed.forces);
+        }
+    }
+}
+
+void testMixedPrecisionIsReversible() {
+    // The errors of the forces depend on the positions alone: back from the end, the vertices meet the same, and return to where they came from.
+
+    Membrane blob = createBlob(3);
+    vector<Vec3> start = createVelocities(blob, 1);
+    for (auto& p : createAllParameters(blob)) {
+        const double stepSize = 1e-4;
+        const int numSteps = 50;
+        Motion exact(blob, p, start, stepSize, numSteps, false), there(blob, p, start, stepSize, numSteps, true, "2");
+        Membrane end = blob;
+        end.positions = there.positions;
+        vector<Vec3> reversed;
+        for (auto& v : there.velocities)
+            reversed.push_back(-v);
+        Motion back(end, p, reversed, stepSize, numSteps, true, "3");
+        for (auto& v : back.velocities)
+            v = -v;
+        ASSERT(getLargestDifference(blob.positions, there.positions) > 1e-3);
+        ASSERT(getLargestDifference(blob.positions, back.positions) < 1e-11);
+        ASSERT(getLargestDifference(start, back.velocities) < 1e-9);
+        ASSERT(p.bendingModulus == 0 || getLargestDifference(exact.positions, there.positions) > 1e-11);
     }
 }
 
@@ -122,6 +251,7 @@ void testAllInstructionSets() {
         testSmallAndLargeAngles();
         testChangingTriangles();
         testThreads();
+        testMixedPrecision();
     }
     unsetenv("OPENMM_HELFRICH_SIMD");
     ASSERT(numSupported > 0);
@@ -159,6 +289,7 @@ void runPlatformTests() {
     testThreads();
     testHistoryDoesNotMatter();
     testMembraneAlone();
+    testMixedPrecisionIsReversible();
     testAllInstructionSets();
     testUnknownInstructionSet();
     testLargeSum();

@@ -36,7 +36,7 @@ public:
      *
      * @return the energy at the end
      */
-    double makeLeapfrogSteps(OpenMM::ContextImpl& context, double stepSize, int numSteps);
+    double makeLeapfrogSteps(OpenMM::ContextImpl& context, double stepSize, int numSteps, bool mixed);
     std::map<std::string, double> getDefaultParameters();
     std::vector<std::string> getKernelNames();
     std::vector<std::pair<int, int> > getBondedParticles() const;
