@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from membranes import stomatocyte
+from membranes import createContext, energyOf, kelvin, positionsOf, stomatocyte
 from openmmhelfrich import analysis
 
 pytest.importorskip("emcee")
@@ -87,20 +87,73 @@ def test_an_imposed_harmonic(l, m):
     assert np.allclose(u[1:], expected[1:], atol=2e-4)
 
 
-def test_spectrum_of_known_fluctuations():
-    """Amplitudes drawn from theory give its modulus and tension back, within three of the errors that are stated, and these are small."""
-    random, mesh, kappa, sigma = np.random.default_rng(3), mh.Mesh.icosphere(2), 20.0, 5.0
-    harmonics = analysis._realHarmonics(mesh.vertices, 6)
-    l = np.array([l for l in range(7) for _ in range(2*l+1)])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_spectrum_of_known_fluctuations(seed):
+    """Amplitudes drawn from theory, up to degrees that are not fitted, on vertices out of order: what comes out are the amplitudes that were drawn, and their modulus and tension."""
+    random, mesh, kappa, sigma = np.random.default_rng(seed), mh.Mesh.icosphere(2), 20.0, 5.0
+    l = np.array([l for l in range(10) for _ in range(2*l+1)])
     width = np.sqrt(1/(kappa*np.maximum((l-1)*(l+2)*(l*(l+1)+sigma), 1)))*(l >= 2)
-    frames = np.array([mesh.vertices*(1+harmonics @ (width*random.normal(size=len(l))))[:, np.newaxis] for _ in range(300)])
+    amplitudes = width*random.normal(size=(300, len(l)))
+    frames = []
+    for u in amplitudes:
+        x = mesh.vertices+0.15*mesh.edgeLengths.mean()*random.normal(size=mesh.vertices.shape)
+        x /= np.linalg.norm(x, axis=1)[:, np.newaxis]
+        frames.append(7*x*(1+analysis._realHarmonics(x, 9) @ u)[:, np.newaxis])
     spectrum = analysis.fluctuationSpectrum(frames, 6)
+    drawn = [np.mean(amplitudes[:, l == degree]**2) for degree in spectrum.degrees]
+    assert spectrum.radius == pytest.approx(7, rel=2e-3) and spectrum.powers == pytest.approx(drawn, rel=0.03)
     theory = 1/(kappa*(spectrum.degrees-1)*(spectrum.degrees+2)*(spectrum.degrees*(spectrum.degrees+1)+sigma))
     assert np.all(np.abs(spectrum.powers-theory) < 3*spectrum.errors+0.01*theory) and np.all(spectrum.errors < 0.1*theory)
     fit = spectrum.fit()
     assert abs(fit.bendingModulus-kappa) < 3*fit.bendingModulusError and fit.bendingModulusError < 0.1*kappa
     assert abs(fit.tension-sigma) < 3*fit.tensionError and fit.tensionError < 3
     assert list(spectrum.toDataFrame()["degree"]) == [2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("subdivisions, deviation", [(2, 0.03), (3, 0.008)])
+def test_stiffness_of_a_mesh(subdivisions, deviation):
+    """Undulations of an icosphere cost kappa/2 (l-1)(l+2)l(l+1) u^2 times meshStiffness()."""
+    mesh = mh.Mesh.icosphere(subdivisions)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(1)
+    context = createContext(mesh, force, "CPU")
+    harmonics = analysis._realHarmonics(mesh.vertices, 8)
+
+    def energy(l, m, u):
+        context.setPositions(mesh.vertices*(1+u*harmonics[:, [l*l+l+m]]))
+        return energyOf(context)
+
+    degrees = np.arange(2, 9)
+    stiffness = [np.mean([energy(l, m, 0.02/l)+energy(l, m, -0.02/l)-2*energy(l, m, 0) for m in range(-l, l+1)])/((0.02/l)**2*(l-1)*(l+2)*l*(l+1)) for l in degrees]
+    assert analysis.meshStiffness(degrees, mesh.edgeLengths.mean()) == pytest.approx(stiffness, rel=deviation)
+    assert analysis.meshStiffness(degrees, 0) == pytest.approx(np.ones(7), abs=1e-6)
+
+
+def test_modulus_of_a_simulated_membrane():
+    """The bending modulus that a fluid membrane was given comes out of its fluctuations, within 10% and within the errors."""
+    kT, kappa, mesh = 2.5, 50, mh.Mesh.icosphere(2)
+    edge = mesh.edgeLengths.mean()
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(kappa*kT)
+    force.setVolumeModulus(1e5*kT)
+    force.setTargetVolume(mesh.volume)
+    force.setAreaModulus(3e4*kT)
+    force.setTargetArea(mesh.area)
+    force.setTether(1000*kT, 0.8*edge, 1.35*edge, 2)
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(kT), 6e-4, 300, 0.5, 0.3)
+    integrator.setRandomNumberSeed(1)
+    context = createContext(mesh, force, "CPU", integrator)
+    integrator.step(200)
+    frames = []
+    for _ in range(1000):
+        integrator.step(1)
+        frames.append(positionsOf(context))
+    edges = mh.Mesh(frames[-1], force.getTrianglesInContext(context)).edgeLengths
+    fit = analysis.fluctuationSpectrum(frames, 5).fit(edgeLength=edges.mean())
+    assert fit.bendingModulusError < 0.05*kappa
+    assert abs(fit.bendingModulus-kappa) < min(0.1*kappa, 3*fit.bendingModulusError)
 
 
 @pytest.mark.parametrize("memory", [0, 0.5, 0.9])
@@ -151,7 +204,8 @@ def test_frames_of_a_dcd_file(tmp_path):
     (lambda: analysis.fluctuationSpectrum(np.zeros((3, 3))), r"shape \(3, 3\); it must be \(n, N, 3\)"),
     (lambda: analysis.fluctuationSpectrum(np.full((2, 9, 3), np.nan)), "frame 0 has a coordinate that is not finite"),
     (lambda: analysis.fluctuationSpectrum(np.ones((2, 9, 3)), 2), "9 coefficients fewer than the 9 vertices"),
-    (lambda: analysis.autocorrelationTime([1.0]), "two or more finite numbers"), (lambda: analysis.autocorrelationTime([1, math.nan]), "finite"),
+    (lambda: analysis.meshStiffness([2, 9], 0.5), "radius is 0.5; it must be from 0 to 0.405"), (lambda: analysis.meshStiffness([2], -1), "is -1; it must be from 0 to 1.9"),
+    (lambda: analysis.meshStiffness([2], math.nan), "is nan"), (lambda: analysis.autocorrelationTime([1.0]), "two or more finite numbers"), (lambda: analysis.autocorrelationTime([1, math.nan]), "finite"),
     (lambda: analysis.vertexDiffusion(np.ones((4, 9, 3)), np.zeros((1, 3), int), 4), "maxLag is 4; it must be from 1 to 3")])
 def test_what_is_refused(call, problem):
     with pytest.raises(ValueError, match=problem):

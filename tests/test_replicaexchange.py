@@ -34,8 +34,7 @@ def flippingOctahedra(temperatures):
 def deviations(exchange, expected, rounds=3000):
     """Return by how many standard errors, from batches, the mean energy of each state deviates."""
     exchange.run(rounds, 1)
-    u, counts = exchange.samples(discard=50)
-    energies = np.array([exchange.states[k].thermalEnergy*row.reshape(len(counts), -1)[k] for k, row in enumerate(u)])
+    energies = exchange.potentialEnergies(discard=50)
     batches = np.array([[batch.mean() for batch in np.array_split(row, 25)] for row in energies])
     return (batches.mean(axis=1)-expected)/(batches.std(axis=1, ddof=1)/5)
 

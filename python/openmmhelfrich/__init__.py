@@ -25,6 +25,7 @@ _LATER = {
     "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
     "grids": ["readGrid"],
     "sweeps": ["sweep"],
+    "reweighting": ["reweight"],
     "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
     "analysis": ["autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion"],
 }
@@ -45,7 +46,7 @@ __all__ = [
     "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run", "readGrid", "sweep",
     "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
-    "ReplicaExchange", "ThermodynamicState",
+    "ReplicaExchange", "ThermodynamicState", "reweight",
     "ExponentialSchedule", "TableSchedule", "createSchedule",
     "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
 ]

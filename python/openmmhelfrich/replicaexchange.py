@@ -166,6 +166,11 @@ class ReplicaExchange:
         ofState = np.take_along_axis(energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1)  # (rounds, state sampled, state evaluated)
         return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
 
+    def potentialEnergies(self, discard: int = 0) -> np.ndarray:
+        """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a (states, rounds) array."""
+        u, counts = self.samples(discard)
+        return np.array([state.thermalEnergy*row.reshape(len(counts), -1)[k] for k, (state, row) in enumerate(zip(self.states, u))])
+
     def save(self, file: PathLike) -> None:
         """Write everything that :meth:`load` needs to a file, which replaces an earlier one in a single step."""
         data = {"format": FORMAT, "seed": self.seed, "states": [_asDict(state) for state in self.states], "replicaStates": self.replicaStates.tolist(),
