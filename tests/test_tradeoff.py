@@ -115,7 +115,10 @@ def test_search(searched):
     assert best is not None and search.bias(best) <= search.error
     assert search.gain(best) > 2, "steps of a tenth of what they could be"
     table = (prefix.parent/"a.md").read_text().splitlines()
-    assert len(table) == 2+len(search.points) and len({line.count("|") for line in table}) == 1
+    assert len(table) == 2*(2+len(search.points)+1)+2+len(search.minima)
+    assert len({line.count("|") for line in table[:2+len(search.points)]}) == 1
+    tolerances, energies = ([getattr(minimum, name) for minimum in search.minima] for name in ("tolerance", "energy"))
+    assert np.allclose(np.divide(tolerances[:-1], tolerances[1:]), 10) and energies[-1] == pytest.approx(min(energies), abs=1) and energies[0] > energies[-1]
     assert (prefix.parent/"a.png").stat().st_size > 10000
 
 

@@ -105,7 +105,7 @@ class Measurement:
         return self.secondsPerStep*self.observables[name].time
 
 
-def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf):
+def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True):
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
     The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
@@ -126,6 +126,8 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
 
     accuracy : float
         the relative error of the mean bending energy that is wanted, too
+    isEquilibrated : bool
+        whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it has come nearer
 
     Raises
     ------
@@ -134,7 +136,8 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
     """
     run = _Run(config, mesh)
     limit = effort/len(mesh.vertices)
-    run.adapt(limit/4)
+    for _ in range(1 if isEquilibrated else 2):
+        run.adapt(limit/8)
     run.sample(limit/16)
     while run.evaluations < limit:
         shape = run.shape()

@@ -1,15 +1,12 @@
 """What a search found, as a table, a picture, and a configuration to run."""
 import math
 
-from ..config import stagesOf
 from ..configfile import configText
 from ..files import replacing
 from .search import AVERAGES
 from .settings import apply, describe, isExact
 
 SHAPE_SAMPLES = 20  # independent ones that a recommended run has at least
-COLUMNS = ("axis", "setting", "step, ps", "acceptance", "µs/evaluation", "ms/step", "evaluations/sample", "ms/sample", "gain", "ms/sample of E_B", "ms/edge of diffusion",
-           "ΔH, kT", "force error", "E_B, kT", "ΔE_B, 1e-3", "ΔA, 1e-3", "ΔV, 1e-3", "reweighted ΔE_B, 1e-3")
 
 
 def writeReport(search, prefix, recommended=None):
@@ -26,24 +23,48 @@ def writeReport(search, prefix, recommended=None):
 
 
 def tableText(search, recommended=None):
-    """Return the points of a search as a table in Markdown."""
-    rows = [COLUMNS, ("---",)*2+("--:",)*(len(COLUMNS)-2), *(row(search, point, point is recommended) for point in search.points)]
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+    """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimisations."""
+    tables = []
+    for columns in (_costs, _accuracies):
+        rows = [{**_head(search, point, recommended), **(columns(search, point) if point.measurement else {})} for point in search.points]
+        names = list(next(row for row, point in zip(rows, search.points) if point.measurement))
+        lines = [names, ["---"]*2+["--:"]*(len(names)-2), *([row.get(name, "") for name in names] for row in rows)]
+        tables.append("".join(f"| {' | '.join(cells)} |\n" for cells in lines))
+    return "\n".join(tables+([_minimaText(search)] if search.minima else []))
 
 
-def row(search, point, isRecommended=False):
-    """Return the cells of a point's row."""
-    m, text = point.measurement, describe(point.setting if isRecommended else point.choice)
-    head = (point.axis, f"**{text}**" if isRecommended else text)
-    if m is None:
-        return (*head, point.problem.replace("|", "/"))+("",)*(len(COLUMNS)-3)
-    shape, reference = m.observables["shape"], search.reference.measurement.observables["bending"].mean
-    deviations = search.deviations(point)
-    reweighted = f"{1e3*(m.reweighted['bending'][0]/reference-1):.2f} ± {1e3*m.reweighted['bending'][1]/abs(reference):.2f} ({m.effectiveFraction:.1%} left)" if m.reweighted else ""
-    return (*head, f"{m.stepSize:.3g}", f"{m.acceptance:.0%}", f"{1e6*m.secondsPerEvaluation:.1f}", f"{1e3*m.secondsPerStep:.2f}",
-            f"{m.evaluationsPer('shape'):.0f} ± {shape.timeError:.0%}", f"{1e3*m.secondsPer('shape'):.3g}", f"{search.gain(point):.3g}", f"{1e3*m.secondsPer('bending'):.3g}",
-            f"{1e3*m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–", f"{m.energyError:.2g}", f"{m.forceError:.1g}",
-            f"{m.observables['bending'].mean:.1f}", *(f"{1e3*deviations[name][0]:.2f} ± {1e3*deviations[name][1]:.2f}" for name in AVERAGES), reweighted)
+def _minimaText(search):
+    lowest = min(minimum.energy for minimum in search.minima)
+    lines = ["| tolerance, kT per length | s | iterations | energy above the lowest, kT | E_B, kT | end |", "| --: | --: | --: | --: | --: | --- |"]
+    lines += [f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy-lowest:.3g} | {m.bending:.2f} | {m.reason} |" for m in search.minima]
+    return "\n".join(lines)+"\n"
+
+
+def _head(search, point, recommended):
+    text = f"**{describe(point.setting)}**" if point is recommended else describe(point.choice or point.setting)
+    return {"axis": point.axis, "setting": text if point.measurement else f"{text}: {point.problem.replace('|', '/')}"}
+
+
+def _costs(search, point):
+    m = point.measurement
+    shape, bending = m.observables["shape"], m.observables["bending"]
+    diffusion = f"{m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
+    return {"step, ps": f"{m.stepSize:.3g}", "accepted": f"{m.acceptance:.0%}", "flips accepted": f"{m.flipAcceptance:.1%}", "µs per evaluation": f"{1e6*m.secondsPerEvaluation:.1f}",
+            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{m.evaluationsPer('shape'):.0f} ± {shape.timeError:.0%}",
+            "E_B": f"{m.evaluationsPer('bending'):.0f} ± {bending.timeError:.0%}", "s per sample, shape": f"{m.secondsPer('shape'):.3g}", "s per edge of diffusion": diffusion,
+            "gain": f"{search.gain(point):.2g}"}
+
+
+def _accuracies(search, point):
+    m, reference = point.measurement, search.reference.measurement.observables["bending"]
+    corrected = ""
+    if m.reweighted:
+        mean, error = m.reweighted["bending"]
+        corrected = f"{1e3*(mean/reference.mean-1):.1f} ± {1e3*math.hypot(error, reference.error)/abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+    return {"diverged": f"{m.diverged:.1%}", "ΔH, kT": f"{m.energyError:.2g}", "balance": f"{m.balance[0]:.3f} ± {m.balance[1]:.3f}", "force error": f"{m.forceError:.0e}",
+            "E_B, kT": f"{m.observables['bending'].mean:.1f}",
+            **{f"{name}, ‰": f"{1e3*deviation:.1f} ± {1e3*error:.1f}" for name, (deviation, error) in zip(("E_B", "A", "V"), search.deviations(point).values())},
+            "E_B reweighted, ‰": corrected}
 
 
 def stepsFor(point, error):

@@ -17,6 +17,7 @@ from ..simulation import createForce, createSimulation, currentMesh, loadMesh, r
 from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
+from .minimiser import FACTORS, Minimum, minimise
 from .settings import COARSER, SCALE, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios
 
 AUTOMATIC = {"sampling.step_size": "auto"}
@@ -55,6 +56,8 @@ class Search:
         the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead to
     points : list of Point
         what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a long run
+    minima : list of Minimum
+        what minimisations with coarser and finer tolerances come to
     error : float
         the relative error of averages that is allowed
     """
@@ -63,7 +66,7 @@ class Search:
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
         self._names, self._progress = names, progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time()+60*minutes
-        self._file, self.points = Path(f"{prefix}.json"), []
+        self._file, self.points, self.minima = Path(f"{prefix}.json"), [], []
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
@@ -90,6 +93,7 @@ class Search:
         best = self._descend(available)
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
+        self._minimise()
         return min(best, self.baseline, key=lambda point: point.measurement.secondsPer("shape"))
 
     def deviations(self, point):
@@ -112,9 +116,10 @@ class Search:
 
     def _axes(self):
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
-        unknown = set(self._names or ())-{axis.name for axis in available}
+        known = [axis.name for axis in available]+["minimiser"]
+        unknown = set(self._names or ())-set(known)
         if unknown:
-            raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(axis.name for axis in available)}")
+            raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
         return [axis for axis in available if self._names is None or axis.name in self._names]
 
     def _descend(self, available):
@@ -130,6 +135,19 @@ class Search:
         longer = self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
         return longer if longer.measurement else best
 
+    def _minimise(self):
+        if self._names is not None and "minimiser" not in self._names or self.scene.membrane.bending_modulus == 0:
+            return
+        iterations = int(self._effort/len(self._mesh.vertices)/10)
+        for factor in FACTORS[len(self.minima):]:
+            self._checkTime()
+            self.minima.append(minimise(self.scene, self._mesh, factor, max(1, iterations)))
+            self._save()
+
+    def _checkTime(self):
+        if time.process_time() > self._end:
+            raise OutOfTime
+
     def _isAdmissible(self, point):
         return point.measurement is not None and point.measurement.acceptance > 0.3 and self.bias(point) <= self.error
 
@@ -139,8 +157,7 @@ class Search:
         for point in self.points:
             if keyOf(point.setting) == keyOf(setting) and point.effort >= effort:
                 return point
-        if time.process_time() > self._end:
-            raise OutOfTime
+        self._checkTime()
         point = Point(axis, choice, setting, effort, None)
         self._progress(point)
         try:
@@ -162,7 +179,8 @@ class Search:
         config = apply(scene, setting)
         config.sampling.seed = (self._seed*2654435761+zlib.crc32(keyOf(setting).encode())) % (2**31-1)+1
         hopeless = HOPELESS*best.measurement.evaluationsPer("shape") if best and best.measurement else math.inf
-        return measure(config, Mesh(factor*mesh.vertices, mesh.triangles), effort, hopeless, moduliRatios(scene, setting), accuracy).inUnitsOf(factor)
+        start = Mesh(factor*mesh.vertices, mesh.triangles)
+        return measure(config, start, effort, hopeless, moduliRatios(scene, setting), accuracy, isExact(setting) or COARSER in setting).inUnitsOf(factor)
 
     def _place(self, setting):
         """Return the scene that a setting changes, and the membrane to begin with."""
@@ -220,10 +238,10 @@ class Search:
             data = json.loads(self._file.read_text(encoding="utf-8"))
             if data["scene"] != self._identity():
                 raise ValueError(f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files")
-            self.points = [Point(**point) for point in data["points"]]
+            self.points, self.minima = [Point(**point) for point in data["points"]], [Minimum(**minimum) for minimum in data.get("minima", ())]
 
     def _save(self):
-        data = {"scene": self._identity(), "points": [asdict(point) for point in self.points]}
+        data = {"scene": self._identity(), "points": [asdict(point) for point in self.points], "minima": [asdict(minimum) for minimum in self.minima]}
         with replacing(self._file) as part:
             part.write_text(json.dumps(data, indent=1), encoding="utf-8")
 

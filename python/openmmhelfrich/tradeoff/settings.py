@@ -147,18 +147,17 @@ def _rescale(data, factor):
 
 
 def _tethers(scene, edge):
-    """Return tethers softer and stiffer than the scene's, others with tighter bounds, and some of a mesh that is scaled to edges of length 1.
+    """Return a tether softer than the scene's, one with tighter bounds, and some of a mesh that is scaled to edges of length 1.
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
     """
     modulus = float(scene.tether.modulus)
     if modulus == 0:
         return []
-    factors = _each("tether.modulus", [modulus*factor for factor in (0.1, 10.0)])
-    tighter = [{"tether.min_length": 0.85*edge, "tether.max_length": 1.35*edge}]
+    own = [{"tether.modulus": 0.1*modulus}, {"tether.min_length": 0.9*edge, "tether.max_length": 1.4*edge}]
     scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": least, "tether.max_length": greatest}
-              for least, greatest, stiffness in ((0.75, 1.4, 250.0), (0.85, 1.35, 100.0), (0.9, 1.4, 50.0), (0.85, 1.25, 25.0))]
-    return factors+tighter+scaled
+              for least, greatest, stiffness in ((0.85, 1.35, 100.0), (0.9, 1.4, 50.0), (0.85, 1.25, 25.0))]
+    return own+scaled
 
 
 def _softer(scene):
