@@ -22,6 +22,8 @@ def createIntegrator(driver, seed=7):
     else:
         integrator = flips if driver == "flips" else mh.HybridMonteCarloIntegrator(3000, 0.0001, 10, 0.1, 0.3, driver)
     if driver == "native":
+        integrator.setSplitting("bcss2")
+        integrator.setTrajectoryJitter(0.5)
         integrator.addShearWaves(mh.ShearWaveIntegrator(3000, 0.001, 1, 3, 4), 0.3)
     integrator.setRandomNumberSeed(seed)
     return integrator

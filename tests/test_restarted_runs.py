@@ -23,7 +23,7 @@ STAGES = [{"kind": "sample", "steps": 60}, {"kind": "minimize", "max_iterations"
 
 def configure(prefix, stages=STAGES, **sections):
     config = {"mesh": {"icosphere": 2}, "repulsion": {"modulus": 10.0}, "platform": {"threads": 1},
-              "sampling": {"seed": 4, "steps_per_trajectory": 10, "trajectory_jitter": 0.3, "step_size": "auto", "burn_in": 30, "shear_wave_probability": 0.2,
+              "sampling": {"seed": 4, "steps_per_trajectory": 10, "trajectory_jitter": 0.3, "integrator": "bcss3", "step_size": "auto", "burn_in": 30, "shear_wave_probability": 0.2,
                            "shear_waves_per_step": 5},
               "output": {"prefix": str(prefix), "trajectory_interval": 7, "observables_interval": 3}, "stages": stages}
     for name, values in sections.items():

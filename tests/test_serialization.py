@@ -33,6 +33,9 @@ def completeForce():
 
 def hybridIntegrator(engine='native'):
     integrator = mh.HybridMonteCarloIntegrator(310.5, 0.003, 42, 0.2, 0.3, engine)
+    if engine == 'native':
+        integrator.setSplitting('bcss2')
+        integrator.setTrajectoryJitter(0.25)
     integrator.setRandomNumberSeed(17)
     return integrator
 

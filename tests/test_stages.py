@@ -86,7 +86,8 @@ def testTrajectoriesOfRandomLength(tmp_path):
     """Lengths are uniform from 70% to 130%, the same for the same seed, and others for another."""
     def lengthsOf(name, **sampling):
         lengths = []
-        runStages(tmp_path/name, [{"kind": "sample", "steps": 400}], lambda study: lengths.append(study.simulation.integrator.getStepsPerTrajectory()), **sampling)
+        runStages(tmp_path/name, [{"kind": "sample", "steps": 400}], lambda study: lengths.append(study.simulation.integrator.getIntegrator(0).getLastNumSteps()), flip_probability=0.0,
+                  **sampling)
         return lengths
     lengths = lengthsOf("a", trajectory_jitter=0.3)
     counts = np.bincount(lengths)[14:]

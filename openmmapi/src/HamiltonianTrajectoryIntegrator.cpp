@@ -2,8 +2,10 @@
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmmhelfrich/internal/Splitting.h"
 #include "openmm/internal/OSRngSeed.h"
 #include "openmm/serialization/SerializationNode.h"
+#include <algorithm>
 #include <limits>
 
 using namespace HelfrichPlugin;
@@ -38,6 +40,22 @@ void HamiltonianTrajectoryIntegrator::setForcePrecision(const string& precision)
     forcePrecision = precision;
 }
 
+void HamiltonianTrajectoryIntegrator::setTrajectoryJitter(double jitter) {
+    if (!(jitter >= 0 && jitter < 1))
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the jitter of trajectories is "+to_string(jitter)+"; it must be from 0 to less than 1");
+    trajectoryJitter = jitter;
+}
+
+void HamiltonianTrajectoryIntegrator::setSplitting(const string& splitting) {
+    try {
+        Splitting::byName(splitting);
+    }
+    catch (const OpenMMException& error) {
+        throw OpenMMException(string("HamiltonianTrajectoryIntegrator: ")+error.what());
+    }
+    this->splitting = splitting;
+}
+
 void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
     randomNumberSeed = seed;
     if (context != NULL)
@@ -62,7 +80,7 @@ void HamiltonianTrajectoryIntegrator::findMembranes() {
     soleMembrane = NULL;
     if (hasOnlyMembranes && context->getForceImpls().size() == 1) {
         auto* membrane = dynamic_cast<HelfrichForceImpl*>(context->getForceImpls()[0]);
-        if (membrane->canMakeLeapfrogSteps(*context))
+        if (membrane->canMakeTrajectory(*context))
             soleMembrane = membrane;
     }
 }
@@ -94,8 +112,9 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
     startEnergy += trajectory.begin(*context, kT, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
     if (!isfinite(startEnergy))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; see the forces of the System");
+    lastNumSteps = drawNumSteps();
     try {
-        lastEnergyChange = moveToEnd()-startEnergy;
+        lastEnergyChange = moveToEnd(lastNumSteps)-startEnergy;
     }
     catch (const OpenMMException&) {
         lastEnergyChange = numeric_limits<double>::infinity();
@@ -113,20 +132,27 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
     context->systemChanged();
 }
 
-double HamiltonianTrajectoryIntegrator::moveToEnd() {
+int HamiltonianTrajectoryIntegrator::drawNumSteps() const {
+    int least = max(1, (int) lround(stepsPerTrajectory*(1-trajectoryJitter))), most = (int) lround(stepsPerTrajectory*(1+trajectoryJitter));
+    auto words = Philox(activeSeed, RandomStream::TrajectoryLength)(0, numTrajectories);
+    int steps = least+Philox::index(words[0], words[1], most-least+1), stages = Splitting::byName(splitting).getNumStages();
+    return (steps+stages-1)/stages*stages;
+}
+
+double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
-    double dt = getStepSize();
-    if (movesByItself()) {
-        double potentialEnergy = soleMembrane->makeLeapfrogSteps(*context, dt, stepsPerTrajectory, forcePrecision == "mixed");
-        return potentialEnergy+trajectory.computeKineticEnergy(*context);
-    }
-    trajectory.move(*context, 0.5*dt, dt);
-    for (int i = 1; i < stepsPerTrajectory; i++) {
-        addForces(false);
-        trajectory.move(*context, dt, dt);
-    }
-    double potentialEnergy = addForces(true);
-    trajectory.move(*context, 0.5*dt, 0);
+    Splitting scheme = Splitting::byName(splitting);
+    int stages = scheme.getNumStages();
+    vector<KickAndDrift> sequence = scheme.getSequence(stages*getStepSize(), numSteps/stages);
+    double potentialEnergy = 0;
+    if (movesByItself())
+        potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
+    else
+        for (size_t i = 0; i < sequence.size(); i++) {
+            if (i > 0)
+                potentialEnergy = addForces(i+1 == sequence.size());
+            trajectory.move(*context, sequence[i]);
+        }
     return potentialEnergy+trajectory.computeKineticEnergy(*context);
 }
 

@@ -156,13 +156,13 @@ double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool include
     return includeEnergy ? energy : 0;
 }
 
-bool HelfrichForceImpl::canMakeLeapfrogSteps(ContextImpl& context) const {
-    return mesh->getNumVertices() == context.getSystem().getNumParticles() && kernel.getAs<CalcHelfrichForceKernel>().canMakeLeapfrogSteps();
+bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
+    return mesh->getNumVertices() == context.getSystem().getNumParticles() && kernel.getAs<CalcHelfrichForceKernel>().canMakeTrajectory();
 }
 
-double HelfrichForceImpl::makeLeapfrogSteps(ContextImpl& context, double stepSize, int numSteps, bool mixed) {
+double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const vector<KickAndDrift>& sequence, bool mixed) {
     HelfrichEnergyTerms terms;
-    if (!kernel.getAs<CalcHelfrichForceKernel>().makeLeapfrogSteps(context, getParameters(context), stepSize, numSteps, mixed, terms))
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed, terms))
         throwNonFinite(context, terms);
     return terms.getTotal();
 }

@@ -158,6 +158,28 @@ void HybridMonteCarloIntegrator::setForcePrecision(const string& precision) {
         throw OpenMMException("HybridMonteCarloIntegrator: the precision of forces is '"+precision+"'; integrator 0 is not one for which it can be other than 'double'");
 }
 
+double HybridMonteCarloIntegrator::getTrajectoryJitter() const {
+    return getNative() == NULL ? 0 : getNative()->getTrajectoryJitter();
+}
+
+void HybridMonteCarloIntegrator::setTrajectoryJitter(double jitter) {
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setTrajectoryJitter(jitter);
+    else if (jitter != 0)
+        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one whose trajectories can vary in length: it must be a HamiltonianTrajectoryIntegrator");
+}
+
+string HybridMonteCarloIntegrator::getSplitting() const {
+    return getNative() == NULL ? "leapfrog" : getNative()->getSplitting();
+}
+
+void HybridMonteCarloIntegrator::setSplitting(const string& splitting) {
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setSplitting(splitting);
+    else if (splitting != "leapfrog")
+        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no splitting but its own: it must be a HamiltonianTrajectoryIntegrator");
+}
+
 double HybridMonteCarloIntegrator::getFlipFraction() const {
     return getFlipIntegrator().getFraction();
 }

@@ -157,7 +157,6 @@ class _MonteCarlo(Stage):
         n, simulation = self.position, self._simulation
         simulation.integrator.setTemperature(self._temperature(n))
         setTargets(simulation.context, self._force, self._targets(n))
-        setTrajectoryLength(simulation, self._config.sampling)
         if self._isAdapting(n):
             stepAndAdapt(simulation, self._adapter, self._waveAdapter)
         else:
@@ -291,11 +290,3 @@ def burnIn(sampling, steps):
     """Return the number of steps of a stage during which an automatic step size adapts."""
     return sampling.burn_in or min(steps//5, 1000)
 
-
-def setTrajectoryLength(simulation, sampling):
-    """Set the number of leapfrog steps of the next trajectory, drawn by a counter-based generator from the seed and the step."""
-    length = sampling.steps_per_trajectory
-    if sampling.trajectory_jitter > 0:
-        word = np.random.Philox(key=sampling.seed, counter=[simulation.currentStep, 0, 0, 1]).random_raw()
-        least, most = (max(1, round(length*(1+sign*sampling.trajectory_jitter))) for sign in (-1, 1))
-        simulation.integrator.setStepsPerTrajectory(least+int(word) % (most-least+1))

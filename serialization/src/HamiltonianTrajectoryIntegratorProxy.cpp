@@ -19,6 +19,8 @@ void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, Seriali
     node.setDoubleProperty("stepSize", integrator.getStepSize());
     node.setIntProperty("stepsPerTrajectory", integrator.getStepsPerTrajectory());
     node.setStringProperty("forcePrecision", integrator.getForcePrecision());
+    node.setDoubleProperty("trajectoryJitter", integrator.getTrajectoryJitter());
+    node.setStringProperty("splitting", integrator.getSplitting());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
 }
@@ -28,6 +30,8 @@ void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode&
     unique_ptr<HamiltonianTrajectoryIntegrator> integrator(new HamiltonianTrajectoryIntegrator(node.getDoubleProperty("temperature"),
             node.getDoubleProperty("stepSize"), node.getIntProperty("stepsPerTrajectory")));
     integrator->setForcePrecision(node.getStringProperty("forcePrecision", "double"));
+    integrator->setTrajectoryJitter(node.getDoubleProperty("trajectoryJitter", 0.0));
+    integrator->setSplitting(node.getStringProperty("splitting", "leapfrog"));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

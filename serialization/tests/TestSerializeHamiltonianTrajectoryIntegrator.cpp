@@ -12,6 +12,8 @@ using namespace std;
 void testRoundTrip() {
     HamiltonianTrajectoryIntegrator integrator(300.1, 0.015, 42);
     integrator.setForcePrecision("mixed");
+    integrator.setTrajectoryJitter(0.3);
+    integrator.setSplitting("bcss3");
     integrator.setRandomNumberSeed(-5);
     integrator.setIntegrationForceGroups(6);
     stringstream stream;
@@ -22,6 +24,8 @@ void testRoundTrip() {
     ASSERT_EQUAL(integrator.getStepSize(), copy.getStepSize());
     ASSERT_EQUAL(integrator.getStepsPerTrajectory(), copy.getStepsPerTrajectory());
     ASSERT_EQUAL(integrator.getForcePrecision(), copy.getForcePrecision());
+    ASSERT_EQUAL(integrator.getTrajectoryJitter(), copy.getTrajectoryJitter());
+    ASSERT_EQUAL(integrator.getSplitting(), copy.getSplitting());
     ASSERT_EQUAL(integrator.getRandomNumberSeed(), copy.getRandomNumberSeed());
     ASSERT_EQUAL(integrator.getIntegrationForceGroups(), copy.getIntegrationForceGroups());
 }

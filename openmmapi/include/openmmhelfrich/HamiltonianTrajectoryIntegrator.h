@@ -13,7 +13,7 @@ class HelfrichForceImpl;
 
 /**
  * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
- * trajectory: draw velocities from the Maxwell-Boltzmann distribution, make leapfrog steps, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
+ * trajectory: draw velocities from the Maxwell-Boltzmann distribution, make steps of leapfrog or another splitting, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
  * go back to the start.  A trajectory on which an energy or a position stops being finite is rejected.
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
@@ -27,8 +27,8 @@ public:
      * Create a HamiltonianTrajectoryIntegrator.
      *
      * @param temperature         the temperature, in Kelvin
-     * @param stepSize            the size of a leapfrog step, in ps
-     * @param stepsPerTrajectory  the number of leapfrog steps in a trajectory
+     * @param stepSize            the size of a step, in ps
+     * @param stepsPerTrajectory  the number of steps in a trajectory
      */
     HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100);
     /**
@@ -42,17 +42,17 @@ public:
      */
     void setTemperature(double temperature);
     /**
-     * Set the size of a leapfrog step, in ps.
+     * Set the size of a step, in ps.
      */
     void setStepSize(double size);
     /**
-     * Get the number of leapfrog steps in a trajectory.
+     * Get the number of steps in a trajectory.
      */
     int getStepsPerTrajectory() const {
         return stepsPerTrajectory;
     }
     /**
-     * Set the number of leapfrog steps in a trajectory.
+     * Set the number of steps in a trajectory: the number of times that it computes the forces.
      */
     void setStepsPerTrajectory(int steps);
     /**
@@ -71,6 +71,31 @@ public:
      * On the CPU platform it has an effect where a HelfrichForce is the only Force of the System and its surface has all particles.  Elsewhere forces are computed as with "double".
      */
     void setForcePrecision(const std::string& precision);
+    /**
+     * Get the largest fraction by which the number of steps in a trajectory varies at random.
+     */
+    double getTrajectoryJitter() const {
+        return trajectoryJitter;
+    }
+    /**
+     * Set the largest fraction by which the number of steps in a trajectory varies at random, from 0 (the default) to less than 1.  The numbers are uniformly distributed between
+     * (1-jitter) and (1+jitter) times getStepsPerTrajectory(), and depend on nothing but the seed and the number of the trajectory.
+     */
+    void setTrajectoryJitter(double jitter);
+    /**
+     * Get the name of the splitting that trajectories follow.
+     */
+    const std::string& getSplitting() const {
+        return splitting;
+    }
+    /**
+     * Set the splitting that trajectories follow.  All are reversible, preserve volume and have an error of second order in the step size; more stages have smaller errors for the same
+     * cost.  So that trajectories of the same settings have the same length and cost, one step of several stages takes the place of as many steps of leapfrog: it computes forces that many
+     * times and is that many step sizes long, and trajectories are rounded up to whole ones.
+     *
+     * @param splitting  "leapfrog" (the default), "bcss2" or "bcss3": the two- and three-stage splittings of Blanes, Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556 (2014)
+     */
+    void setSplitting(const std::string& splitting);
     /**
      * Get the random number seed.  See setRandomNumberSeed() for details.
      */
@@ -101,6 +126,12 @@ public:
         return numDiverged;
     }
     /**
+     * Get the number of steps of the last trajectory, or 0 before the first.
+     */
+    int getLastNumSteps() const {
+        return lastNumSteps;
+    }
+    /**
      * Get the change dH of the total energy along the last trajectory, accepted or not, in kJ/mol.  It is infinite if the trajectory diverged.
      */
     double getLastEnergyChange() const {
@@ -126,7 +157,8 @@ private:
     void makeTrajectory();
     void findMembranes();
     bool movesByItself() const;
-    double moveToEnd();
+    int drawNumSteps() const;
+    double moveToEnd(int numSteps);
     double addForces(bool includeEnergy);
     double temperature;
     int stepsPerTrajectory;
@@ -134,7 +166,10 @@ private:
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
+    double trajectoryJitter = 0;
+    std::string splitting = "leapfrog";
     double lastEnergyChange = 0;
+    int lastNumSteps = 0;
     bool hasOnlyMembranes = false;
     HelfrichForceImpl* soleMembrane = NULL;
     OpenMM::Kernel kernel;

@@ -6,10 +6,12 @@
 #include "internal/HelfrichNeighborList.h"
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
+#include "internal/Splitting.h"
 #include "openmm/KernelImpl.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include <string>
+#include <vector>
 
 namespace HelfrichPlugin {
 
@@ -55,25 +57,25 @@ public:
      */
     virtual HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset) = 0;
     /**
-     * Get whether makeLeapfrogSteps() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
+     * Get whether makeTrajectory() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
      * the surface.  It gives the same result, bit for bit, if it computes the forces in double precision.
      */
-    virtual bool canMakeLeapfrogSteps() const {
+    virtual bool canMakeTrajectory() const {
         return false;
     }
     /**
-     * Make leapfrog steps: the velocities change by half a step, then in turn the positions and the velocities by whole ones, and the velocities at last by half a step.
+     * Make a trajectory.
      *
      * @param context     the Context in which to execute the kernel
      * @param parameters  the moduli and targets
-     * @param stepSize    the size of a step, measured in ps
-     * @param numSteps    the number of steps
+     * @param sequence    the kicks and drifts; the last drift is 0
      * @param mixed       whether the forces may be computed in single precision.  They must be a function of the positions alone all the same, and the terms in double precision.
      * @param[out] terms  the terms of the energy at the end
-     * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of the last step made
+     * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of the last drift made
      */
-    virtual bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed, HelfrichEnergyTerms& terms) {
-        throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no leapfrog steps");
+    virtual bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, bool mixed,
+                                HelfrichEnergyTerms& terms) {
+        throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no trajectories");
     }
 };
 
@@ -106,11 +108,10 @@ public:
     /**
      * Change the velocities by the forces of the Context, and then move the particles.  The forces are zero afterwards.
      *
-     * @param context       the Context in which to execute the kernel
-     * @param velocityStep  the time for which the forces act, measured in ps
-     * @param positionStep  the time for which the particles move, measured in ps; 0 leaves them where they are
+     * @param context  the Context in which to execute the kernel
+     * @param times    the time for which the forces act, and that for which the particles move
      */
-    virtual void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep) = 0;
+    virtual void move(OpenMM::ContextImpl& context, const KickAndDrift& times) = 0;
     /**
      * Compute the kinetic energy.
      */

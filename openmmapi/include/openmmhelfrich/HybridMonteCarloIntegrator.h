@@ -86,6 +86,24 @@ public:
      */
     void setForcePrecision(const std::string& precision);
     /**
+     * Get the largest fraction by which the number of steps in a trajectory varies at random.
+     */
+    double getTrajectoryJitter() const;
+    /**
+     * Set the largest fraction by which the number of steps in a trajectory varies at random.  See HamiltonianTrajectoryIntegrator::setTrajectoryJitter(); number 0 must be of that
+     * class if it is not 0.
+     */
+    void setTrajectoryJitter(double jitter);
+    /**
+     * Get the name of the splitting that trajectories follow.
+     */
+    std::string getSplitting() const;
+    /**
+     * Set the splitting that trajectories follow: "leapfrog", "bcss2" or "bcss3".  See HamiltonianTrajectoryIntegrator::setSplitting(); number 0 must be of that class if it is not
+     * "leapfrog".
+     */
+    void setSplitting(const std::string& splitting);
+    /**
      * Get the number of attempts in a sweep, as a fraction of the number of edges.
      */
     double getFlipFraction() const;

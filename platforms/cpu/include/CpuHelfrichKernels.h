@@ -48,10 +48,11 @@ public:
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
     HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
-    bool canMakeLeapfrogSteps() const {
+    bool canMakeTrajectory() const {
         return true;
     }
-    bool makeLeapfrogSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed, HelfrichEnergyTerms& terms);
+    bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, bool mixed,
+                        HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double> > Array;
     void setLayoutWidth(int width);
@@ -68,17 +69,17 @@ private:
     template <class Real>
     void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
     template <class Real>
-    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double velocityStep, double positionStep,
+    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, const KickAndDrift& times,
               double* nextPositions);
     template <class Real>
-    bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms);
+    bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms);
     // These are for all threads of a parallel region to call; they return the same on each.
     bool roundPositions(CpuHelfrichArrays<float>& arrays);
     template <class Real>
     CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays);
     void updateRepulsion(const HelfrichParameters& parameters, const double* positions);
     template <class Real>
-    bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, double velocityStep, double positionStep, double* nextPositions,
+    bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times, double* nextPositions,
                   HelfrichEnergyTerms& terms);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;
@@ -109,7 +110,7 @@ public:
     }
     void initialize(const OpenMM::System& system);
     double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
-    void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep);
+    void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:

@@ -239,8 +239,8 @@ void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* 
 }
 
 template <class Real>
-void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double velocityStep,
-                                      double positionStep, double* nextPositions) {
+void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk,
+                                      const KickAndDrift& times, double* nextPositions) {
     // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
 
     alignas(64) double gradients[4*SLOTS_PER_CHUNK];
@@ -256,8 +256,8 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         double *v = &velocities[4*slot], *next = nextPositions+4*slot;
         bool isFrozen = (v[3] == 0);
         for (int i = 0; i < 3; i++) {
-            v[i] = isFrozen ? v[i] : v[i]-velocityStep*v[3]*gradient[i];
-            next[i] = isFrozen ? x[i] : x[i]+positionStep*v[i];
+            v[i] = isFrozen ? v[i] : v[i]-times.kick*v[3]*gradient[i];
+            next[i] = isFrozen ? x[i] : x[i]+times.drift*v[i];
         }
     }
     if constexpr (is_same<Real, float>::value)
@@ -292,7 +292,7 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
 }
 
 template <class Real>
-bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, double velocityStep, double positionStep, double* nextPositions,
+bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times, double* nextPositions,
                                           HelfrichEnergyTerms& terms) {
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
@@ -305,13 +305,13 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     int numChunks = getNumChunks();
     #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
-        move(parameters, slopes, arrays, chunk, velocityStep, positionStep, nextPositions);
+        move(parameters, slopes, arrays, chunk, times, nextPositions);
     terms = getTerms(parameters, sums);
     return isfinite(terms.getTotal());
 }
 
 template <class Real>
-bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, HelfrichEnergyTerms& terms) {
+bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters, const vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms) {
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
 
     setLayoutWidth(passes.in<Real>().width);
@@ -328,11 +328,10 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadState(context, chunk);
-        bool canGoOn = makeStep(parameters, arrays, 0.5*stepSize, stepSize, next, now);
-        for (int step = 1; step <= numSteps && canGoOn; step++) {
+        bool canGoOn = makeStep(parameters, arrays, sequence[0], next, now);
+        for (size_t step = 1; step < sequence.size() && canGoOn; step++) {
             swap(arrays.positions, next);
-            bool isLast = (step == numSteps);
-            canGoOn = makeStep(parameters, arrays, isLast ? 0.5*stepSize : stepSize, isLast ? 0 : stepSize, next, now);
+            canGoOn = makeStep(parameters, arrays, sequence[step], next, now);
         }
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
@@ -346,11 +345,11 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     return isFinite;
 }
 
-bool CpuCalcHelfrichForceKernel::makeLeapfrogSteps(ContextImpl& context, const HelfrichParameters& parameters, double stepSize, int numSteps, bool mixed,
-                                                   HelfrichEnergyTerms& terms) {
+bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters, const vector<KickAndDrift>& sequence, bool mixed,
+                                                HelfrichEnergyTerms& terms) {
     if (!mixed)
-        return makeSteps<double>(context, parameters, stepSize, numSteps, terms);
-    return makeSteps<float>(context, parameters, stepSize, numSteps, terms) && execute(context, parameters, false, terms);
+        return makeSteps<double>(context, parameters, sequence, terms);
+    return makeSteps<float>(context, parameters, sequence, terms) && execute(context, parameters, false, terms);
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
@@ -437,15 +436,15 @@ void CpuIntegrateHamiltonianTrajectoryKernel::drawVelocities(ContextImpl& contex
     });
 }
 
-void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
+void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
     forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++) {
             if (inverseMasses[i] != 0) {
-                velocities[i] += forces[i]*(velocityStep*inverseMasses[i]);
-                positions[i] += velocities[i]*positionStep;
+                velocities[i] += forces[i]*(times.kick*inverseMasses[i]);
+                positions[i] += velocities[i]*times.drift;
             }
             forces[i] = Vec3();
         }

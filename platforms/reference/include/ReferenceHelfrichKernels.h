@@ -32,7 +32,7 @@ public:
     }
     void initialize(const OpenMM::System& system);
     double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
-    void move(OpenMM::ContextImpl& context, double velocityStep, double positionStep);
+    void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:

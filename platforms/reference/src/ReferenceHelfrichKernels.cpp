@@ -70,14 +70,14 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context
     return computeKineticEnergy(context);
 }
 
-void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, double velocityStep, double positionStep) {
+void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
     for (size_t i = 0; i < masses.size(); i++) {
         if (masses[i] != 0) {
-            velocities[i] += forces[i]*(velocityStep/masses[i]);
-            positions[i] += velocities[i]*positionStep;
+            velocities[i] += forces[i]*(times.kick/masses[i]);
+            positions[i] += velocities[i]*times.drift;
         }
         forces[i] = Vec3();
     }

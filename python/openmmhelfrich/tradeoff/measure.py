@@ -13,7 +13,6 @@ from ..analysis import autocorrelationTime, classifyShape, gyrationTensor, verte
 from ..mesh import Mesh
 from ..reporters import ENERGY_TERMS, thermalEnergy, valueIn
 from ..simulation import createForce, createSimulation, currentMesh, platformOf
-from ..stages import setTrajectoryLength
 
 OBSERVABLES = ("shape", "bending", "area", "volume")
 RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
@@ -197,14 +196,13 @@ class _Run:
             self._observe()
 
     def _step(self):
-        setTrajectoryLength(self._simulation, self._config.sampling)
         integrator, flips = self._integrator, self._integrator.getFlipIntegrator()
-        trajectories, sweeps, length = integrator.getNumTrajectories(), flips.getNumSweeps(), integrator.getStepsPerTrajectory()
+        trajectories, sweeps = integrator.getNumTrajectories(), flips.getNumSweeps()
         start = time.process_time()
         integrator.step(1)
         seconds = time.process_time()-start
         if integrator.getNumTrajectories() > trajectories:
-            self._kinds["trajectory"].append((seconds, length))
+            self._kinds["trajectory"].append((seconds, integrator.getIntegrator(0).getLastNumSteps()))
             self._changes.append(valueIn(integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole)/self._kT)
         else:
             kind = "flips" if flips.getNumSweeps() > sweeps else "waves"

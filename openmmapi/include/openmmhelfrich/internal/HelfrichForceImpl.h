@@ -4,6 +4,7 @@
 #include "EdgeFlipSweep.h"
 #include "HelfrichMesh.h"
 #include "HelfrichParameters.h"
+#include "Splitting.h"
 #include "openmm/Kernel.h"
 #include "openmm/internal/ForceImpl.h"
 #include "openmmhelfrich/HelfrichForce.h"
@@ -28,15 +29,15 @@ public:
     }
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy, int groups);
     /**
-     * Get whether makeLeapfrogSteps() can move the particles: the platform must be able to, and all particles must be vertices.
+     * Get whether makeTrajectory() can move the particles: the platform must be able to, and all particles must be vertices.
      */
-    bool canMakeLeapfrogSteps(OpenMM::ContextImpl& context) const;
+    bool canMakeTrajectory(OpenMM::ContextImpl& context) const;
     /**
-     * Make leapfrog steps under this force alone.  See CalcHelfrichForceKernel::makeLeapfrogSteps() for the parameters.
+     * Make a trajectory under this force alone.  See CalcHelfrichForceKernel::makeTrajectory() for the parameters.
      *
      * @return the energy at the end
      */
-    double makeLeapfrogSteps(OpenMM::ContextImpl& context, double stepSize, int numSteps, bool mixed);
+    double makeTrajectory(OpenMM::ContextImpl& context, const std::vector<KickAndDrift>& sequence, bool mixed);
     std::map<std::string, double> getDefaultParameters();
     std::vector<std::string> getKernelNames();
     std::vector<std::pair<int, int> > getBondedParticles() const;

@@ -55,7 +55,7 @@ private:
  * The streams of random numbers that one seed gives.  The flips of the System's n'th HelfrichForce use EdgeFlips+n.
  */
 namespace RandomStream {
-    enum : uint32_t {MoveChoice = 0, Momenta = 1, TrajectoryTest = 2, ShearWaves = 3, ShearWaveTest = 4, EdgeFlips = 16};
+    enum : uint32_t {MoveChoice = 0, Momenta = 1, TrajectoryTest = 2, ShearWaves = 3, ShearWaveTest = 4, TrajectoryLength = 5, EdgeFlips = 16};
 }
 
 } // namespace HelfrichPlugin
