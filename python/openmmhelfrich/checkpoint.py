@@ -72,7 +72,10 @@ def loadRunState(file):
 
     Raises FileNotFoundError if there is no such file, and ValueError if it is not a checkpoint.
     """
-    return RunState(**_read(file, ("run.json",), _parse)[0])
+    state, = _read(file, ("run.json",), _parse)
+    if state is None:
+        raise ValueError(f"{file} is a checkpoint of another version's format")
+    return state
 
 
 def loadSimulation(file, platform, properties):
@@ -91,12 +94,13 @@ def _read(file, names, parse):
     try:
         with zipfile.ZipFile(file) as archive:
             return [parse(archive.read(name).decode()) for name in names]
-    except (zipfile.BadZipFile, KeyError, json.JSONDecodeError, UnicodeDecodeError, EOFError):
+    except mm.OpenMMException:
+        raise
+    except Exception:  # of a damaged archive the library makes anything from a KeyError to an encrypted file
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
 def _parse(text):
+    """Return a RunState, or None if its format is another version's."""
     data = json.loads(text)
-    if data.pop("format", None) != FORMAT:
-        raise ValueError("the checkpoint is of another version's format")
-    return data
+    return RunState(**data) if data.pop("format", None) == FORMAT else None
