@@ -1,6 +1,6 @@
 """Do a vesicle's energies follow one Boltzmann distribution at all temperatures?  Nine of them, 300 K to 900 K, with flips and trajectories at the temperature of each.  Writes boltzmann.png.
 
-Arguments: the number of rounds (3000, a quarter of an hour of one core), how often the sphere's triangles are divided (3, which makes 642 vertices), and how many replicas run at a time (1).
+Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which makes 642 vertices), and how many replicas run at a time (1).
 It goes on where boltzmann.zip ends, if there is one, so that a larger number of rounds continues the run.
 """
 import sys
@@ -12,7 +12,8 @@ import openmmhelfrich as mh
 from matplotlib.figure import Figure
 from openmm import app, unit
 
-rounds, subdivisions, workers = (int(argument) for argument in (sys.argv[1:]+["3000", "3", "1"][len(sys.argv)-1:]))
+rounds, subdivisions, workers = (int(argument) for argument in (sys.argv[1:]+["2000", "3", "1"][len(sys.argv)-1:]))
+FILE = Path("boltzmann.zip")
 temperatures = np.geomspace(300, 900, 9)
 kT = (300*unit.kelvin*unit.MOLAR_GAS_CONSTANT_R).value_in_unit(unit.kilojoules_per_mole)
 
@@ -34,15 +35,16 @@ def createSimulation(temperature, seed):
     integrator.setRandomNumberSeed(seed)
     simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
     simulation.context.setPositions(mesh.vertices)
-    mh.adaptStepSize(simulation, 300)
+    if not FILE.exists():
+        mh.adaptStepSize(simulation, 300)
     return simulation
 
 
 simulations = [createSimulation(temperature, seed) for seed, temperature in enumerate(temperatures, 1)]
 exchange = mh.ReplicaExchange(simulations, [mh.ThermodynamicState(temperature) for temperature in temperatures], workers=workers)
-if Path("boltzmann.zip").exists():
-    exchange.load("boltzmann.zip")
-exchange.run(max(0, rounds-exchange.numRounds), steps=10, checkpoint="boltzmann.zip")
+if FILE.exists():
+    exchange.load(FILE)
+exchange.run(max(0, rounds-exchange.numRounds), steps=10, checkpoint=FILE)
 
 result = mh.reweight(exchange.potentialEnergies(discard=exchange.numRounds//10), temperatures)
 density = result.densityOfStates(bins=50)

@@ -126,13 +126,24 @@ def test_velocities_follow_the_temperature():
     assert integrator.getTemperature() == 1200*unit.kelvin and integrator.getStepSize() == 0.01*unit.picosecond
 
 
-def vesicles(subdivisions=1, **changes):
+def test_dynamics_takes_over_the_temperature():
+    mesh, simulations = mh.Mesh.icosphere(1), []
+    for _ in range(2):
+        integrator = mh.HybridMonteCarloIntegrator(mm.LangevinMiddleIntegrator(300, 1, 0.001), mh.EdgeFlipIntegrator(300, 0.1))
+        simulations.append(simulate(mesh, createForce(mesh), integrator))
+    ReplicaExchange(simulations, [ThermodynamicState(310), ThermodynamicState(320)])
+    for simulation, temperature in zip(simulations, (310, 320)):
+        for k in range(2):
+            assert simulation.integrator.getIntegrator(k).getTemperature() == temperature*unit.kelvin
+
+
+def vesicles(subdivisions=1, stepSize=0.002, **changes):
     """Return an exchange of vesicles, of different temperatures and target volumes."""
     mesh = mh.Mesh.icosphere(subdivisions)
     simulations, states = [], []
     for k, (temperature, volume) in enumerate([(300, 1.0), (330, 0.95), (330, 0.9)]):
         force = createForce(mesh)
-        integrator = mh.HybridMonteCarloIntegrator(300, 0.002*(k+1), 10, 0.3)
+        integrator = mh.HybridMonteCarloIntegrator(300, stepSize*(k+1), 10, 0.3)
         integrator.setRandomNumberSeed(k+1)
         simulations.append(simulate(mesh, force, integrator))
         states.append(ThermodynamicState(temperature*unit.kelvin, {force.getTargetVolumeParameter(): 4*volume, force.getTargetAreaParameter(): 12.0}))
@@ -148,13 +159,13 @@ def everythingIn(exchange):
 
 
 def test_restart(tmp_path):
-    """A run that is saved and loaded goes on as one that was not interrupted, and so does one with two workers."""
-    whole, first, second, threaded = vesicles(), vesicles(), vesicles(), vesicles(workers=2)
+    """A run that is saved and loaded goes on as one that was not interrupted, with its step sizes, and so does one with two workers."""
+    whole, first, second, threaded = vesicles(), vesicles(), vesicles(stepSize=0.003), vesicles(workers=2)
     whole.run(9, 4)
     threaded.run(9, 4)
     first.run(5, 4, tmp_path/"exchange.zip", 2)
     second.load(tmp_path/"exchange.zip")
-    assert everythingIn(second) == everythingIn(first)
+    assert everythingIn(second) == everythingIn(first) and second.states == first.states
     second.run(4, 4)
     assert everythingIn(second) == everythingIn(whole) == everythingIn(threaded)
     assert len({tuple(row) for row in whole.history}) > 1
@@ -217,7 +228,7 @@ def test_files_that_do_not_fit(tmp_path):
         exchange.load(tmp_path/"b.zip")
     with pytest.raises(ValueError, match="has the seed 5; here it is 6"):
         vesicles(seed=6).load(tmp_path/"a.zip")
-    with pytest.raises(ValueError, match="has the states"):
+    with pytest.raises(ValueError, match="has the temperatures and parameters"):
         oscillators([1, 2, 3], seed=5).load(tmp_path/"a.zip")
     larger = vesicles(2)
     with pytest.raises(ValueError, match="replica 0 of .*a.zip has 42 particles; here it has 162"):

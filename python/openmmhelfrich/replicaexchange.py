@@ -185,7 +185,7 @@ class ReplicaExchange:
                 archive.writestr(f"replica{replica}.xml", mm.XmlSerializer.serialize(state))
 
     def load(self, file: PathLike) -> None:
-        """Go on where another ReplicaExchange, of the same simulations, states and seed, was when it was saved.
+        """Go on where another ReplicaExchange, of the same simulations, states and seed, was when it was saved, with its step sizes.
 
         Raises
         ------
@@ -195,15 +195,16 @@ class ReplicaExchange:
             if it is not one that :meth:`save` wrote, or is of other states or another seed; nothing has changed then
         """
         data, arrays, contents = _read(file, len(self.states))
-        for name, here in (("seed", self.seed), ("states", [_asDict(state) for state in self.states])):
-            if data[name] != here:
-                raise ValueError(f"ReplicaExchange.load: {file} has the {name} {data[name]}; here it is {here}")
+        states = [ThermodynamicState(**state) for state in data["states"]]
+        for name, there, here in (("seed", data["seed"], self.seed), ("temperatures and parameters", *([(s.temperature, s.parameters) for s in k] for k in (states, self.states)))):
+            if there != here:
+                raise ValueError(f"ReplicaExchange.load: {file} has the {name} {there}; here it is {here}")
         for replica, (simulation, state) in enumerate(zip(self.simulations, contents)):
             if len(state.getPositions()) != simulation.system.getNumParticles():
                 raise ValueError(f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; here it has {simulation.system.getNumParticles()}")
         for simulation, state in zip(self.simulations, contents):
             simulation.context.setState(state)
-        self.replicaStates = np.array(data["replicaStates"])
+        self.states, self.replicaStates = states, np.array(data["replicaStates"])
         self._history, self._energies = list(arrays["history"]), list(arrays["reducedEnergies"])
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
         for replica, state in enumerate(self.replicaStates):
