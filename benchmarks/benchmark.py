@@ -3,6 +3,7 @@
     python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
     python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
+    python benchmarks/benchmark.py --precision mixed  # forces in trajectories in single precision
 
 Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
 importable, it is timed on the same meshes and parameters, and the ratio is printed.
@@ -87,10 +88,11 @@ def stepSize(size):
     return 0.0015*(642/size)**0.4
 
 
-def timeGradient(mesh, force, platform, threads):
+def timeGradient(mesh, force, platform, threads, precision="double"):
     """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its spread."""
     import openmmhelfrich as mh
     integrator = mh.HamiltonianTrajectoryIntegrator(300, 1e-9, 10)
+    integrator.setForcePrecision(precision)
     context = createContext(mesh, force, integrator, platform, threads)
     times = []
     # What a trajectory does besides its steps is in the difference of a long and a short one no more.
@@ -113,14 +115,14 @@ def timeTerms(size, threads):
     print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads)[0]:>8.1f}  all")
 
 
-def timeForces(results, size, platform, threads, repulsion):
+def timeForces(results, size, platform, threads, precision, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
     import openmmhelfrich as mh
     mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
     force = createForce(mesh, repulsion)
-    results["gradient"+suffix] = timeGradient(mesh, force, platform, threads)
+    results["gradient"+suffix] = timeGradient(mesh, force, platform, threads, precision)
     if not repulsion:
         context = createContext(mesh, createForce(mesh), mm.VerletIntegrator(1e-12), platform, threads)
         energyForce = mh.HelfrichForce.cast(context.getSystem().getForce(0))
@@ -128,18 +130,20 @@ def timeForces(results, size, platform, threads, repulsion):
         results["energy"] = (median/size*1e9, spread)
         del context
     integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(size), 100)
+    integrator.setForcePrecision(precision)
     integrator.setRandomNumberSeed(1)
     context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
     median, spread = timeCalls(lambda: integrator.step(1), repeats=5)
     results["leapfrog"+(suffix or " step")] = (median/size/101*1e9, spread)
 
 
-def timeSweeps(results, size, platform, threads, repulsion):
+def timeSweeps(results, size, platform, threads, precision, repulsion):
     """Time sweeps of flips, and the paper's full step: a trajectory of 100 steps and a sweep over 10% of the edges."""
     import openmmhelfrich as mh
     mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
     integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 100, 0.1, 0.5)
+    integrator.setForcePrecision(precision)
     integrator.setRandomNumberSeed(1)
     context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
     flips, trajectories = integrator.getIntegrator(1), integrator.getIntegrator(0)
@@ -161,7 +165,7 @@ def residentMemory():
         return int(file.read().split()[1])*resource.getpagesize()
 
 
-def measureMemory(results, size, platform, threads):
+def measureMemory(results, size, platform, threads, precision):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
     import openmmhelfrich as mh
@@ -174,6 +178,7 @@ def measureMemory(results, size, platform, threads):
         if plain:
             integrator.step(2)
         else:
+            integrator.setForcePrecision(precision)
             integrator.getIntegrator(0).step(1)
             integrator.getIntegrator(1).step(1)
             integrator.getIntegrator(0).step(1)
@@ -182,13 +187,13 @@ def measureMemory(results, size, platform, threads):
     results["memory"] = ((sizes[1]-sizes[0])/size, 0)
 
 
-def measure(size, platform, threads):
+def measure(size, platform, threads, precision):
     """Return all figures of one case, each a pair of the median and its relative spread."""
     results = {}
-    measureMemory(results, size, platform, threads)
+    measureMemory(results, size, platform, threads, precision)
     for repulsion in (False, True):
-        timeForces(results, size, platform, threads, repulsion)
-        timeSweeps(results, size, platform, threads, repulsion)
+        timeForces(results, size, platform, threads, precision, repulsion)
+        timeSweeps(results, size, platform, threads, precision, repulsion)
     results["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024
     return results
 
@@ -227,9 +232,9 @@ def describeMachine():
             "SIMD": os.environ.get("OPENMM_HELFRICH_SIMD", "best"), "load": os.getloadavg()[0]}
 
 
-def runCase(size, platform, threads):
+def runCase(size, platform, threads, precision):
     """Measure a case in a process of its own."""
-    command = [sys.executable, __file__, "--case", str(size), platform, str(threads)]
+    command = [sys.executable, __file__, "--case", str(size), platform, str(threads), precision]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
 
@@ -265,12 +270,13 @@ def main():
     parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES), default=sorted(SIZES)[:6])
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--platforms", nargs="+", default=["CPU"])
+    parser.add_argument("--precision", choices=["double", "mixed"], default="double", help="of the forces in trajectories")
     parser.add_argument("--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot")
     parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
-    parser.add_argument("--case", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--case", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
-        print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]))))
+        print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]), options.case[3])))
         return
     if options.terms:
         timeTerms(10242, 1)
@@ -279,12 +285,12 @@ def main():
     for platform in options.platforms:
         for threads in options.threads if platform == "CPU" else [1]:
             for size in options.sizes:
-                cases.append({"size": size, "platform": platform, "threads": threads, "results": runCase(size, platform, threads),
+                cases.append({"size": size, "platform": platform, "threads": threads, "results": runCase(size, platform, threads, options.precision),
                               "TriMem": measureTriMem(size) if threads == 1 and platform == "CPU" else {}})
                 print(f"{size} vertices, {platform}, {threads} threads: done", file=sys.stderr)
     printTable(cases)
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.with_suffix(".json").write_text(json.dumps({"machine": describeMachine(), "units": COLUMNS, "cases": cases}, indent=1))
+    options.output.with_suffix(".json").write_text(json.dumps({"machine": describeMachine(), "units": COLUMNS, "precision": options.precision, "cases": cases}, indent=1))
     plot(cases, options.output.with_suffix(".png"))
 
 
