@@ -244,10 +244,14 @@ membrane = {bending_modulus = 50, reduced_volume = 0.9}
     assert not set(points[-1].name) & set("/ '")
 
 
-def testExample(examples):
+def testExamples(examples):
     points = readGrid(examples/"volume_diagram.toml")
-    assert len(points) == 4*33 and points[-1].name == "variant=stomatocyte,reduced_volume=1,seed=1"
+    assert len(points) == 4*34 and points[-1].name == "variant=stomatocyte,reduced_volume=1,seed=1"
     assert points[-1].config.stages[1].reduced_volume == 1 and points[-1].config.membrane.area_difference_modulus > 0
+    points = readGrid(examples/"area_difference_diagram.toml")
+    assert len(points) == 27 and {point.parameters["target_area_difference"] for point in points} == {1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8}
+    sphere = mh.Mesh.icosphere(3)
+    assert 2*points[0].config.membrane.leaflet_separation*sphere.vertexMeanCurvatures.sum() == pytest.approx(mh.analysis.reducedAreaDifference(sphere), rel=1e-4)
 
 
 @pytest.mark.parametrize("old, new, message", [
