@@ -149,7 +149,7 @@ class PlatformSection(Section):
     name: str = Field("CPU", description="CPU, or Reference for clarity")
     threads: Optional[int] = Field(None, ge=1, description="on CPU; all cores by default.  Results do not depend on it")
     precision: Literal["double", "mixed"] = Field("double", description="of the forces in trajectories, on CPU; \"mixed\" computes angles and forces in single precision, "
-                                                  "half as fast again and more, and samples the same distribution")
+                                                  "1.5 to 1.7 times as fast, and samples the same distribution")
 
 
 class OutputSection(Section):
