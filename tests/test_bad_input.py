@@ -283,6 +283,7 @@ INTEGRATORS = [
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(300, value, 10), ["step size"]) for value in (0, NAN)],
     (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
     *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setTrajectoryJitter(value), ["jitter", "from 0 to less than 1"]) for value in (-0.1, 1, NAN)],
+    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setTetherSubsteps(0), ["number of substeps"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setSplitting("verlet"), ["splitting is 'verlet'", "'leapfrog', 'bcss2' or 'bcss3'"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setSplitting("bcss2"), ["must be a HamiltonianTrajectoryIntegrator"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setTrajectoryJitter(0.1), ["must be a HamiltonianTrajectoryIntegrator"]),

@@ -24,6 +24,7 @@ def createIntegrator(driver, seed=7):
     if driver == "native":
         integrator.setSplitting("bcss2")
         integrator.setTrajectoryJitter(0.5)
+        integrator.setTetherSubsteps(2)
         integrator.addShearWaves(mh.ShearWaveIntegrator(3000, 0.001, 1, 3, 4), 0.3)
     integrator.setRandomNumberSeed(seed)
     return integrator

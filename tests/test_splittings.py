@@ -14,10 +14,11 @@ SPLITTINGS = {"leapfrog": ([0.5, 0.5], [1.0]),
               "bcss3": ([0.11888010966548, 0.38111989033452, 0.38111989033452, 0.11888010966548], [0.29619504261126, 0.40760991477748, 0.29619504261126])}
 
 
-def createRun(splitting, stepSize, steps, platform="Reference", subdivisions=1, kT=KT):
+def createRun(splitting, stepSize, steps, platform="Reference", subdivisions=1, kT=KT, substeps=1):
     mesh = mh.Mesh.icosphere(subdivisions)
     integrator = mh.HybridMonteCarloIntegrator(kelvin(kT), stepSize, steps, 0.2, 0)
     integrator.setSplitting(splitting)
+    integrator.setTetherSubsteps(substeps)
     integrator.setRandomNumberSeed(5)
     return integrator, createContext(mesh, softForce(mesh), platform, integrator)
 
@@ -69,11 +70,44 @@ def test_a_reversed_trajectory_returns_to_its_start(splitting, platform):
     assert np.abs(x-start).max() < 1e-10
 
 
-@pytest.mark.parametrize("splitting", SPLITTINGS)
+@pytest.mark.parametrize("splitting", ["leapfrog", "bcss2"])
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_trajectories_are_symplectic(splitting, platform):
+def test_a_reversed_trajectory_with_substeps_returns_to_its_start(splitting, platform):
+    """Each drift is the motion under the tether alone, by leapfrog."""
+    (kicks, drifts), dt, substeps = SPLITTINGS[splitting], 0.002, 3
+    integrator, context = createRun(splitting, dt, 10, platform, substeps=substeps)
+    integrator.step(3)
+    start, accepted = positionsOf(context), integrator.getNumAcceptedTrajectories()
+    integrator.step(1)
+    assert integrator.getNumAcceptedTrajectories() == accepted+1
+    x, v = positionsOf(context), -velocitiesOf(context)
+    mesh, tether, rest = mh.Mesh.icosphere(1), mh.HelfrichForce(), softForce(mh.Mesh.icosphere(1))
+    tether.setTriangles(mesh.triangles)
+    tether.setTether(*rest.getTether())
+    rest.setTether(0, *rest.getTether()[1:])
+    tether, rest = createContext(mesh, tether), createContext(mesh, rest)
+
+    def forces(part):
+        part.setPositions(x)
+        return forcesOf(part)
+    step = len(drifts)*dt
+    for _ in range(10//len(drifts)):
+        v += kicks[0]*step*forces(rest)
+        for kick, drift in zip(kicks[1:], drifts):
+            h = drift*step/substeps
+            for _ in range(substeps):
+                v += h/2*forces(tether)
+                x += h*v
+                v += h/2*forces(tether)
+            v += kick*step*forces(rest)
+    assert np.abs(positionsOf(context)-start).max() > 0.01 and np.abs(x-start).max() < 1e-10
+
+
+@pytest.mark.parametrize("splitting, substeps", [*((splitting, 1) for splitting in SPLITTINGS), ("leapfrog", 3)])
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_trajectories_are_symplectic(splitting, substeps, platform):
     """The Lagrange brackets of initial positions and of a scale of initial velocities: sum_k (dx_k/da dp_k/db - dx_k/db dp_k/da) at the end is what it is at the start."""
-    integrator, context = createRun(splitting, 0.004, 12, platform, 0)
+    integrator, context = createRun(splitting, 0.004, 12, platform, 0, substeps=substeps)
     start = context.getState(positions=True).getPositions(asNumpy=True)._value
     checkpoint = context.createCheckpoint()
 
@@ -101,10 +135,10 @@ def test_trajectories_are_symplectic(splitting, platform):
             assert np.sum(dx1*dp2-dx2*dp1) == pytest.approx(expected, abs=2e-6*np.linalg.norm(dp1)*np.linalg.norm(dx2)+1e-6)
 
 
-@pytest.mark.parametrize("splitting, stepSize", [("bcss2", 0.0035), ("bcss3", 0.003)])
-def test_energy_changes(splitting, stepSize):
+@pytest.mark.parametrize("splitting, stepSize, substeps", [("bcss2", 0.0035, 1), ("bcss3", 0.003, 1), ("leapfrog", 0.008, 3)])
+def test_energy_changes(splitting, stepSize, substeps):
     """<exp(-dH/kT)> = 1."""
-    integrator, context = createRun(splitting, stepSize, 12)
+    integrator, context = createRun(splitting, stepSize, 12, substeps=substeps)
     integrator.step(300)
     factors = []
     for _ in range(2000):

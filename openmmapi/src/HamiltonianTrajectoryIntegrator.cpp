@@ -56,6 +56,11 @@ void HamiltonianTrajectoryIntegrator::setSplitting(const string& splitting) {
     this->splitting = splitting;
 }
 
+void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the number of substeps of the tether", substeps);
+    tetherSubsteps = substeps;
+}
+
 void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
     randomNumberSeed = seed;
     if (context != NULL)
@@ -143,25 +148,56 @@ double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     Splitting scheme = Splitting::byName(splitting);
     int stages = scheme.getNumStages();
-    vector<KickAndDrift> sequence = scheme.getSequence(stages*getStepSize(), numSteps/stages);
-    double potentialEnergy = 0;
+    vector<KickAndDrift> sequence = scheme.getSequence(stages*getStepSize(), numSteps/stages, tetherSubsteps);
+    double potentialEnergy;
     if (movesByItself())
         potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
-    else
-        for (size_t i = 0; i < sequence.size(); i++) {
-            if (i > 0)
-                potentialEnergy = addForces(i+1 == sequence.size());
-            trajectory.move(*context, sequence[i]);
-        }
+    else {
+        moveStepByStep(sequence);
+        potentialEnergy = calcForcesAndEnergy(*context, hasOnlyMembranes, false, true, getIntegrationForceGroups());
+    }
     return potentialEnergy+trajectory.computeKineticEnergy(*context);
+}
+
+void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>& sequence) {
+    auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
+    if (tetherSubsteps > 1) {
+        trajectory.move(*context, {0, 0}); // removes the forces at the start, which are those of all terms
+        addForces(sequence[0]);
+    }
+    for (size_t i = 0; i < sequence.size(); i++) {
+        if (i > 0)
+            addForces(sequence[i]);
+        trajectory.move(*context, sequence[i]);
+    }
 }
 
 bool HamiltonianTrajectoryIntegrator::movesByItself() const {
     return soleMembrane != NULL && (getIntegrationForceGroups()&(1<<soleMembrane->getOwner().getForceGroup())) != 0;
 }
 
-double HamiltonianTrajectoryIntegrator::addForces(bool includeEnergy) {
-    return calcForcesAndEnergy(*context, hasOnlyMembranes, true, includeEnergy, getIntegrationForceGroups());
+void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
+    vector<HelfrichForceImpl*> membranes;
+    for (ForceImpl* impl : context->getForceImpls())
+        if (HelfrichForceImpl* membrane = dynamic_cast<HelfrichForceImpl*>(impl))
+            membranes.push_back(membrane);
+    auto setKick = [&] (const KickAndDrift* kick) {
+        for (auto membrane : membranes)
+            membrane->setKick(kick);
+    };
+    setKick(&kick);
+    try {
+        if (kick.isTetherAlone)
+            for (auto membrane : membranes)
+                membrane->calcForcesAndEnergy(*context, true, false, getIntegrationForceGroups());
+        else
+            calcForcesAndEnergy(*context, hasOnlyMembranes, true, false, getIntegrationForceGroups());
+    }
+    catch (...) {
+        setKick(NULL);
+        throw;
+    }
+    setKick(NULL);
 }
 
 double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {

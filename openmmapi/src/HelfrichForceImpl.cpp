@@ -107,6 +107,8 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
 HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
     HelfrichParameters parameters = getParameters(context);
     checkOrientation(context, parameters);
+    if (kick != NULL)
+        parameters = kick->getParameters(parameters);
     HelfrichEnergyTerms terms;
     bool isFinite = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces, terms);
     if (!isFinite || !isfinite(terms.getTotal()))

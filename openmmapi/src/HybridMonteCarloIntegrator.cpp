@@ -180,6 +180,17 @@ void HybridMonteCarloIntegrator::setSplitting(const string& splitting) {
         throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no splitting but its own: it must be a HamiltonianTrajectoryIntegrator");
 }
 
+int HybridMonteCarloIntegrator::getTetherSubsteps() const {
+    return getNative() == NULL ? 1 : getNative()->getTetherSubsteps();
+}
+
+void HybridMonteCarloIntegrator::setTetherSubsteps(int substeps) {
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setTetherSubsteps(substeps);
+    else if (substeps != 1)
+        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
+}
+
 double HybridMonteCarloIntegrator::getFlipFraction() const {
     return getFlipIntegrator().getFraction();
 }

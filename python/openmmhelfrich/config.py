@@ -123,6 +123,8 @@ class SamplingSection(Section):
     steps_per_trajectory: int = Field(100, ge=1, description="steps in a trajectory, each of which computes the forces once")
     integrator: Literal["leapfrog", "bcss2", "bcss3"] = Field("leapfrog", description="of a trajectory; the splittings of two and three stages (Blanes, Casas and Sanz-Serna, 2014) "
                                                               "have smaller errors for the same cost; step_size remains the time per computation of forces")
+    tether_substeps: int = Field(1, ge=1, description="how often the tether acts for each time that everything else does; with more than 1 the step_size, of everything else, "
+                                 "can be longer")
     trajectory_jitter: float = Field(0.0, ge=0, lt=1, description="largest fraction by which the number of steps in a trajectory varies at random; 0.2 or more keeps "
                                      "a mode from returning to where it began in every trajectory, 0 is the plain method")
     flip_fraction: float = Field(0.1, ge=0, description="attempts in a sweep, as a fraction of the number of edges")

@@ -136,6 +136,7 @@ def createSimulation(config, mesh, force):
     stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
     integrator = HybridMonteCarloIntegrator(sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability)
     integrator.setSplitting(sampling.integrator)
+    integrator.setTetherSubsteps(sampling.tether_substeps)
     integrator.setTrajectoryJitter(sampling.trajectory_jitter)
     if sampling.shear_wave_probability > 0:
         integrator.addShearWaves(createShearWaves(config, mesh), sampling.shear_wave_probability)

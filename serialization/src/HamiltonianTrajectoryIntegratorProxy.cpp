@@ -21,6 +21,7 @@ void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, Seriali
     node.setStringProperty("forcePrecision", integrator.getForcePrecision());
     node.setDoubleProperty("trajectoryJitter", integrator.getTrajectoryJitter());
     node.setStringProperty("splitting", integrator.getSplitting());
+    node.setIntProperty("tetherSubsteps", integrator.getTetherSubsteps());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
 }
@@ -32,6 +33,7 @@ void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode&
     integrator->setForcePrecision(node.getStringProperty("forcePrecision", "double"));
     integrator->setTrajectoryJitter(node.getDoubleProperty("trajectoryJitter", 0.0));
     integrator->setSplitting(node.getStringProperty("splitting", "leapfrog"));
+    integrator->setTetherSubsteps(node.getIntProperty("tetherSubsteps", 1));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

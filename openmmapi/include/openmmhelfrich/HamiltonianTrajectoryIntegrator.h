@@ -10,6 +10,7 @@
 namespace HelfrichPlugin {
 
 class HelfrichForceImpl;
+struct KickAndDrift;
 
 /**
  * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
@@ -97,6 +98,17 @@ public:
      */
     void setSplitting(const std::string& splitting);
     /**
+     * Get how often the tether acts for each time that everything else does.
+     */
+    int getTetherSubsteps() const {
+        return tetherSubsteps;
+    }
+    /**
+     * Set how often the tether of the membranes acts for each time that everything else does: 1 by default.  A tether is cheap to compute, and stiffer than the rest: with several substeps (r-RESPA;
+     * Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990, 1992) the step size, that of all other forces, can be longer.  Trajectories remain reversible and preserve volume.
+     */
+    void setTetherSubsteps(int substeps);
+    /**
      * Get the random number seed.  See setRandomNumberSeed() for details.
      */
     int getRandomNumberSeed() const {
@@ -159,7 +171,8 @@ private:
     bool movesByItself() const;
     int drawNumSteps() const;
     double moveToEnd(int numSteps);
-    double addForces(bool includeEnergy);
+    void moveStepByStep(const std::vector<KickAndDrift>& sequence);
+    void addForces(const KickAndDrift& kick);
     double temperature;
     int stepsPerTrajectory;
     std::string forcePrecision = "double";
@@ -168,6 +181,7 @@ private:
     long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
     double trajectoryJitter = 0;
     std::string splitting = "leapfrog";
+    int tetherSubsteps = 1;
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
     bool hasOnlyMembranes = false;

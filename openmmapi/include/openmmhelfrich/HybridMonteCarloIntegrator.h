@@ -104,6 +104,15 @@ public:
      */
     void setSplitting(const std::string& splitting);
     /**
+     * Get how often the tether acts in a trajectory for each time that everything else does.
+     */
+    int getTetherSubsteps() const;
+    /**
+     * Set how often the tether acts in a trajectory for each time that everything else does.  See HamiltonianTrajectoryIntegrator::setTetherSubsteps(); number 0 must be of that class if
+     * it is not 1.
+     */
+    void setTetherSubsteps(int substeps);
+    /**
      * Get the number of attempts in a sweep, as a fraction of the number of edges.
      */
     double getFlipFraction() const;

@@ -328,10 +328,10 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadState(context, chunk);
-        bool canGoOn = makeStep(parameters, arrays, sequence[0], next, now);
+        bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, now);
         for (size_t step = 1; step < sequence.size() && canGoOn; step++) {
             swap(arrays.positions, next);
-            canGoOn = makeStep(parameters, arrays, sequence[step], next, now);
+            canGoOn = makeStep(sequence[step].getParameters(parameters), arrays, sequence[step], next, now);
         }
         #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
@@ -347,9 +347,9 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
 
 bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters, const vector<KickAndDrift>& sequence, bool mixed,
                                                 HelfrichEnergyTerms& terms) {
-    if (!mixed)
-        return makeSteps<double>(context, parameters, sequence, terms);
-    return makeSteps<float>(context, parameters, sequence, terms) && execute(context, parameters, false, terms);
+    bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms) : makeSteps<double>(context, parameters, sequence, terms);
+    bool areTermsExact = (!mixed && sequence.back().tetherShare == 1);
+    return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {

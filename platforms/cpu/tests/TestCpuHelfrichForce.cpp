@@ -70,6 +70,7 @@ vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p,
         system.addForce(new CustomExternalForce("0"));
     HamiltonianTrajectoryIntegrator integrator(300, 1, 5);
     integrator.setSplitting(splitting);
+    integrator.setTetherSubsteps(splitting == "bcss2" ? 3 : 1);
     integrator.setRandomNumberSeed(5);
     integrator.setForcePrecision(precision);
     Context context(system, integrator, *platform, {{"Threads", threads}});

@@ -38,6 +38,12 @@ public:
      * @return the energy at the end
      */
     double makeTrajectory(OpenMM::ContextImpl& context, const std::vector<KickAndDrift>& sequence, bool mixed);
+    /**
+     * Compute from now on only the forces that act in a kick, or all with NULL.
+     */
+    void setKick(const KickAndDrift* kick) {
+        this->kick = kick;
+    }
     std::map<std::string, double> getDefaultParameters();
     std::vector<std::string> getKernelNames();
     std::vector<std::pair<int, int> > getBondedParticles() const;
@@ -75,6 +81,7 @@ private:
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
     HelfrichParameters moduli;
+    const KickAndDrift* kick = NULL;
     bool isOrientationChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;
     std::unique_ptr<EdgeFlipSweep> sweep;

@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICH_SPLITTING_H_
 #define OPENMM_HELFRICH_SPLITTING_H_
 
+#include "HelfrichParameters.h"
 #include "openmm/OpenMMException.h"
 #include <string>
 #include <vector>
@@ -15,6 +16,20 @@ namespace HelfrichPlugin {
 struct KickAndDrift {
     /// the time for which the forces act, and that for which the particles move, measured in ps
     double kick, drift;
+    /// the time for which the tether acts, as a fraction of the kick
+    double tetherShare = 1;
+    /// whether no other term acts
+    bool isTetherAlone = false;
+    /**
+     * Get the parameters of the terms that act.
+     */
+    HelfrichParameters getParameters(const HelfrichParameters& all) const {
+        HelfrichParameters p = all;
+        p.tetherModulus *= tetherShare;
+        if (isTetherAlone)
+            p.bendingModulus = p.areaModulus = p.volumeModulus = p.areaDifferenceModulus = p.repulsionModulus = 0;
+        return p;
+    }
 };
 
 /**
@@ -48,8 +63,16 @@ struct Splitting {
     }
     /**
      * Get the kicks and drifts of a number of steps.  The last drift is 0.
+     *
+     * @param tetherSubsteps  if this is more than 1, the motion under the tether alone takes the place of each drift, in so many steps of leapfrog (r-RESPA; Tuckerman, Berne and Martyna,
+     *                        J. Chem. Phys. 97, 1990, 1992)
      */
-    std::vector<KickAndDrift> getSequence(double stepSize, int numSteps) const {
+    std::vector<KickAndDrift> getSequence(double stepSize, int numSteps, int tetherSubsteps=1) const {
+        std::vector<KickAndDrift> sequence = getPlainSequence(stepSize, numSteps);
+        return tetherSubsteps == 1 ? sequence : divideDrifts(sequence, tetherSubsteps);
+    }
+private:
+    std::vector<KickAndDrift> getPlainSequence(double stepSize, int numSteps) const {
         std::vector<KickAndDrift> sequence = {{kicks[0]*stepSize, 0}};
         for (int step = 0; step < numSteps; step++)
             for (int stage = 0; stage < getNumStages(); stage++) {
@@ -58,6 +81,18 @@ struct Splitting {
                 sequence.push_back({(kicks[stage+1]+(isLastStage && !isLast ? kicks[0] : 0))*stepSize, 0});
             }
         return sequence;
+    }
+    static std::vector<KickAndDrift> divideDrifts(const std::vector<KickAndDrift>& sequence, int tetherSubsteps) {
+        std::vector<KickAndDrift> result;
+        double before = 0;
+        for (auto& outer : sequence) {
+            double step = outer.drift/tetherSubsteps;
+            result.push_back({outer.kick, step, 0.5*(before+step)/outer.kick, false});
+            for (int i = 1; i < tetherSubsteps && step != 0; i++)
+                result.push_back({step, step, 1, true});
+            before = step;
+        }
+        return result;
     }
 };
 
