@@ -71,15 +71,3 @@ def termsOf(force, context):
 def kelvin(kT):
     """Return the temperature at which kT is so many kJ/mol."""
     return kT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
-
-
-def stomatocyte(opening=0.5, inner=0.75):
-    """Return the outline, for surfaceOfRevolution(), of a sphere whose cap has been turned inside out: an outer and an inner sphere with a round rim."""
-    arc = np.linspace(np.pi, opening, 2000)
-    down = np.linspace(0, np.pi, 500)[1:-1]
-    middle, half = (1+inner)/2, (1-inner)/2
-    radial, around = np.array([np.sin(opening), np.cos(opening)]), np.array([-np.cos(opening), np.sin(opening)])
-    rim = middle*radial-half*np.cos(down)[:, np.newaxis]*radial+half*np.sin(down)[:, np.newaxis]*around
-    sphere = np.column_stack((np.sin(arc), np.cos(arc)))
-    sphere[0, 0] = 0
-    return np.concatenate((inner*sphere, rim, sphere[::-1]))

@@ -77,14 +77,6 @@ def testStudiesScript(tmp_path, examples):
     assert lines[0].startswith("step size") and lines[-1].startswith("at 3.0 K")
 
 
-def testMinima(tmp_path, examples):
-    names, *rows = [line.split(",") for line in execute(tmp_path, examples/"minima.py", 642, 0.9).splitlines()]
-    assert [row[0] for row in rows] == ["prolate", "oblate"]
-    for row in (dict(zip(names, row)) for row in rows):
-        assert float(row["energy"]) == pytest.approx(float(row["reference"]), rel=0.01) and row["end"] == "the forces fell below the tolerance"
-    assert (tmp_path/"minima.png").stat().st_size > 10000
-
-
 def testFluctuations(tmp_path, examples):
     """At this size and length it shows that the parts fit together; test_analysis.py has the known answers."""
     lines = execute(tmp_path, examples/"fluctuations.py", 300, 2).splitlines()

@@ -9,8 +9,9 @@ import pytest
 from openmm import app, unit
 
 import openmmhelfrich as mh
-from membranes import forcesOf, positionsOf, stomatocyte, termsOf
+from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
+from openmmhelfrich.shapes import invaginatedSphere
 
 KAPPA = 50.0
 KJ = unit.kilojoules_per_mole
@@ -42,9 +43,9 @@ def axisymmetricMinima():
         return {(row["branch"], float(row["v"])): float(row["energy_over_8pi_kappa"]) for row in rows}
 
 
-@pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.9), ("prolate", 0.8), ("oblate", 0.9), ("oblate", 0.7)])
-def test_axisymmetric_minima(kind, reducedVolume):
-    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B."""
+@pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.8), ("oblate", 0.7)])
+def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
+    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the axisymmetric shapes."""
     force, simulation = createSimulation(mh.spheroid(642, mh.spheroidAspectRatio(reducedVolume, kind)), reducedVolume)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and not result.warnings
@@ -55,12 +56,12 @@ def test_axisymmetric_minima(kind, reducedVolume):
 
 
 def test_stomatocyte():
-    """Its narrow mouth needs a firm tether, and the energy is rough there: the last digits do not always settle."""
-    mesh = mh.surfaceOfRevolution(stomatocyte(opening=0.35, inner=0.515), 642)
+    """From two spheres and a rim, with the firm tether that its narrow mouth needs."""
+    mesh = mh.surfaceOfRevolution(invaginatedSphere(inner=0.515, opening=0.35), 642)
     mesh.vertices *= math.sqrt(4*math.pi/mesh.area)
-    force, simulation = createSimulation(mesh, 0.6, tether=(100, 0.8, 1.25))
+    force, simulation = createSimulation(mesh, 0.6, tether=(100, 0.88, 1.17))
     result = mh.minimizeFluid(simulation, force)
-    assert not result.warnings
+    assert result.converged and not result.warnings
     assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(axisymmetricMinima()["stomatocyte", 0.6], rel=0.01)
     shape = describeShape(mh.Mesh(positionsOf(simulation.context), force.getTrianglesInContext(simulation.context)))
     assert shape.shapeClass == "stomatocyte" and 0.4 < shape.reducedAreaDifference < 0.55

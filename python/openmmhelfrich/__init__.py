@@ -21,6 +21,7 @@ except PackageNotFoundError:  # a source tree on the path, not installed
 
 # What is imported when it is asked for, by the module it is in: scripts that do without start faster.
 _LATER = {
+    "axisymmetric": ["axisymmetricMinimum"],
     "studies": ["resume", "run"],
     "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
     "grids": ["readGrid"],
@@ -43,7 +44,7 @@ __all__ = [
     "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
     "AmplitudeAdapter", "AmplitudeTracker", "ShearWaveIntegrator",
     "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
-    "MinimizationResult", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
+    "MinimizationResult", "axisymmetricMinimum", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
     "ContinuationResult", "continueTo", "resume", "run", "readGrid", "sweep",
     "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
     "ReplicaExchange", "ThermodynamicState", "reweight",

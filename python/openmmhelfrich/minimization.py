@@ -165,7 +165,7 @@ class _Descent:
 
     def __init__(self, simulation, force, tolerance, maxIterations, progress):
         self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
-        self.tolerance = _defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
+        self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         if maxIterations < 0 or maxIterations != int(maxIterations):
@@ -241,7 +241,8 @@ class _Recorder(mm.MinimizationReporter):
         return self.isStopped or float(np.mean(np.square(grad))) <= self._tolerance**2
 
 
-def _defaultTolerance(simulation, force):
+def defaultTolerance(simulation, force):
+    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by default: kappa_B l/(4A)."""
     modulus = valueIn(force.getBendingModulus(), _ENERGY)
     if modulus == 0:
         raise ValueError("the bending modulus is 0, and so sets no scale for the tolerance of the forces; give a tolerance")

@@ -3,8 +3,9 @@ import math
 
 import numpy as np
 import openmm as mm
+from openmm import unit
 from scipy.optimize import brentq
-from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial import ConvexHull
 
 from .helfrich import EdgeFlipIntegrator, HelfrichForce
 from .mesh import Mesh, reducedVolume
@@ -14,7 +15,8 @@ def surfaceOfRevolution(outline, numVertices: int, rounds: int = 100) -> Mesh:
     """Create a closed surface of revolution about the z axis, of nearly equal edges.
 
     The vertices begin on a spiral of the golden angle, at equal areas.  Then every edge is a spring that pulls towards the mean length, edges flip where that
-    makes them shorter, and vertices stay on the surface.
+    makes them shorter, and vertices slide on the surface, each on its own sheet where two come close to each other.  The flips are annealed: a temperature
+    that falls to 0 lets defects move, without which the spiral's strain would stay in a lattice that has none.
 
     Parameters
     ----------
@@ -39,12 +41,12 @@ def surfaceOfRevolution(outline, numVertices: int, rounds: int = 100) -> Mesh:
     if numVertices < 12:
         raise ValueError(f"surfaceOfRevolution: numVertices is {numVertices}; it must be at least 12")
     outline[[0, -1], 0] = 0
-    x, flip, tree = _spiral(outline, numVertices), _EdgeShortener(numVertices), KDTree(outline)
-    triangles = flip(x, sweeps=20)
-    for _ in range(rounds):
-        x = _project(_evenOut(x, Mesh(x, triangles).edges), outline, tree)
-        triangles = flip(x, sweeps=2)
-    return Mesh(x, triangles)
+    surface, flip = _Revolution(outline, numVertices), _EdgeShortener(numVertices)
+    triangles = flip(surface.points(), sweeps=20)
+    for done in range(rounds):
+        surface.evenOut(Mesh(surface.points(), triangles).edges)
+        triangles = flip(surface.points(), sweeps=2, heat=0.2*max(0, 1-done/(0.7*rounds)))
+    return Mesh(surface.points(), triangles)
 
 
 def spheroid(numVertices: int, aspectRatio: float, area: float = 4*math.pi) -> Mesh:
@@ -84,6 +86,24 @@ def spheroidAspectRatio(reducedVolume: float, kind: str) -> float:
     return 1.0 if reducedVolume == 1 else brentq(lambda a: _spheroidReducedVolume(a)-reducedVolume, low, high)
 
 
+def invaginatedSphere(inner: float, opening: float):
+    """Return the outline of a stomatocyte, for :func:`surfaceOfRevolution`: a sphere of radius 1 and one inside it, joined by a round rim.
+
+    Parameters
+    ----------
+    inner : float
+        the radius of the inner sphere, in nm
+    opening : float
+        the angle between the axis and the middle of the rim, seen from the centre
+    """
+    arc, down = np.linspace(np.pi, opening, 2000), np.linspace(0, np.pi, 500)[1:-1, np.newaxis]
+    radial, around = np.array([math.sin(opening), math.cos(opening)]), np.array([-math.cos(opening), math.sin(opening)])
+    rim = (1+inner)/2*radial+(1-inner)/2*(np.sin(down)*around-np.cos(down)*radial)
+    sphere = np.column_stack((np.sin(arc), np.cos(arc)))
+    sphere[0, 0] = 0
+    return np.concatenate((inner*sphere, rim, sphere[::-1]))
+
+
 def _spheroidReducedVolume(a):
     e = math.sqrt(1-min(a, 1/a)**2)
     if e < 1e-6:
@@ -96,30 +116,35 @@ def _goldenAngles(number):
     return np.arange(number)*np.pi*(3-math.sqrt(5))
 
 
-def _spiral(outline, number):
-    """Return points on a surface of revolution, each of an equal part of the area, a golden angle from one to the next."""
-    part = np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1)*(outline[1:, 0]+outline[:-1, 0]))
-    fraction = np.concatenate(([0], part/part[-1]))
-    r, z = (np.interp((np.arange(number)+0.5)/number, fraction, column) for column in outline.T)
-    angle = _goldenAngles(number)
-    return np.column_stack((r*np.cos(angle), r*np.sin(angle), z))
+class _Revolution:
+    """Points on a surface of revolution, each held by its arc length along the outline and its angle."""
 
+    def __init__(self, outline, number):
+        """Put points on a spiral, each of an equal part of the area, a golden angle from one to the next."""
+        length = np.linalg.norm(np.diff(outline, axis=0), axis=1)
+        self._outline, self._length = outline, np.concatenate(([0], np.cumsum(length)))
+        self._tangents = np.gradient(outline, self._length, axis=0)
+        part = np.concatenate(([0], np.cumsum(length*(outline[1:, 0]+outline[:-1, 0]))))
+        self._s, self._angle = np.interp((np.arange(number)+0.5)/number, part/part[-1], self._length), _goldenAngles(number)
 
-def _evenOut(x, edges):
-    """Move vertices along their edges, as springs that pull towards the mean length do."""
-    a, b = edges.T
-    edge = x[b]-x[a]
-    length = np.linalg.norm(edge, axis=1)
-    pull = 0.1*edge*(1-length.mean()/length)[:, np.newaxis]
-    return x+np.column_stack([np.bincount(a, pull[:, i], len(x))-np.bincount(b, pull[:, i], len(x)) for i in range(3)])
+    def points(self):
+        r, z = self._at(self._outline)
+        return np.column_stack((r*np.cos(self._angle), r*np.sin(self._angle), z))
 
+    def evenOut(self, edges):
+        """Slide the points along the surface as springs at the edges, which pull towards the mean length, would move them."""
+        a, b = edges.T
+        x = self.points()
+        edge = x[b]-x[a]
+        length = np.linalg.norm(edge, axis=1)
+        pull = 0.1*edge*(1-length.mean()/length)[:, np.newaxis]
+        x += np.column_stack([np.bincount(a, pull[:, i], len(x))-np.bincount(b, pull[:, i], len(x)) for i in range(3)])
+        moved = np.array([np.hypot(x[:, 0], x[:, 1]), x[:, 2]])-self._at(self._outline)
+        self._s = np.clip(self._s+np.sum(moved*self._at(self._tangents), axis=0), 0, self._length[-1])
+        self._angle = np.arctan2(x[:, 1], x[:, 0])
 
-def _project(x, outline, tree):
-    """Move points to the nearest of the surface of revolution."""
-    axis = np.hypot(x[:, 0], x[:, 1])
-    r, z = outline[tree.query(np.column_stack((axis, x[:, 2])))[1]].T
-    scale = np.divide(r, axis, out=np.zeros_like(r), where=axis > 0)
-    return np.column_stack((x[:, 0]*scale, x[:, 1]*scale, z))
+    def _at(self, columns):
+        return np.array([np.interp(self._s, self._length, column) for column in columns.T])
 
 
 class _EdgeShortener:
@@ -142,7 +167,10 @@ class _EdgeShortener:
         self._flips.setRandomNumberSeed(1)
         self._context = mm.Context(system, self._flips, mm.Platform.getPlatform("Reference"))
 
-    def __call__(self, x, sweeps):
+    def __call__(self, x, sweeps, heat=0.0):
+        """Return the triangles after some sweeps; heat is kT over the mean energy of an edge."""
         self._context.setPositions(x)
+        energy = self._context.getState(energy=True).getPotentialEnergy()/(3*len(x)-6)
+        self._flips.setTemperature(heat*energy/unit.MOLAR_GAS_CONSTANT_R)
         self._flips.step(sweeps)
         return self._force.getTrianglesInContext(self._context)

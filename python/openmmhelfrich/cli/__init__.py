@@ -4,13 +4,14 @@ from typing import Annotated
 import openmm as mm
 import typer
 
-from . import runs, shapes, sweeps, tradeoff
+from . import minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(no_args_is_help=True, add_completion=True, pretty_exceptions_enable=False,
                   help="Simulate fluid membranes with OpenMM.", context_settings={"help_option_names": ["-h", "--help"]})
 app.add_typer(runs.app)
 app.add_typer(sweeps.app)
 app.add_typer(shapes.app)
+app.add_typer(minima.app)
 app.add_typer(tradeoff.app)
 
 
