@@ -85,7 +85,9 @@ def test_softer_constraints_are_corrected():
 def test_force_error():
     config, mesh = resolved()
     assert 0 < forceError(config, mesh) < 1e-12
-    config.platform.name, config.platform.threads = "Reference", None
+    config.platform.precision = "mixed"
+    assert 1e-9 < forceError(config, mesh) < 1e-4
+    config.platform.name, config.platform.threads, config.platform.precision = "Reference", None, "double"
     assert forceError(config, mesh) == 0
 
 
