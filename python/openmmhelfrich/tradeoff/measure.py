@@ -304,7 +304,7 @@ def _errorOfPrecision(config, mesh):
     """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by (h^2/2m) F beside what the velocities do, which are the same."""
     step, ends = 0.2*defaultStepSize(config, mesh), []
     for precision in (config.platform.precision, "double"):
-        changed = apply(config, {"platform.precision": precision, "sampling.step_size": step, "sampling.steps_per_trajectory": 1, "sampling.flip_probability": 0.0,
+        changed = apply(config, {"platform.precision": precision, "sampling.step_size": step, "sampling.steps_per_trajectory": 1, "sampling.integrator": "leapfrog", "sampling.flip_probability": 0.0,
                                  "sampling.shear_wave_probability": 0.0})
         simulation = createSimulation(changed, mesh, createForce(changed, mesh))
         simulation.integrator.step(1)

@@ -147,17 +147,16 @@ def _rescale(data, factor):
 
 
 def _tethers(scene, edge):
-    """Return a tether softer than the scene's, one with tighter bounds, and some of a mesh that is scaled to edges of length 1.
+    """Return a tether softer than the scene's, and some of a mesh that is scaled to edges of length 1, with the scene's bounds and with others.
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
     """
-    modulus = float(scene.tether.modulus)
+    modulus, least, greatest = (float(x) for x in (scene.tether.modulus, scene.tether.min_length/edge, scene.tether.max_length/edge))
     if modulus == 0:
         return []
-    own = [{"tether.modulus": 0.1*modulus}, {"tether.min_length": 0.9*edge, "tether.max_length": 1.4*edge}]
-    scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": least, "tether.max_length": greatest}
-              for least, greatest, stiffness in ((0.85, 1.35, 100.0), (0.9, 1.4, 50.0), (0.85, 1.25, 25.0))]
-    return own+scaled
+    scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": low, "tether.max_length": high}
+              for stiffness, low, high in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
+    return _each("tether.modulus", [0.1*modulus])+scaled
 
 
 def _softer(scene):
