@@ -115,7 +115,14 @@ def isUnderWay(folder, least):
 
 
 def workersOf(process):
-    return [child for child in psutil.Process(process.pid).children() if any("spawn_main" in part for part in child.cmdline())]
+    return [child for child in psutil.Process(process.pid).children() if isWorker(child)]
+
+
+def isWorker(process):
+    try:
+        return any("spawn_main" in part for part in process.cmdline())
+    except psutil.NoSuchProcess:  # it has just ended
+        return False
 
 
 def testKilledWorkersAndKilledSweep(grid, expected, tmp_path):
@@ -131,7 +138,7 @@ def testKilledWorkersAndKilledSweep(grid, expected, tmp_path):
     process.kill()
     process.wait()
     psutil.wait_procs(workers, timeout=30)
-    assert not any(worker.is_running() for worker in workers)  # they end with the sweep
+    assert not any(isWorker(worker) for worker in workers)  # they end with the sweep
     for name, step in checkpointSteps(tmp_path).items():
         assert step >= before.get(name, 0)  # nothing begins anew
         assert mh.readObservables(tmp_path/name/"run.csv")["step"][-1] <= step+INTERVAL
