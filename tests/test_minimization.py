@@ -67,6 +67,14 @@ def test_stomatocyte():
     assert shape.shapeClass == "stomatocyte" and 0.4 < shape.reducedAreaDifference < 0.55
 
 
+def test_a_sphere_without_symmetry_falls():
+    mesh = mh.spheroid(642, 1)
+    force, simulation = createSimulation(mesh, 0.95, tether=(100, 0.8, 1.25))
+    result = mh.minimizeFluid(simulation, force)
+    assert result.converged
+    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(mh.axisymmetricMinimum("prolate", 0.95).energy, rel=0.01)
+
+
 def test_stiff_penalties_from_far():
     """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple the membrane."""
     force, simulation = createSimulation(mh.spheroid(642, 1.3), 0.85)
