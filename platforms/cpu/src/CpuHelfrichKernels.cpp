@@ -297,12 +297,18 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
             return false;
+    int numChunks = getNumChunks();
+    if (times.isTetherAlone) { // its forces need no sums, and the next step at which all terms act finds what is not finite
+        #pragma omp for schedule(static)
+        for (int chunk = 0; chunk < numChunks; chunk++)
+            move(parameters, HelfrichTotals(), arrays, chunk, times, nextPositions);
+        return true;
+    }
     CpuHelfrichSums sums = computeEnergy(parameters, arrays);
     if (!isfinite(sums.area))
         return false;
     updateRepulsion(parameters, arrays.positions);
     HelfrichTotals slopes = penaltySlopes(parameters, sums);
-    int numChunks = getNumChunks();
     #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
         move(parameters, slopes, arrays, chunk, times, nextPositions);
