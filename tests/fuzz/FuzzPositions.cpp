@@ -68,7 +68,9 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     try {
         System system;
         fillSystem(system, positions.size(), {createFuzzedForce(data, membrane)});
-        HybridMonteCarloIntegrator integrator(fabs(drawNumber(data)), fabs(drawNumber(data)), 3, 0.5, data.ConsumeBool(), data.ConsumeBool() ? "native" : "custom");
+        bool isNative = data.ConsumeBool();
+        HybridMonteCarloIntegrator integrator(fabs(drawNumber(data)), fabs(drawNumber(data)), 3, 0.5, data.ConsumeBool(), isNative ? "native" : "custom");
+        integrator.setForcePrecision(isNative && data.ConsumeBool() ? "mixed" : "double");
         integrator.setRandomNumberSeed(1);
         Context context(system, integrator, *platform);
         context.setPositions(positions);

@@ -3,6 +3,7 @@
 #include "Fuzzing.h"
 #include "openmmhelfrich/internal/EdgeFlipSweep.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichNeighborList.h"
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -54,7 +55,10 @@ static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& 
     geometry.vertexAreas.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(0.0, 1.0));
     geometry.vertexMeanCurvatures.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(-10.0, 10.0));
     EdgeFlipSweep sweep(mesh);
-    sweep.setPositions(positions, geometry);
+    HelfrichNeighborList neighbors;
+    neighbors.build(positions, 1.1*p.repulsionOnset);
+    neighbors.divide(mesh);
+    sweep.setPositions(positions, geometry, EdgeFlipSweep::needsNeighborList(p) ? &neighbors : NULL);
     EdgeFlipStatistics statistics = sweep.execute(p, data.ConsumeFloatingPointInRange(0.0, 1e6), 200, Philox(data.ConsumeIntegral<int>(), 1), 0);
     require(statistics.attempted == 200 && statistics.accepted+statistics.forbidden <= 200, "the counts of a sweep");
     mesh.validate();
