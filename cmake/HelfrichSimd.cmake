@@ -26,10 +26,11 @@ function(helfrich_add_simd_source library name)
         target_include_directories(${name}${simd} PRIVATE include "${PROJECT_SOURCE_DIR}/openmmapi/include")
         target_link_libraries(${name}${simd} PRIVATE OpenMM::OpenMM)
         target_compile_definitions(${name}${simd} PRIVATE HELFRICH_SIMD=${simd})
-        target_compile_options(${name}${simd} PRIVATE -fno-math-errno -fno-trapping-math -ffp-contract=fast ${HELFRICH_SIMD_FLAGS_${simd}})
+        # How vectors wider than a register are handed over matters to nobody else.
+        target_compile_options(${name}${simd} PRIVATE -Wno-psabi -fno-math-errno -fno-trapping-math -ffp-contract=fast ${HELFRICH_SIMD_FLAGS_${simd}})
         if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
-            # It takes its own intrinsics, and vectors that are filled lane by lane, for uninitialised; and how vectors wider than a register are handed over matters to nobody else.
-            target_compile_options(${name}${simd} PRIVATE -Wno-uninitialized -Wno-maybe-uninitialized -Wno-psabi)
+            # It takes its own intrinsics, and vectors that are filled lane by lane, for uninitialised.
+            target_compile_options(${name}${simd} PRIVATE -Wno-uninitialized -Wno-maybe-uninitialized)
         endif()
         target_link_libraries(${library} PRIVATE ${name}${simd})
         string(TOUPPER HELFRICH_HAS_${simd} has_simd)
