@@ -13,13 +13,15 @@ using namespace std;
  */
 static const int BATCHES_PER_THREAD = 4;
 
+static const int NONE = -1;
+
 /**
  * A block has at most one attempt for so many vertices, lest most of them be evaluated twice.
  */
 static const int VERTICES_PER_ATTEMPT = 16;
 
-EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(numThreads), block(0), random(0, 0),
-        vertices(mesh.getNumVertices()), stamps(mesh.getNumVertices(), -1) {
+EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(numThreads), random(0, 0),
+        vertices(mesh.getNumVertices()), lastFlips(mesh.getNumVertices(), NONE) {
     int maxAttempts = max(8, mesh.getNumVertices()/VERTICES_PER_ATTEMPT);
     int maxBatches = (numThreads == 1 ? 1 : BATCHES_PER_THREAD*numThreads);
     batchSize = min(maxAttempts, EdgeFlipBatch::SIZE);
@@ -47,6 +49,7 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     this->random = random;
     this->sweep = sweep;
     this->observer = &observer;
+    updatePenalties();
     exception = NULL;
     statistics = EdgeFlipStatistics();
     long long attemptsPerBlock = batchSize*(long long) batches.size();
@@ -68,6 +71,9 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
         #pragma omp master
         decideBlock(numBatches);
         #pragma omp barrier
+        #pragma omp for schedule(static)
+        for (int i = 0; i < numBatches; i++)
+            carryOut(batches[i]);
     }
     if (exception)
         rethrow_exception(exception);
@@ -83,8 +89,11 @@ void EdgeFlipSweep::prepare(EdgeFlipBatch& batch, long long firstAttempt) const 
     findTriangles(batch);
     for (int n = 0; n < batch.numAttempts; n++)
         findStencil(batch, n);
+    for (int n = 0; n < batch.numAttempts; n++)
+        batch.attempts[n].threshold = -kT*log(batch.uniform[n]);
     findForbidden(batch, 0, batch.numAttempts);
     evaluate(batch, 0, batch.numAttempts);
+    batch.waiting = 0;
 }
 
 void EdgeFlipSweep::findTriangles(EdgeFlipBatch& batch) const {
@@ -167,83 +176,137 @@ void EdgeFlipSweep::findForbidden(EdgeFlipBatch& batch, int first, int last) con
             walks.begin(mesh.opposite(mesh.next(h)), mesh.valence(k)-2, l);
         else
             walks.begin(mesh.opposite(mesh.next(o)), mesh.valence(l)-2, k);
-        batch.isForbidden[n] = (mesh.isFixed(h) || mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
+        batch.attempts[n].isForbidden = (mesh.isFixed(h) || mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
     }
     walks.finish(mesh);
     for (int n = first; n < last; n++)
-        batch.isForbidden[n] |= walks.isFound[n-first];
+        batch.attempts[n].isForbidden |= walks.isFound[n-first];
 }
 
 void EdgeFlipSweep::evaluate(EdgeFlipBatch& batch, int first, int last) const {
     evaluation.evaluate(p, vertices.data(), batch, first, last);
-    if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
-        for (int n = first; n < last; n++)
-            batch.repulsion[n] = pairEnergy(batch.vertex[0][n], batch.vertex[1][n])-pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
+    for (int n = first; n < last; n++) {
+        EdgeFlipAttempt& attempt = batch.attempts[n];
+        attempt.energy = batch.energy[n];
+        attempt.area = batch.area[n];
+        attempt.volume = batch.volume[n];
+        attempt.curvature = batch.curvature[n];
+        for (int i = 0; i < 4; i++)
+            attempt.vertex[i] = batch.vertex[i][n];
+        attempt.dependsOnPartners = false;
+    }
     if (needsNeighborList(p))
         findRepulsion(batch, first, last);
+    else if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
+        for (int n = first; n < last; n++)
+            batch.attempts[n].energy += pairEnergy(batch.vertex[0][n], batch.vertex[1][n])-pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
 }
 
 void EdgeFlipSweep::decideBlock(int numBatches) {
-    block++;
-    isBlockChanged = false;
     try {
         for (int i = 0; i < numBatches && !exception; i++)
             for (int n = 0; n < batches[i].numAttempts; n++) {
                 if (i+1 < numBatches)
-                    __builtin_prefetch(reinterpret_cast<const char*>(&batches[i+1])+64*n);
-                decide(batches[i], n);
+                    __builtin_prefetch(&batches[i+1].attempts[n]);
+                decide(i*EdgeFlipBatch::SIZE+n);
             }
     }
     catch (...) {
         exception = current_exception();
     }
+    for (int attempt : flips)
+        for (int vertex : getAttempt(attempt).vertex)
+            lastFlips[vertex] = NONE;
+    flips.clear();
 }
 
-void EdgeFlipSweep::decide(EdgeFlipBatch& batch, int n) {
-    if (isBlockChanged && isStale(batch, n)) {
-        findStencil(batch, n);
-        findForbidden(batch, n, n+1);
-        evaluate(batch, n, n+1);
-    }
+void EdgeFlipSweep::decide(int index) {
+    EdgeFlipBatch& batch = batches[index/EdgeFlipBatch::SIZE];
+    EdgeFlipAttempt& attempt = getAttempt(index);
+    if (isStale(attempt))
+        renew(batch, index%EdgeFlipBatch::SIZE);
     statistics.attempted++;
-    if (batch.isForbidden[n]) {
+    if (attempt.isForbidden) {
         statistics.forbidden++;
         return;
     }
-    double energy = batch.energy[n]+penaltyChange(batch, n)+(hasRepulsion() ? batch.repulsion[n] : 0);
-    if (energy <= 0 || batch.uniform[n] < exp(-energy/kT))
-        accept(batch, n, energy);
+    double energy = attempt.energy+areaPenalty.change(attempt.area)+volumePenalty.change(attempt.volume)+areaDifferencePenalty.change(attempt.curvature);
+    if (energy <= 0 || energy < attempt.threshold)
+        accept(index, energy);
 }
 
-bool EdgeFlipSweep::isStale(const EdgeFlipBatch& batch, int n) const {
-    for (int i = 0; i < 4; i++)
-        if (stamps[batch.vertex[i][n]] == block)
-            return true;
-    return hasRepulsion() && batch.dependsOnPartners[n] && isPartnerStamped(batch, n);
+bool EdgeFlipSweep::isStale(const EdgeFlipAttempt& attempt) const {
+    // NONE has all bits.
+
+    const int* v = attempt.vertex;
+    return (lastFlips[v[0]]&lastFlips[v[1]]&lastFlips[v[2]]&lastFlips[v[3]]) != NONE || (attempt.dependsOnPartners && isPartnerFlipped(attempt));
 }
 
-bool EdgeFlipSweep::isPartnerStamped(const EdgeFlipBatch& batch, int n) const {
-    for (int i = 0; i < 4; i++) {
-        int vertex = batch.vertex[i][n];
-        for (int m = 0; m < vertices[vertex].numClose; m++)
-            if (stamps[partnersOf(vertex)[m]] == block)
+bool EdgeFlipSweep::isPartnerFlipped(const EdgeFlipAttempt& attempt) const {
+    for (int vertex : attempt.vertex)
+        for (int n = 0; n < vertices[vertex].numClose; n++)
+            if (lastFlips[partnersOf(vertex)[n]] != NONE)
                 return true;
-    }
     return false;
 }
 
-void EdgeFlipSweep::accept(const EdgeFlipBatch& batch, int n, double energy) {
+void EdgeFlipSweep::renew(EdgeFlipBatch& batch, int n) {
+    bool isChanged;
+    do {
+        findStencil(batch, n);
+        isChanged = false;
+        for (int i = 0; i < 4; i++)
+            isChanged |= carryOutAt(batch.vertex[i][n]);
+    } while (isChanged);
+    for (int i = 0; i < 4; i++) {
+        int vertex = batch.vertex[i][n];
+        for (int m = 0; m < vertices[vertex].numClose; m++)
+            carryOutAt(partnersOf(vertex)[m]);
+    }
+    findForbidden(batch, n, n+1);
+    evaluate(batch, n, n+1);
+}
+
+bool EdgeFlipSweep::carryOutAt(int vertex) {
+    int flip = lastFlips[vertex];
+    if (flip == NONE)
+        return false;
+    EdgeFlipBatch& batch = batches[flip/EdgeFlipBatch::SIZE];
+    uint64_t bit = uint64_t(1)<<flip%EdgeFlipBatch::SIZE;
+    if ((batch.waiting&bit) == 0)
+        return false;
+    batch.waiting ^= bit;
+    carryOut(batch, flip%EdgeFlipBatch::SIZE);
+    return true;
+}
+
+void EdgeFlipSweep::accept(int index, double energy) {
+    const EdgeFlipAttempt& attempt = getAttempt(index);
+    totals.area += attempt.area;
+    totals.volume += attempt.volume;
+    totals.curvature += attempt.curvature;
+    updatePenalties();
+    for (int vertex : attempt.vertex)
+        lastFlips[vertex] = index;
+    flips.push_back(index);
+    batches[index/EdgeFlipBatch::SIZE].waiting |= uint64_t(1)<<index%EdgeFlipBatch::SIZE;
+    statistics.accepted++;
+    if (*observer)
+        (*observer)(energy);
+}
+
+void EdgeFlipSweep::carryOut(EdgeFlipBatch& batch) {
+    for (uint64_t bits = batch.waiting; bits != 0; bits &= bits-1)
+        carryOut(batch, __builtin_ctzll(bits));
+}
+
+void EdgeFlipSweep::carryOut(const EdgeFlipBatch& batch, int n) {
     for (int i = 0; i < 4; i++) {
         EdgeFlipVertex& vertex = vertices[batch.vertex[i][n]];
         vertex.area += batch.vertexArea[i][n];
         if (p.needsCurvature())
             vertex.curvature += batch.vertexCurvature[i][n];
-        stamps[batch.vertex[i][n]] = block;
     }
-    totals.area += batch.area[n];
-    totals.volume += batch.volume[n];
-    totals.curvature += batch.curvature[n];
-    isBlockChanged = true;
     if (needsNeighborList(p)) {
         int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
         setApart(i, j);
@@ -252,25 +315,22 @@ void EdgeFlipSweep::accept(const EdgeFlipBatch& batch, int n, double energy) {
         setBonded(l, k);
     }
     mesh.flip(batch.halfedge[n]);
-    statistics.accepted++;
-    if (*observer)
-        (*observer)(energy);
 }
 
-double EdgeFlipSweep::penaltyChange(const EdgeFlipBatch& batch, int n) const {
+void EdgeFlipSweep::updatePenalties() {
+    auto update = [] (Penalty& penalty, double modulus, double total, double target) {
+        penalty = {modulus, modulus == 0 ? 0 : 1/target, modulus == 0 ? 0 : total/target-1};
+    };
+    update(areaPenalty, p.areaModulus, totals.area, p.targetArea);
+    update(volumePenalty, p.volumeModulus, totals.volume, p.targetVolume);
+    update(areaDifferencePenalty, p.areaDifferenceModulus, totals.curvature, p.targetAreaDifference/(2*p.leafletSeparation));
+}
+
+double EdgeFlipSweep::Penalty::change(double difference) const {
     // (x+d)^2-x^2 = d (2x+d): the small change does not come from the difference of two large energies.
 
-    auto change = [] (double modulus, double before, double difference, double target) {
-        return modulus == 0 ? 0 : modulus*(difference/target)*(2*(before/target-1)+difference/target);
-    };
-    double h = p.leafletSeparation;
-    return change(p.areaModulus, totals.area, batch.area[n], p.targetArea)+
-           change(p.volumeModulus, totals.volume, batch.volume[n], p.targetVolume)+
-           change(p.areaDifferenceModulus, 2*h*totals.curvature, 2*h*batch.curvature[n], p.targetAreaDifference);
-}
-
-bool EdgeFlipSweep::hasRepulsion() const {
-    return p.repulsionModulus != 0 && p.repulsionExclusionLevel != 0;
+    double relative = difference*inverseTarget;
+    return modulus*relative*(2*deviation+relative);
 }
 
 /**
@@ -286,8 +346,6 @@ void EdgeFlipSweep::findRepulsion(EdgeFlipBatch& batch, int first, int last) con
 
     ClosePairs pairs;
     for (int n = first; n < last; n++) {
-        batch.repulsion[n] = 0;
-        batch.dependsOnPartners[n] = false;
         for (int corner = 0; corner < 4; corner++) {
             int vertex = batch.vertex[corner][n], middle = batch.vertex[corner^1][n];
             for (int m = 0; m < vertices[vertex].numClose; m++) {
@@ -313,9 +371,9 @@ void EdgeFlipSweep::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const 
     for (int m = 0; m < pairs.walks.count; m++)
         if (pairs.walks.isFound[m]) {
             int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
-            batch.dependsOnPartners[n] = true;
+            batch.attempts[n].dependsOnPartners = true;
             if (!shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
-                batch.repulsion[n] += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
+                batch.attempts[n].energy += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
         }
     pairs.walks.clear();
 }

@@ -2,6 +2,7 @@
 #define OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
 
 #include "Philox.h"
+#include <cstdint>
 
 namespace HelfrichPlugin {
 
@@ -17,24 +18,38 @@ struct alignas(64) EdgeFlipVertex {
 };
 
 /**
+ * What the decision on an attempt needs, on a cache line of its own.
+ */
+struct alignas(64) EdgeFlipAttempt {
+    /// the change of energy but for the penalties on the totals, and what a change above 0 must be less than
+    double energy, threshold;
+    /// the changes of the totals
+    double area, volume, curvature;
+    int vertex[4];
+    /// true if the rules do not allow the flip
+    bool isForbidden;
+    /// true if the repulsion depends on the neighbors of the vertices that those of the flip are close to
+    bool dependsOnPartners;
+};
+
+/**
  * Consecutive attempts to flip an edge, side by side.  The flip replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  Vertices 0 to 3 are i, j, k and l; 4 to 7
  * are those beyond the edges j-k, k-i, i-l and l-j around them.
  */
 struct alignas(64) EdgeFlipBatch {
     static constexpr int SIZE = 64;
+    EdgeFlipAttempt attempts[SIZE];
+    /// the flips that are accepted, but not carried out yet: a bit for each attempt
+    uint64_t waiting;
     /// the random number to compare with the probability
     double uniform[SIZE];
-    /// the change of energy by bending and tether, and by repulsion
-    double energy[SIZE], repulsion[SIZE];
+    /// the change of energy by bending and tether
+    double energy[SIZE];
     /// the changes of the totals
     double area[SIZE], volume[SIZE], curvature[SIZE];
     /// the halfedge i-j
     int halfedge[SIZE];
     int vertex[8][SIZE];
-    /// true if the rules do not allow the flip
-    bool isForbidden[SIZE];
-    /// true if the repulsion depends on the neighbors of the partners that vertices 0 to 3 are close to and apart from
-    bool dependsOnPartners[SIZE];
     /// the changes at vertices 0 to 3
     double vertexArea[4][SIZE], vertexCurvature[4][SIZE];
     int numAttempts;
