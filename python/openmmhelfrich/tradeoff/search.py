@@ -219,6 +219,9 @@ class Search:
 
     @staticmethod
     def _prepare(scene, mesh, last, file):
+        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long.
+        scene = apply(scene, {"sampling.flip_fraction": max(1.0, scene.sampling.flip_fraction), "sampling.trajectory_jitter": 0.5,
+                              "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
         force = createForce(scene, mesh)
         simulation = createSimulation(scene, mesh, force)
         equilibrate = SampleStage(**{**last.model_dump(), "steps": EQUILIBRATION, "step_size": "auto"})

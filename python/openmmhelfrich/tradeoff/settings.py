@@ -59,6 +59,7 @@ def axes(config, scene, edge):
         Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
         Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
         Axis("integrator", _literals("sampling.integrator")),
+        Axis("tether substeps", _each("sampling.tether_substeps", [1, 2, 4])),
         Axis("precision", _literals("platform.precision")),
         Axis("constraints", _softer(scene)),
         Axis("resolution", _coarser(config)),
