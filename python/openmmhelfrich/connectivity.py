@@ -145,7 +145,11 @@ def _checkTriangles(vertices, triangles):
         raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
     x = vertices[triangles]
     sides = np.stack((x[:, 1]-x[:, 0], x[:, 2]-x[:, 1], x[:, 0]-x[:, 2]))
-    doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+    huge = np.flatnonzero(~np.isfinite(doubleArea))
+    if len(huge):
+        raise ValueError(f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not those of a membrane")
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
     flat = np.flatnonzero(doubleArea <= 1e-12*np.einsum("sti,sti->st", sides, sides).max(axis=0))
     if len(flat):
