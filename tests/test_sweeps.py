@@ -155,9 +155,11 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
     waitUntil(isUnderWay(tmp_path, INTERVAL), process)
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait() == 128+signal.SIGINT, process.stderr.read()
-    (name, step), = checkpointSteps(tmp_path).items()
-    assert 0 <= step-mh.readObservables(tmp_path/name/"run.csv")["step"][-1] < 10
-    assert {row["status"] for row in summary(tmp_path)} == {"unfinished"}
+    unfinished = {row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"}  # on a busy machine the first point may be done before the signal comes
+    assert unfinished
+    for name, step in checkpointSteps(tmp_path).items():
+        assert 0 <= step-mh.readObservables(tmp_path/name/"run.csv")["step"][-1] < 10
+        assert name in unfinished or (tmp_path/name/"result.json").exists()
     result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(tmp_path), "--scheduler", cluster.scheduler_address])
     assert result.exit_code == 0 and "4 points: 4 done" in result.output, result.output
     assertDone(tmp_path, grid, expected)
