@@ -81,17 +81,18 @@ void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
 }
 
 void HamiltonianTrajectoryIntegrator::findMembranes() {
-    hasOnlyMembranes = HelfrichPlugin::hasOnlyMembranes(*context);
-    soleMembrane = NULL;
-    if (hasOnlyMembranes && context->getForceImpls().size() == 1) {
-        auto* membrane = dynamic_cast<HelfrichForceImpl*>(context->getForceImpls()[0]);
-        if (membrane->canMakeTrajectory(*context))
-            soleMembrane = membrane;
-    }
+    membranes.clear();
+    for (ForceImpl* impl : context->getForceImpls())
+        if (HelfrichForceImpl* membrane = dynamic_cast<HelfrichForceImpl*>(impl))
+            membranes.push_back(membrane);
+    hasOnlyMembranes = (membranes.size() == context->getForceImpls().size());
+    bool isAlone = (hasOnlyMembranes && membranes.size() == 1);
+    soleMembrane = (isAlone && membranes[0]->canMakeTrajectory(*context) ? membranes[0] : NULL);
 }
 
 void HamiltonianTrajectoryIntegrator::cleanup() {
     kernel = Kernel();
+    membranes.clear();
 }
 
 vector<string> HamiltonianTrajectoryIntegrator::getKernelNames() {
@@ -177,10 +178,6 @@ bool HamiltonianTrajectoryIntegrator::movesByItself() const {
 }
 
 void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
-    vector<HelfrichForceImpl*> membranes;
-    for (ForceImpl* impl : context->getForceImpls())
-        if (HelfrichForceImpl* membrane = dynamic_cast<HelfrichForceImpl*>(impl))
-            membranes.push_back(membrane);
     auto setKick = [&] (const KickAndDrift* kick) {
         for (auto membrane : membranes)
             membrane->setKick(kick);

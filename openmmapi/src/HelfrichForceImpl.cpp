@@ -235,7 +235,6 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     HelfrichParameters parameters = getParameters(context);
     requirePositions(context);
     context.getPositions(positions);
-    checkPositions(positions);
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweepGeometry);
     checkGeometry(context, sweepGeometry, parameters.needsCurvature());
     HelfrichNeighborList* neighbors = NULL;

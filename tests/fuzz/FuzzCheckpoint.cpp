@@ -1,25 +1,12 @@
 /* Checkpoints of integrators with some of their bytes changed, or without their end.  Positions and the rest of a Context's checkpoint are OpenMM's own to read. */
 
 #include "Fuzzing.h"
-#include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include <cstring>
 #include <sstream>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
-
-/**
- * An integrator that lets others call what its Context calls.
- */
-class OpenIntegrator : public HybridMonteCarloIntegrator {
-public:
-    OpenIntegrator() : HybridMonteCarloIntegrator(300, 0.001, 2, 1.0, 0.5) {
-        setRandomNumberSeed(1);
-    }
-    using HybridMonteCarloIntegrator::createCheckpoint;
-    using HybridMonteCarloIntegrator::loadCheckpoint;
-};
 
 static void editBytes(FuzzedDataProvider& data, string& bytes) {
     int numEdits = data.ConsumeIntegralInRange(0, 4);

@@ -1,7 +1,6 @@
 /* Serialised forces, integrators and states of integrators with some of their properties and nodes changed.  The XML around them is OpenMM's own to read. */
 
 #include "Fuzzing.h"
-#include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmm/serialization/SerializationNode.h"
 #include "openmm/serialization/SerializationProxy.h"
 #include <memory>
@@ -9,18 +8,6 @@
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
-
-/**
- * An integrator that lets others call what its Context calls.
- */
-class OpenIntegrator : public HybridMonteCarloIntegrator {
-public:
-    OpenIntegrator() : HybridMonteCarloIntegrator(300, 0.001, 2, 1.0, 0.5) {
-        setRandomNumberSeed(1);
-    }
-    using HybridMonteCarloIntegrator::deserializeParameters;
-    using HybridMonteCarloIntegrator::serializeParameters;
-};
 
 static void collectNodes(SerializationNode& node, vector<SerializationNode*>& nodes) {
     nodes.push_back(&node);

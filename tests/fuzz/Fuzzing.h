@@ -4,6 +4,7 @@
 /* What the fuzzers have in common.  A fuzzer breaks what it finds broken by abort(): libFuzzer keeps the input that led there. */
 
 #include "Membranes.h"
+#include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmm/Context.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
@@ -42,6 +43,20 @@ inline std::vector<OpenMM::Platform*> getPlatforms() {
     }
     return {&OpenMM::Platform::getPlatform("Reference"), &OpenMM::Platform::getPlatform("CPU")};
 }
+
+/**
+ * An integrator that lets others call what its Context calls.
+ */
+class OpenIntegrator : public HybridMonteCarloIntegrator {
+public:
+    OpenIntegrator() : HybridMonteCarloIntegrator(300, 0.001, 2, 1.0, 0.5) {
+        setRandomNumberSeed(1);
+    }
+    using HybridMonteCarloIntegrator::createCheckpoint;
+    using HybridMonteCarloIntegrator::loadCheckpoint;
+    using HybridMonteCarloIntegrator::deserializeParameters;
+    using HybridMonteCarloIntegrator::serializeParameters;
+};
 
 inline bool isFinite(const std::vector<OpenMM::Vec3>& vectors) {
     for (auto& v : vectors)

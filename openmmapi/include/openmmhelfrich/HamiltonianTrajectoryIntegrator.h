@@ -185,6 +185,7 @@ private:
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
     bool hasOnlyMembranes = false;
+    std::vector<HelfrichForceImpl*> membranes;
     HelfrichForceImpl* soleMembrane = NULL;
     OpenMM::Kernel kernel;
 };

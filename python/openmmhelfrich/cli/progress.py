@@ -9,14 +9,14 @@ SECONDS_BETWEEN_LINES = 10
 SECONDS_BETWEEN_UPDATES = 0.5
 
 
-class Progress:
-    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often; nothing when quiet.  Called with the Study."""
+class Bars:
+    """Bars on a terminal; None elsewhere, and when quiet.  The text at the end of each is its field "text"."""
 
-    def __init__(self, quiet):
+    def __init__(self, quiet, *columns):
         console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[text]}"))
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), *columns, TextColumn("{task.fields[text]}"))
         self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
-        self._quiet, self._stage, self._shownAt = quiet, None, 0.0
+        self._quiet = quiet
 
     def __enter__(self):
         if self._bar:
@@ -26,6 +26,14 @@ class Progress:
     def __exit__(self, *_):
         if self._bar:
             self._bar.stop()
+
+
+class Progress(Bars):
+    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often; nothing when quiet.  Called with the Study."""
+
+    def __init__(self, quiet):
+        super().__init__(quiet, TimeRemainingColumn())
+        self._stage, self._shownAt = None, 0.0
 
     def __call__(self, study):
         stage, now = study.stage, time.monotonic()

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn
 
 from .errors import friendly
-from .progress import SECONDS_BETWEEN_LINES
+from .progress import Bars, SECONDS_BETWEEN_LINES
 from .runs import Quiet
 
 app = typer.Typer()
@@ -44,23 +42,12 @@ def sweep(grid: Annotated[Path, typer.Argument(metavar="GRID.toml", help="A conf
         raise typer.Exit(1)
 
 
-class _SweepProgress:
+class _SweepProgress(Bars):
     """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.  Called with the states of the points."""
 
     def __init__(self, quiet):
-        console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
-        self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
-        self._quiet, self._tasks, self._known, self._shownAt = quiet, {}, {}, 0.0
-
-    def __enter__(self):
-        if self._bar:
-            self._bar.start()
-        return self
-
-    def __exit__(self, *_):
-        if self._bar:
-            self._bar.stop()
+        super().__init__(quiet)
+        self._tasks, self._known, self._shownAt = {}, {}, 0.0
 
     def __call__(self, states):
         if self._quiet:
