@@ -144,10 +144,11 @@ private:
     }
     void addTether(Real l, const HelfrichParameters& p) {
         using std::pow;
+        Real scale = p.tetherLengthScale;
         if (l < Real(p.tetherMinLength))
-            tether += Real(p.tetherModulus)*contact(l, p.tetherMinLength, p.tetherExponent);
+            tether += Real(p.tetherModulus)*contact(l, p.tetherMinLength, p.tetherExponent)*pow(scale, p.tetherExponent);
         else if (Real(p.tetherMaxLength) < l)
-            tether += Real(p.tetherModulus)*pow(Real(p.tetherExponent), p.tetherExponent+1)*pow(l-Real(p.tetherMaxLength), p.tetherExponent);
+            tether += Real(p.tetherModulus)*pow(Real(p.tetherExponent), p.tetherExponent+1)*pow((l-Real(p.tetherMaxLength))/scale, p.tetherExponent);
     }
     void addRepulsion(const HelfrichParameters& p) {
         std::vector<std::set<int> > bonded(x.size()), excluded(x.size());

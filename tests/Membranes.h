@@ -172,6 +172,7 @@ inline HelfrichParameters createParameters(const Membrane& membrane, int terms, 
     p.tetherModulus = ifOn(Tether, 7);
     p.tetherMinLength = 0.9*edge;
     p.tetherMaxLength = 1.1*edge;
+    p.tetherLengthScale = 0.8*edge;
     p.tetherExponent = 3;
     p.repulsionModulus = ifOn(Repulsion, 0.5);
     p.repulsionOnset = 2.6*edge;
@@ -195,6 +196,7 @@ inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParame
     force->setTargetAreaDifference(p.targetAreaDifference);
     force->setLeafletSeparation(p.leafletSeparation);
     force->setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force->setTetherLengthScale(p.tetherLengthScale);
     force->setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     return force;
 }

@@ -329,6 +329,31 @@ void testInvariance() {
     assertEqualVectors(forces, inOldOrder, 1e-11);
 }
 
+void testTetherHasNoUnit() {
+    // In another unit of length, which is the tether's and the bounds' too, a tether has the same energy, though its two branches go as opposite powers of the length.
+
+    Membrane blob = createBlob(2);
+    HelfrichParameters p = createParameters(blob, Tether);
+    MembraneContext context(blob, p);
+    for (double factor : {1e-3, 0.25, 700.0}) {
+        Membrane scaled = blob;
+        for (auto& x : scaled.positions)
+            x *= factor;
+        HelfrichParameters q = p;
+        for (double* length : {&q.tetherMinLength, &q.tetherMaxLength, &q.tetherLengthScale})
+            *length *= factor;
+        MembraneContext other(scaled, q);
+        assertEqualRelative(context.getEnergy(), other.getEnergy(), 1e-12);
+        vector<Vec3> forces = other.getForces();
+        for (auto& force : forces)
+            force *= factor;
+        assertEqualVectors(context.getForces(), forces, 1e-11);
+        q.tetherLengthScale = p.tetherLengthScale;
+        MembraneContext anotherTether(scaled, q);
+        ASSERT(fabs(anotherTether.getEnergy()/context.getEnergy()-1) > 0.5);
+    }
+}
+
 void testSphere() {
     // A sphere's curvature energy is 8 pi kappa whatever its size, and its curvature 4 pi R.  The values are of the surface, to which the mesh converges.
 
@@ -422,12 +447,14 @@ void testUpdateParameters() {
     p.leafletSeparation = 0.13;
     p.tetherExponent = 2;
     p.tetherMinLength *= 0.9;
+    p.tetherLengthScale *= 1.7;
     p.repulsionOnset *= 1.2;
     p.repulsionExclusionLevel = 2;
     force.setBendingModulus(p.bendingModulus);
     force.setAreaModulus(p.areaModulus);
     force.setLeafletSeparation(p.leafletSeparation);
     force.setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force.setTetherLengthScale(p.tetherLengthScale);
     force.setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     ASSERT_EQUAL(before, context.getEnergy());
     force.updateParametersInContext(*context.context);
@@ -554,6 +581,7 @@ int main() {
         testNoNetForceOrTorque();
         testTermsAddUp();
         testInvariance();
+        testTetherHasNoUnit();
         testSphere();
         testTwoMembranesAndOtherParticles();
         testTargetsAreContextParameters();

@@ -33,6 +33,7 @@ SETTERS = [
     ("setTether", (1, 2, 2, 2), ["setTether: the minimum length 2 must be less than the maximum length 2"]),
     ("setTether", (1, 3, 2, 2), ["setTether: the minimum length 3 must be less than the maximum length 2"]),
     *[("setTether", (1, 1, 2, value), [f"setTether: the exponent is {value}", "from 1 to 100"]) for value in (0, 101)],
+    *[("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"]) for value in (0, -1, NAN, INF)],
     ("setRepulsion", (-1, 1, 2, 1), ["setRepulsion: the modulus is -1", "not negative"]),
     ("setRepulsion", (NAN, 1, 2, 1), ["setRepulsion: the modulus is nan", "finite"]),
     ("setRepulsion", (1, 0, 2, 1), ["setRepulsion: the onset is 0", "positive"]),

@@ -99,6 +99,33 @@ def testStepsAndStages():
     assert [stage.steps for stage in stagesOf(parse(sampling={"steps": 10}))] == [10]
 
 
+# --- the tether
+
+def tetherOf(scale, **tether):
+    """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its defaults filled in."""
+    config = parseConfig({"mesh": {"icosphere": 2, "scale": scale}, "tether": tether, "membrane": {f"{term}_modulus": 0.0 for term in ("bending", "area", "volume")}})
+    mesh = loadMesh(config)
+    return energyOf(createSimulation(config, mesh, createForce(config, mesh)).context), resolve(config, mesh)
+
+
+@pytest.mark.parametrize("tether", [{"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
+def testTetherHasNoUnit(tether):
+    """If its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
+    def scaled(factor):
+        lengths = {"min_length": 0.3, "max_length": 0.31, **{name: length for name, length in tether.items() if name != "modulus"}}
+        return tetherOf(factor, **{**tether, **{name: factor*length for name, length in lengths.items()}})
+    (energy, first), (other, second) = scaled(1.0), scaled(0.07)
+    assert energy > 1 and other == pytest.approx(energy, rel=1e-12)
+    assert second.tether.length_scale == pytest.approx(0.07*first.tether.length_scale) and second.tether.modulus == pytest.approx(first.tether.modulus)
+    assert second.sampling.step_size == pytest.approx(0.07*first.sampling.step_size)
+    assert tetherOf(0.07, **second.tether.model_dump())[0] == other
+
+
+def testTetherWithAModulusMeansWhatItMeant():
+    """Lengths are in the mesh's unit where a modulus is given, as in files from before there was a length scale."""
+    assert tetherOf(1.0, modulus=3.0)[1].tether.length_scale == 1
+
+
 # --- files written
 
 def testDefaultsWrittenOut():

@@ -26,6 +26,7 @@ def completeForce():
     force.setTargetAreaDifference(-4/3)
     force.setLeafletSeparation(3.5)
     force.setTether(0.4, 0.5, 1.5, 3)
+    force.setTetherLengthScale(0.7)
     force.setRepulsion(0.6, 0.35, 4, 2)
     force.addFixedEdge(2, 0)
     return force
@@ -152,13 +153,13 @@ def test_many_triangles():
     assert np.array_equal(throughXml(force).getTriangles(), triangles)
 
 
-@pytest.mark.parametrize('make, versions', [(completeForce, '1 to 2'), (lambda: mh.EdgeFlipIntegrator(300, 0.1), '1'),
+@pytest.mark.parametrize('make, versions', [(completeForce, '1 to 3'), (lambda: mh.EdgeFlipIntegrator(300, 0.1), '1'),
                                             (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), '1'), (hybridIntegrator, '1')])
 def test_other_versions_are_refused(make, versions):
     original = make()
     lines = mm.XmlSerializer.serialize(original).splitlines()
-    lines[1] = lines[1].replace(f'version="{versions[-1]}"', 'version="3"')
-    with pytest.raises(mm.OpenMMException, match=type(original).__name__+': unsupported version 3.*reads version '+versions):
+    lines[1] = lines[1].replace(f'version="{versions[-1]}"', 'version="4"')
+    with pytest.raises(mm.OpenMMException, match=type(original).__name__+': unsupported version 4.*reads version '+versions):
         mm.XmlSerializer.deserialize('\n'.join(lines))
 
 

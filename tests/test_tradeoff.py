@@ -17,6 +17,7 @@ from membranes import createContext, energyOf
 
 pytest.importorskip("emcee")
 SCENE = {"mesh": {"icosphere": 1}, "membrane": {"bending_modulus": 20, "area_modulus": 1e4, "volume_modulus": 1e4, "reduced_volume": 0.95},
+         "tether": {"modulus": 737.3454528339315, "min_length": 0.4367126424657144, "max_length": 0.8151969326026669},
          "sampling": {"seed": 1, "step_size": 1e-4, "steps_per_trajectory": 20}, "platform": {"threads": 1}}
 
 

@@ -34,7 +34,8 @@ def contextOf(force, integrator=None):
 
 
 SCALARS = [('BendingModulus', kJ), ('AreaModulus', kJ), ('TargetArea', nm**2), ('VolumeModulus', kJ), ('TargetVolume', nm**3),
-           ('AreaDifferenceModulus', kJ), ('TargetAreaDifference', nm**2), ('LeafletSeparation', nm)]
+           ('AreaDifferenceModulus', kJ), ('TargetAreaDifference', nm**2), ('LeafletSeparation', nm),
+           ('TetherLengthScale', nm)]
 
 
 @pytest.mark.parametrize('name, units', SCALARS)
@@ -52,10 +53,12 @@ def test_quantities_in_other_units_are_converted():
     force.setBendingModulus(1*unit.kilocalorie_per_mole)
     force.setTargetVolume(1000*unit.angstrom**3)
     force.setTether(1*unit.kilocalorie_per_mole, 5*unit.angstrom, 1*nm, 3)
+    force.setTetherLengthScale(7*unit.angstrom)
     assert force.getBendingModulus().value_in_unit(kJ) == pytest.approx(4.184)
     assert force.getTargetVolume().value_in_unit(nm**3) == pytest.approx(1)
     assert force.getTether()[0].value_in_unit(kJ) == pytest.approx(4.184)
     assert force.getTether()[1].value_in_unit(nm) == pytest.approx(0.5)
+    assert force.getTetherLengthScale().value_in_unit(nm) == pytest.approx(0.7)
     flips = mh.EdgeFlipIntegrator(300*unit.kelvin, 0.2)
     assert flips.getTemperature() == 300*unit.kelvin
     integrator = mh.HybridMonteCarloIntegrator(300*unit.kelvin, 2*unit.femtoseconds)

@@ -67,6 +67,7 @@ HELFRICH_UNIT(HelfrichForce::getTargetVolume, unit.nanometer**3)
 HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
+HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
 HELFRICH_UNIT(EdgeFlipIntegrator::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
@@ -114,7 +115,7 @@ is not zero:
  - area, kappa_A (A/A_0-1)^2
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
- - tether, kappa_T sum_e T(l_e), which keeps every edge between a minimum and a maximum length: see setTether()
+ - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
  - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps the surface from crossing itself: see setRepulsion()
 
 The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
@@ -133,8 +134,8 @@ The System's periodic boundary conditions do not apply to this force.
 Arguments are numbers in nm, kJ/mol and the units that these make up, or Quantities.
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setTether "
-Set the parameters of the tether term: T(l) = exp(l/(l-l_c1)) l^(-r) for l <= l_c1, r^(r+1) (l-l_c0)^r for l >= l_c0, and 0 between.
-By default the term is off.
+Set the parameters of the tether term: T(l) = exp(l/(l-l_c1)) l^(-r) for l <= l_c1, r^(r+1) (l-l_c0)^r for l >= l_c0, and 0 between,
+where lengths are in units of that of setTetherLengthScale().  By default the term is off.
 
 :type modulus: float
 :param modulus: the modulus kappa_T, measured in kJ/mol; 0 turns the term off
@@ -144,6 +145,14 @@ By default the term is off.
 :param maxLength: the length l_c0, measured in nm, above which an edge is pulled together
 :type exponent: int
 :param exponent: the exponent r, at least 1
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::setTetherLengthScale "
+Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as l^(-r) and a spring that goes as l^r:
+l_0 sets which of them is the harder.  With the mean length of the edges, a tether is the same whatever the unit of a mesh; with the default of 1 nm,
+lengths are in nm.
+
+:type length: float
+:param length: the unit of length l_0, measured in nm
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsion "
 Set the parameters of the repulsion term: R(r) = exp(r/(r-onset)) r^(-n) below the onset and 0 above it.

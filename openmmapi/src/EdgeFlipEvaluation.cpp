@@ -140,7 +140,7 @@ inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
         double slope;
         for (int lane = 0; lane < WIDTH; lane++)
             if (taut[lane])
-                energy[lane] = tetherPotential(std::sqrt(length2[lane]), p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
+                energy[lane] = tetherPotential(p, std::sqrt(length2[lane]), slope);
     }
     return p.tetherModulus*energy;
 }

@@ -139,6 +139,11 @@ void HelfrichForce::setTether(double modulus, double minLength, double maxLength
     tetherExponent = exponent;
 }
 
+void HelfrichForce::setTetherLengthScale(double length) {
+    requirePositive("setTetherLengthScale: the length", length);
+    tetherLengthScale = length;
+}
+
 void HelfrichForce::getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const {
     modulus = repulsionModulus;
     onset = repulsionOnset;

@@ -18,6 +18,7 @@ static HelfrichParameters copyModuli(const HelfrichForce& force) {
     p.areaDifferenceModulus = force.getAreaDifferenceModulus();
     p.leafletSeparation = force.getLeafletSeparation();
     force.getTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    p.tetherLengthScale = force.getTetherLengthScale();
     force.getRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     return p;
 }

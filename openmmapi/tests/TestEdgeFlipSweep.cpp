@@ -530,6 +530,7 @@ HelfrichParameters createOctahedronParameters(const Membrane& blob) {
     p.tetherModulus = 0.01;
     p.tetherMinLength = 0.8*getMeanEdge(blob);
     p.tetherMaxLength = 1.2*getMeanEdge(blob);
+    p.tetherLengthScale = 1;
     p.tetherExponent = 2;
     p.repulsionModulus = 0.3;
     return p;
@@ -587,6 +588,7 @@ void testDetailedBalanceOfSecondNeighbors() {
     p.tetherModulus = 10;
     p.tetherMinLength = 0.8*getMeanEdge(rod);
     p.tetherMaxLength = 1.45*getMeanEdge(rod);
+    p.tetherLengthScale = 1;
     p.tetherExponent = 6;
     p.repulsionModulus = 20;
     checkDetailedBalance(rod, p);

@@ -97,6 +97,8 @@ class TetherSection(Section):
     """Bounds on the length of edges, which keep triangles well shaped while they flow."""
     modulus: Optional[Energy] = Field(None, ge=0, description="kappa_T in kT; by default such that an edge costs 20 kT when it is longer than "
                                       "max_length by a tenth of the mean edge length")
+    length_scale: Optional[Length] = Field(None, gt=0, description="l_0, the unit of lengths in the tether's energy, where one modulus multiplies a wall that goes as "
+                                           "(l/l_0)^-r and a spring that goes as (l/l_0)^r; 1 by default")
     min_length: Optional[Length] = Field(None, gt=0, description="l_c1; by default 0.75 of the mean edge length, or 0.95 of the shortest edge if that is less")
     max_length: Optional[Length] = Field(None, gt=0, description="l_c0; by default 1.4 of the mean edge length, or 1.05 of the longest edge if that is more")
     exponent: int = Field(2, ge=1, le=100, description="r; 2 makes the long branch a spring")

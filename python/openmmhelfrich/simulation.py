@@ -43,8 +43,9 @@ def createForce(config, mesh):
     force.setTargetArea(area)
     force.setTargetVolume(volume)
     force.setTargetAreaDifference(areaDifference)
-    modulus, minLength, maxLength = tetherParameters(config, mesh)
+    modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
     force.setTether(modulus*kT, minLength, maxLength, config.tether.exponent)
+    force.setTetherLengthScale(lengthScale)
     if config.repulsion.modulus > 0:
         onset = config.repulsion.onset or minLength
         force.setRepulsion(config.repulsion.modulus*kT, onset, config.repulsion.exponent, config.repulsion.exclusion_level)
@@ -65,16 +66,17 @@ def targets(config, mesh):
 
 
 def tetherParameters(config, mesh):
-    """Return the modulus, in kT, the least length and the greatest length of an edge."""
+    """Return the modulus, in kT, the least and the greatest length of an edge, and the unit of length."""
     tether, lengths = config.tether, mesh.edgeLengths
     mean = lengths.mean()
     minLength = tether.min_length or min(0.75*mean, 0.95*lengths.min())
     maxLength = tether.max_length or max(1.4*mean, 1.05*lengths.max())
     if minLength >= maxLength:
         raise ValueError(f"[tether] min_length is {minLength:.4g} and max_length {maxLength:.4g}; min_length must be less")
-    r = tether.exponent
-    modulus = 20/(r**(r+1)*(0.1*mean)**r) if tether.modulus is None else tether.modulus
-    return modulus, minLength, maxLength
+    r, modulus, lengthScale = tether.exponent, tether.modulus, tether.length_scale or 1.0
+    if modulus is None:
+        modulus = 20/(r**(r+1)*(0.1*mean/lengthScale)**r)
+    return modulus, minLength, maxLength, lengthScale
 
 
 def defaultStepSize(config, mesh):
@@ -98,8 +100,8 @@ def _stiffness(config, mesh):
     area, volume, _ = targets(config, mesh)
     bending = 100*membrane.bending_modulus/length**2
     constraints = 0.7*membrane.area_modulus/(number*length**2)+2*membrane.volume_modulus*area**2/(number*volume**2)
-    modulus, minLength, _ = tetherParameters(config, mesh)
-    decades = math.log(max(modulus/minLength**config.tether.exponent, 1.0))
+    modulus, minLength, _, lengthScale = tetherParameters(config, mesh)
+    decades = math.log(max(modulus/(minLength/lengthScale)**config.tether.exponent, 1.0))
     return bending+constraints+((decades+1)**2/minLength)**2
 
 
@@ -113,7 +115,7 @@ def resolve(config, mesh):
     area, volume, areaDifference = targets(config, mesh)
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = area, volume, None
     membrane.target_area_difference = areaDifference or None
-    tether.modulus, tether.min_length, tether.max_length = tetherParameters(config, mesh)
+    tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherParameters(config, mesh)
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)

@@ -9,9 +9,9 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * Version 2 added the fixed edges.
+ * Version 2 added the fixed edges, version 3 the length scale of the tether.
  */
-static const int VERSION = 2, OLDEST_VERSION = 1;
+static const int VERSION = 3, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -21,10 +21,13 @@ static void storeTether(const HelfrichForce& force, SerializationNode& node) {
     int exponent;
     force.getTether(modulus, minLength, maxLength, exponent);
     node.setDoubleProperty("modulus", modulus).setDoubleProperty("minLength", minLength).setDoubleProperty("maxLength", maxLength).setIntProperty("exponent", exponent);
+    node.setDoubleProperty("lengthScale", force.getTetherLengthScale());
 }
 
-static void loadTether(HelfrichForce& force, const SerializationNode& node) {
+static void loadTether(HelfrichForce& force, const SerializationNode& node, int version) {
     force.setTether(node.getDoubleProperty("modulus"), node.getDoubleProperty("minLength"), node.getDoubleProperty("maxLength"), node.getIntProperty("exponent"));
+    if (version > 2)
+        force.setTetherLengthScale(node.getDoubleProperty("lengthScale"));
 }
 
 static void storeRepulsion(const HelfrichForce& force, SerializationNode& node) {
@@ -87,10 +90,11 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     force->setAreaDifferenceModulus(node.getDoubleProperty("areaDifferenceModulus"));
     force->setTargetAreaDifference(node.getDoubleProperty("targetAreaDifference"));
     force->setLeafletSeparation(node.getDoubleProperty("leafletSeparation"));
-    loadTether(*force, node.getChildNode("Tether"));
+    int version = node.getIntProperty("version");
+    loadTether(*force, node.getChildNode("Tether"), version);
     loadRepulsion(*force, node.getChildNode("Repulsion"));
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
-    if (node.getIntProperty("version") > 1)
+    if (version > 1)
         loadFixedEdges(*force, node.getChildNode("FixedEdges"));
     return force.release();
 }

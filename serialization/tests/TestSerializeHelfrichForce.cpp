@@ -40,6 +40,7 @@ static void makeForce(HelfrichForce& force) {
     force.setTargetAreaDifference(-2.5);
     force.setLeafletSeparation(3.9);
     force.setTether(1.1, 0.25, 0.75, 5);
+    force.setTetherLengthScale(0.3);
     force.setRepulsion(1.2, 0.35, 4, 2);
 }
 
@@ -70,6 +71,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(0.25, minLength);
     ASSERT_EQUAL(0.75, maxLength);
     ASSERT_EQUAL(5, exponent);
+    ASSERT_EQUAL(0.3, copy->getTetherLengthScale());
     copy->getRepulsion(modulus, onset, exponent, exclusionLevel);
     ASSERT_EQUAL(1.2, modulus);
     ASSERT_EQUAL(0.35, onset);
@@ -88,10 +90,19 @@ static string replaced(string text, const string& old, const string& with) {
     return text.replace(position, old.size(), with);
 }
 
+void testVersionWithoutLengthScale() {
+    HelfrichForce force;
+    makeForce(force);
+    string xml = replaced(toXml(force), "version=\"3\"", "version=\"2\"");
+    unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, "lengthScale=\".3\" ", ""));
+    ASSERT_EQUAL(1.0, copy->getTetherLengthScale());
+    ASSERT_EQUAL(2, copy->getNumFixedEdges());
+}
+
 void testVersionWithoutFixedEdges() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"2\"", "version=\"1\"");
+    string xml = replaced(toXml(force), "version=\"3\"", "version=\"1\"");
     size_t start = xml.find("<FixedEdges"), end = xml.find("/>", start);
     unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end+2-start));
     ASSERT_EQUAL(0, copy->getNumFixedEdges());
@@ -114,8 +125,10 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"2\"", "version=\"3\""), "unsupported version 3");
-    assertRejected(replaced(xml, "version=\"2\"", "version=\"0\""), "unsupported version 0");
+    assertRejected(replaced(xml, "version=\"3\"", "version=\"4\""), "unsupported version 4");
+    assertRejected(replaced(xml, "version=\"3\"", "version=\"0\""), "unsupported version 0");
+    assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
+    assertRejected(replaced(xml, "lengthScale", "unit"), "lengthScale");
     assertRejected(replaced(xml, "2 1 0 3", "2 1 0"), "fixed edges are not complete");
     assertRejected(replaced(xml, "<FixedEdges ", "<Edges "), "FixedEdges");
     assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2"), "not complete");
@@ -134,6 +147,7 @@ int main() {
     try {
         testRoundTrip();
         testDefaults();
+        testVersionWithoutLengthScale();
         testVersionWithoutFixedEdges();
         testDamagedText();
     }

@@ -53,6 +53,7 @@ static HelfrichForce* createFuzzedForce(FuzzedDataProvider& data, const Membrane
         force->setTargetVolume(fabs(drawNumber(data)));
         force->setTargetAreaDifference(drawNumber(data));
         force->setTether(fabs(drawNumber(data)), fabs(drawNumber(data)), fabs(drawNumber(data)), data.ConsumeIntegralInRange(0, 20));
+        force->setTetherLengthScale(fabs(drawNumber(data)));
         force->setRepulsion(fabs(drawNumber(data)), fabs(drawNumber(data)), data.ConsumeIntegralInRange(0, 20), data.ConsumeIntegralInRange(0, 2));
     }
     return force.release();

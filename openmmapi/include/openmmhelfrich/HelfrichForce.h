@@ -54,7 +54,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * <li>area, \f$\kappa_A(A/A_0-1)^2\f$</li>
  * <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li>
  * <li>area difference, \f$\kappa_{\Delta A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li>
- * <li>tether, \f$\kappa_T\sum_e T(l_e)\f$, which keeps every edge between a minimum and a maximum length</li>
+ * <li>tether, \f$\kappa_T\sum_e T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li>
  * <li>repulsion, \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
  * </ul>
  *
@@ -244,7 +244,8 @@ public:
     void getTether(double& modulus, double& minLength, double& maxLength, int& exponent) const;
     /**
      * Set the parameters of the tether term: \f$T(l)=\exp(l/(l-l_{c1}))\,l^{-r}\f$ for \f$l\le l_{c1}\f$,
-     * \f$r^{r+1}(l-l_{c0})^r\f$ for \f$l\ge l_{c0}\f$, and 0 between.  By default the term is off.
+     * \f$r^{r+1}(l-l_{c0})^r\f$ for \f$l\ge l_{c0}\f$, and 0 between, where lengths are in units of that of setTetherLengthScale().
+     * By default the term is off.
      *
      * @param modulus    the modulus kappa_T, measured in kJ/mol; 0 turns the term off
      * @param minLength  the length l_c1, measured in nm, below which an edge is pushed apart
@@ -252,6 +253,18 @@ public:
      * @param exponent   the exponent r, from 1 to 100
      */
     void setTether(double modulus, double minLength, double maxLength, int exponent);
+    /**
+     * Get the unit l_0 of the lengths in the tether term, measured in nm.
+     */
+    double getTetherLengthScale() const {
+        return tetherLengthScale;
+    }
+    /**
+     * Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as \f$l^{-r}\f$ and a spring that
+     * goes as \f$l^r\f$: l_0 sets which of them is the harder.  With the mean length of the edges, a tether is the same whatever the unit of a
+     * mesh; with the default of 1 nm, lengths are in nm.
+     */
+    void setTetherLengthScale(double length);
     /**
      * Get the parameters of the repulsion term.
      *
@@ -318,7 +331,7 @@ public:
      */
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
-     * Copy the moduli, the leaflet separation, and the tether's and repulsion's parameters from this Force to a Context.
+     * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from this Force to a Context.
      * The triangles, the fixed edges and the targets of the Context do not change: see setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
@@ -339,7 +352,7 @@ private:
     double areaModulus = 0, targetArea = 0;
     double volumeModulus = 0, targetVolume = 0;
     double areaDifferenceModulus = 0, targetAreaDifference = 0, leafletSeparation = 1;
-    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0;
+    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
     int tetherExponent = 2;
     double repulsionModulus = 0, repulsionOnset = 0;
     int repulsionExponent = 2, repulsionExclusionLevel = 1;

@@ -128,9 +128,9 @@ inline V inverseLength(V x) {
 template <class Real>
 struct Parameters {
     explicit Parameters(const HelfrichParameters& p) : bendingModulus(p.bendingModulus), tetherModulus(p.tetherModulus), tetherMinLength(p.tetherMinLength),
-            tetherMaxLength(p.tetherMaxLength), tetherExponent(p.tetherExponent) {
+            tetherMaxLength(p.tetherMaxLength), perTetherScale(1/p.tetherLengthScale), tetherExponent(p.tetherExponent) {
     }
-    Real bendingModulus, tetherModulus, tetherMinLength, tetherMaxLength;
+    Real bendingModulus, tetherModulus, tetherMinLength, tetherMaxLength, perTetherScale;
     int tetherExponent;
 };
 
@@ -148,19 +148,20 @@ inline typename SimdOf<Real>::Integers isTetherTaut(Vector<Real> length2, const 
 template <class Real>
 inline Vector<Real> tetherEnergy(Vector<Real> length, typename SimdOf<Real>::Integers exists, const Parameters<Real>& p, Vector<Real>& slopeOverLength) {
     Vector<Real> energy = {}, slope = {}, branchSlope;
-    auto isShort = exists & (length < p.tetherMinLength), isLong = exists & (length > p.tetherMaxLength);
+    Vector<Real> minLength = broadcast(p.tetherMinLength*p.perTetherScale), maxLength = broadcast(p.tetherMaxLength*p.perTetherScale), scaled = length*p.perTetherScale;
+    auto isShort = exists & (scaled < minLength), isLong = exists & (scaled > maxLength);
     if (any(isShort)) {
-        Vector<Real> minLength = broadcast(p.tetherMinLength), inverse = divide(broadcast(Real(1)), length-minLength);
-        Vector<Real> value = contactPotential(length, minLength, p.tetherExponent, inverse, exponential(length*inverse), branchSlope);
+        Vector<Real> inverse = divide(broadcast(Real(1)), scaled-minLength);
+        Vector<Real> value = contactPotential(scaled, minLength, p.tetherExponent, inverse, exponential(scaled*inverse), branchSlope);
         energy = choose(isShort, value, energy);
         slope = choose(isShort, branchSlope, slope);
     }
     if (any(isLong)) {
-        Vector<Real> value = stretchPotential(length, broadcast(p.tetherMaxLength), p.tetherExponent, branchSlope);
+        Vector<Real> value = stretchPotential(scaled, maxLength, p.tetherExponent, branchSlope);
         energy = choose(isLong, value, energy);
         slope = choose(isLong, branchSlope, slope);
     }
-    slopeOverLength = choose(isShort | isLong, divide(p.tetherModulus*slope, length), Vector<Real>{});
+    slopeOverLength = choose(isShort | isLong, divide(p.tetherModulus*p.perTetherScale*slope, length), Vector<Real>{});
     return p.tetherModulus*energy;
 }
 

@@ -82,7 +82,7 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
     addPenalties(p, totals, terms);
     if (p.tetherModulus != 0)
         forEachEdge([&] (int h, int i, int j) {
-            terms.tether += p.tetherModulus*tetherPotential((x[j]-x[i]).norm(), p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
+            terms.tether += p.tetherModulus*tetherPotential(p, (x[j]-x[i]).norm(), slope);
         });
     forEachRepellingPair(p, [&] (int i, int j, double r) {
         terms.repulsion += 2*p.repulsionModulus*repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
@@ -154,7 +154,7 @@ void ReferenceHelfrichEnergy::addTetherGradient(const HelfrichParameters& p, Vec
     forEachEdge([&] (int h, int i, int j) {
         Vector3d edge = x[j]-x[i];
         double length = edge.norm(), slope;
-        tetherPotential(length, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent, slope);
+        tetherPotential(p, length, slope);
         Vector3d pull = p.tetherModulus*slope*edge/length;
         gradient[j] += pull;
         gradient[i] -= pull;

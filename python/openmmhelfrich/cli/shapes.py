@@ -157,8 +157,8 @@ def _suggestions(mesh, scale, unit):
         better = scale*10**-round(math.log10(4*length))
         return [("warning", f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]")]
     config = parseConfig({"mesh": {"file": "mesh"}})
-    modulus, minLength, maxLength = tetherParameters(config, mesh)
-    return [("tether", f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT by default"),
+    modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
+    return [("tether", f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT, length_scale {lengthScale:.4g} by default"),
             ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default")]
 
 

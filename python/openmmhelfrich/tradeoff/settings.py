@@ -12,7 +12,8 @@ SCALE, COARSER = "mesh.scale", "mesh.icosphere"
 MODULI = {"bending": "membrane.bending_modulus", "area": "membrane.area_modulus", "volume": "membrane.volume_modulus",
           "areaDifference": "membrane.area_difference_modulus", "tether": "tether.modulus", "repulsion": "repulsion.modulus"}
 # Powers of the unit of length in what depends on it.
-_POWERS = {"target_area": 2, "target_volume": 3, "target_area_difference": 2, "leaflet_separation": 1, "min_length": 1, "max_length": 1, "onset": 1}
+_POWERS = {"target_area": 2, "target_volume": 3, "target_area_difference": 2, "leaflet_separation": 1, "min_length": 1, "max_length": 1, "length_scale": 1,
+           "onset": 1}
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def describe(setting):
 def moduliRatios(scene, setting):
     """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
-    if 0 in own.values() or any(name in setting for name in ("tether.min_length", "tether.max_length", SCALE, COARSER)):
+    if 0 in own.values() or any(name in setting for name in ("tether.min_length", "tether.max_length", "tether.length_scale", SCALE, COARSER)):
         return {}
     ratios = {term: valueOf(scene, MODULI[term])/value for term, value in own.items()}
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
@@ -155,7 +156,7 @@ def _tethers(scene, edge):
     modulus, least, greatest = (float(x) for x in (scene.tether.modulus, scene.tether.min_length/edge, scene.tether.max_length/edge))
     if modulus == 0:
         return []
-    scaled = [{SCALE: scene.mesh.scale/edge, "tether.modulus": stiffness, "tether.min_length": low, "tether.max_length": high}
+    scaled = [{SCALE: scene.mesh.scale/edge, "tether.length_scale": 1.0, "tether.modulus": stiffness, "tether.min_length": low, "tether.max_length": high}
               for stiffness, low, high in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
     return _each("tether.modulus", [0.1*modulus])+scaled
 

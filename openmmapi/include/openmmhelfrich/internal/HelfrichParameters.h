@@ -2,6 +2,7 @@
 #define OPENMM_HELFRICHPARAMETERS_H_
 
 #include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
 
 namespace HelfrichPlugin {
 
@@ -14,7 +15,7 @@ struct HelfrichParameters {
     double areaModulus = 0, targetArea = 0;
     double volumeModulus = 0, targetVolume = 0;
     double areaDifferenceModulus = 0, targetAreaDifference = 0, leafletSeparation = 0;
-    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0;
+    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
     int tetherExponent = 0;
     double repulsionModulus = 0, repulsionOnset = 0;
     int repulsionExponent = 0, repulsionExclusionLevel = 0;
@@ -75,6 +76,19 @@ inline HelfrichTotals penaltySlopes(const HelfrichParameters& p, const HelfrichT
     double h = p.leafletSeparation;
     slopes.curvature = 2*h*penaltySlope(p.areaDifferenceModulus, 2*h*totals.curvature, p.targetAreaDifference);
     return slopes;
+}
+
+/**
+ * The tether's potential of an edge of length l, which its modulus multiplies.
+ *
+ * @param[out] slope  its derivative by l
+ */
+template <class Real>
+inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
+    Real scale = p.tetherLengthScale;
+    Real potential = tetherPotential<Real>(l/scale, p.tetherMinLength/scale, p.tetherMaxLength/scale, p.tetherExponent, slope);
+    slope = slope/scale;
+    return potential;
 }
 
 } // namespace HelfrichPlugin
