@@ -10,8 +10,9 @@ from openmmhelfrich.analysis import gyrationTensor
 from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.studies import run
 from openmmhelfrich.tradeoff import tradeoff
-from openmmhelfrich.tradeoff.measure import forceError, measure, observe, shapeSeries
-from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios
+from openmmhelfrich.tradeoff.measure import forceError, measure
+from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
+from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
 from openmmhelfrich.simulation import createForce, loadMesh, resolve
 from membranes import createContext, energyOf
 
@@ -34,14 +35,33 @@ def searched(tmp_path_factory):
     return (*tradeoff(SCENE, prefix, error=1e-2, effort=2.5e5), prefix)
 
 
+def knownProcess(correlation, length, columns=5):
+    """x_n = a x_(n-1) + noise, from its stationary distribution: an integrated autocorrelation time of (1+a)/(1-a), and a variance of 1."""
+    random = np.random.default_rng(1)
+    x = [random.normal(size=columns)]
+    for noise in random.normal(scale=math.sqrt(1-correlation**2), size=(length-1, columns)):
+        x.append(correlation*x[-1]+noise)
+    return np.array(x)
+
+
 def test_statistics_of_a_known_process():
-    """x_n = a x_(n-1) + noise, in five columns: a time of (1+a)/(1-a), within the error that is stated."""
-    random, x = np.random.default_rng(1), np.zeros((4000, 5))
-    for n in range(1, len(x)):
-        x[n] = 0.9*x[n-1]+random.normal(size=5)
-    result = observe(x, interval=3)
+    """The time of a series that is long enough, within the error that is stated."""
+    result = observe(knownProcess(0.9, 4000), interval=3)
     assert result.time == pytest.approx(3*19, rel=3*result.timeError) and result.timeError < 0.15
-    assert result.deviation == pytest.approx(1/math.sqrt(1-0.81), rel=0.05) and abs(result.mean) < 3*result.error
+    assert result.deviation == pytest.approx(1, rel=0.05) and abs(result.mean) < 3*result.error
+
+
+@pytest.mark.parametrize("correlation", [0.9, 0.99, 0.999, 0.9999])
+def test_times_longer_than_a_series(correlation):
+    """A series says by how far it moves what its correlation time is, even if that is ten times its length."""
+    motion = Motion.of(knownProcess(correlation, 2000), interval=3)
+    time, error = motion.time([1.0]*5, 0.0)
+    assert error < 0.35 and time == pytest.approx(3*(1+correlation)/(1-correlation), rel=2.5*error)
+    assert motion.time([1.0]*5, 0.3)[1] > error
+
+
+def test_what_does_not_move_has_no_time():
+    assert Motion.of(np.ones((100, 2))).time([1.0, 1.0], 0.0) == (math.inf, math.inf)
 
 
 def test_shape_of_a_sphere_is_its_modes_of_degree_2():
@@ -92,22 +112,15 @@ def test_force_error():
     assert forceError(config, mesh) == 0
 
 
-def test_scaled_scene_is_the_same_but_for_the_tether():
-    config, mesh = resolved()
-    config.repulsion.modulus, config.repulsion.onset, config.repulsion.exclusion_level = 3.0, 0.9, 2
-    scaled = apply(config, {"mesh.scale": 4.0})
-    energies = []
-    for c, m in ((config, mesh), (scaled, mh.Mesh(4*mesh.vertices, mesh.triangles))):
-        c.tether.modulus = 0.0
-        energies.append(energyOf(createContext(m, createForce(c, m))))
-    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
-    assert scaled.tether.min_length == pytest.approx(4*config.tether.min_length)
-
-
 def test_tether_of_a_coarser_mesh():
-    setting = {"tether.modulus": 8.0, "tether.min_length": 0.5, "sampling.steps_per_trajectory": 10}
-    assert forEdges(setting, 2.0, 2) == {"tether.modulus": 2.0, "tether.min_length": 1.0, "sampling.steps_per_trajectory": 10}
-    assert forEdges({"mesh.scale": 4.0, "tether.modulus": 8.0}, 2.0, 2) == {"mesh.scale": 2.0, "tether.modulus": 8.0}
+    """Lengths measured by edges stay what they are, and so does the energy."""
+    config, mesh = resolved()
+    config.membrane.bending_modulus = config.membrane.area_modulus = config.membrane.volume_modulus = 0.0
+    config.tether.min_length, config.tether.max_length = 0.95*mesh.edgeLengths.mean(), 1.05*mesh.edgeLengths.mean()
+    setting = forEdges({**tetherOf(config), "sampling.steps_per_trajectory": 10}, 2.0)
+    assert setting["sampling.steps_per_trajectory"] == 10
+    energies = [energyOf(createContext(m, createForce(c, m))) for c, m in ((config, mesh), (apply(config, setting), mh.Mesh(2*mesh.vertices, mesh.triangles)))]
+    assert energies[0] > 0 and energies[1] == pytest.approx(energies[0], rel=1e-10)
 
 
 def test_search(searched):
@@ -132,9 +145,9 @@ def test_recommendation_runs(searched, tmp_path):
     assert config.sampling.step_size == pytest.approx(best.measurement.stepSize, rel=1e-3)
     config.sampling.steps, config.output.prefix, config.output.observables_interval = min(config.sampling.steps, 3000), str(tmp_path/"b"), 2
     summary = run(config)
-    reference, factor = search.reference.measurement.observables, config.mesh.scale/search.config.mesh.scale
-    for name, column, power in (("bending", "E_bending", 0), ("area", "area", 2), ("volume", "volume", 3)):
-        assert summary.mean(column)/factor**power == pytest.approx(reference[name].mean, rel=search.error)
+    reference = search.reference.measurement.observables
+    for name, column in (("bending", "E_bending"), ("area", "area"), ("volume", "volume")):
+        assert summary.mean(column) == pytest.approx(reference[name].mean, rel=search.error)
 
 
 def test_a_search_goes_on(searched, tmp_path):

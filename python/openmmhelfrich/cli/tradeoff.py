@@ -36,9 +36,8 @@ def tradeoff(scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="T
         raise typer.Exit(3)
     if quiet:
         return
-    shape = best.measurement.observables["shape"]
     for label, text in (("recommended", describe(best.setting)), ("step size", f"{best.measurement.stepSize:.3g} ps, {best.measurement.acceptance:.0%} accepted"),
-                        ("cost", f"{best.measurement.secondsPer('shape'):.3g} s ± {shape.timeError:.0%} of processor time to an independent sample of the shape"),
+                        ("cost", f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape"),
                         ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
                         ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json")):
         print(f"{label:>15}  {text}")
@@ -67,7 +66,7 @@ class _Progress:
             return
         title, m = f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis, point.measurement
         if m is not None or point.problem:
-            result = point.problem or f"{1e3*m.secondsPer('shape'):.3g} ms ± {m.observables['shape'].timeError:.0%} per sample of the shape, {m.acceptance:.0%} accepted"
+            result = point.problem or f"{m.evaluations} evaluations of {1e6*m.secondsPerEvaluation:.1f} µs, {m.acceptance:.0%} accepted"
             self._console.print(f"{title}: {result}", soft_wrap=True)
         elif self._status:
             self._status.update(f"{title} ...")

@@ -9,11 +9,12 @@ import openmm as mm
 from openmm import unit
 
 from ..adaptation import adaptStepSize
-from ..analysis import autocorrelationTime, classifyShape, gyrationTensor, vertexDiffusion
+from ..analysis import classifyShape, gyrationTensor, vertexDiffusion
 from ..mesh import Mesh
 from ..reporters import ENERGY_TERMS, thermalEnergy, valueIn
 from ..simulation import createForce, createSimulation, currentMesh, defaultStepSize, platformOf
 from .settings import apply
+from .statistics import Motion, Observable, observe, shapeSeries
 
 OBSERVABLES = ("shape", "bending", "area", "volume")
 RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
@@ -21,20 +22,6 @@ BURN_IN = 0.1  # the part of a run that no average uses
 ADAPTING_TRAJECTORIES, ADAPTING_LENGTH = 80, 100
 EVALUATIONS_PER_ROW = 100  # between two looks at the membrane, which cost about as much as three evaluations
 FRAMES = 24
-
-
-@dataclass
-class Observable:
-    """Statistics of a correlated series, of which time is the integrated autocorrelation time in Monte Carlo steps, and timeError its relative standard error."""
-    mean: float
-    deviation: float
-    time: float
-    timeError: float
-    error: float
-
-    def scaled(self, factor):
-        """Return those of the series times a factor."""
-        return Observable(self.mean*factor, self.deviation*factor, self.time, self.timeError, self.error*factor)
 
 
 @dataclass
@@ -58,6 +45,8 @@ class Measurement:
         come as often as their reverse.  Unlike the mean of exp(-dH/kT), which is 1, it does not hang on rare events
     observables : dict
         an :class:`Observable` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
+    motion : Motion
+        of the shape
     reweighted : dict
         mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where these are the setting's
     effectiveFraction : float
@@ -80,6 +69,7 @@ class Measurement:
     energyError: float
     balance: list
     observables: dict
+    motion: Motion
     reweighted: dict = field(default_factory=dict)
     effectiveFraction: float = 1.0
     stepsPerEdge: float = math.inf
@@ -88,24 +78,32 @@ class Measurement:
 
     def __post_init__(self):
         self.observables = {name: values if isinstance(values, Observable) else Observable(**values) for name, values in self.observables.items()}
+        self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
-    def inUnitsOf(self, length):
-        """Return this, with lengths in units of another length."""
-        for name, power in (("area", 2), ("volume", 3), ("shape", 2)):
-            self.observables[name] = self.observables[name].scaled(length**-power)
-        self.reweighted = {name: [x*length**{"area": -2, "volume": -3}.get(name, 0) for x in values] for name, values in self.reweighted.items()}
-        return self
+    def shapeTime(self, variances=None, error=0.0):
+        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error: from the run itself, or by :meth:`Motion.time` if that is more exact.
 
-    def evaluationsPer(self, name):
-        """Return the number of force evaluations to an independent sample of an observable."""
-        return self.evaluations/self.steps*self.observables[name].time
+        Parameters
+        ----------
+        variances : list of float, optional
+            those of the shape's columns, if another run knows them
+        error : float
+            their relative standard error
+        """
+        return _shapeTime(self.observables["shape"], self.motion, variances, error)
 
-    def secondsPer(self, name):
-        """Return the cost of an independent sample of an observable."""
-        return self.secondsPerStep*self.observables[name].time
+    @property
+    def evaluationsPerStep(self):
+        """The mean number of force evaluations in a Monte Carlo step."""
+        return self.evaluations/self.steps
 
 
-def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True):
+def _shapeTime(shape, motion, variances, error):
+    own = shape.time, shape.timeError
+    return own if variances is None else min(own, motion.time(variances, error), key=lambda time: time[1])
+
+
+def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)):
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
     The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
@@ -128,6 +126,8 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
         the relative error of the mean bending energy that is wanted, too
     isEquilibrated : bool
         whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it has come nearer
+    variances : (list of float, float)
+        the arguments of :meth:`Measurement.shapeTime`, to see what is hopeless
 
     Raises
     ------
@@ -141,7 +141,8 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
     run.sample(limit/16)
     while run.evaluations < limit:
         shape = run.shape()
-        surely = (1-2*min(shape.timeError, 0.5))*shape.time*run.evaluations/run.steps
+        time, timeError = _shapeTime(shape, run.motion(), *variances)
+        surely = (1-2*timeError)*time*run.evaluations/run.steps if timeError < 0.5 else 0.0
         if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
             break
         run.sample(min(run.evaluations/2, limit-run.evaluations))
@@ -227,7 +228,14 @@ class _Run:
 
     def shape(self):
         """Return the Observable of the shape."""
-        return observe(shapeSeries(np.array(self._tensors[self._burnIn():]), self._isSphere), self._interval)
+        return observe(self._shapeSeries(), self._interval)
+
+    def motion(self):
+        """Return the Motion of the shape."""
+        return Motion.of(self._shapeSeries(), self._interval)
+
+    def _shapeSeries(self):
+        return shapeSeries(np.array(self._tensors[self._burnIn():]), self._isSphere)
 
     def relativeError(self):
         """Return that of the mean bending energy."""
@@ -252,37 +260,7 @@ class _Run:
         return Measurement(valueIn(integrator.getStepSize(), unit.picosecond), self.steps, self.evaluations, perStep, perEvaluation,
                            float(probabilities.mean()), integrator.getFlipAcceptanceRate(), diverged,
                            float(np.quantile(np.abs(changes), 2/3)), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],
-                           observables, reweighted, fraction, self._diffusion.framesPerEdge()*self._interval, self._forceError, len(self._diffusion.mesh.vertices))
-
-
-def observe(series, interval=1):
-    """Return the :class:`Observable` of a series, or of the columns of one that are alike, with as many Monte Carlo steps between its values as interval says."""
-    columns = series.reshape(len(series), -1)
-    count = columns.shape[1]
-    frames = autocorrelationTime(columns if count > 1 else columns[:, 0])
-    deviation = float(np.sqrt(columns.var(axis=0).mean()))
-    # A. Sokal's error of a time with a window of five times its length; columns count as independent.
-    timeError = math.sqrt(2*(10*frames+1)/(len(series)*count))
-    return Observable(float(columns.mean()), deviation, frames*interval, timeError, deviation*math.sqrt(frames/(len(series)*count)))
-
-
-def shapeSeries(tensors, isSphere):
-    """Return what stands for the lowest modes of the shape: columns of a series of gyration tensors.
-
-    For a nearly spherical membrane these are the five components of the tensor's deviator, to first order the five modes of degree l = 2.  Those of other shapes would turn with them, and
-    the eigenvalues are taken.
-
-    Parameters
-    ----------
-    tensors : (n, 3, 3) array
-        gyration tensors, in nm^2
-    isSphere : bool
-        whether the membrane is nearly spherical
-    """
-    if not isSphere:
-        return np.linalg.eigvalsh(tensors)
-    x, y, z = (tensors[:, i, i] for i in range(3))
-    return np.column_stack((tensors[:, 0, 1], tensors[:, 1, 2], tensors[:, 0, 2], (x-y)/2, (2*z-x-y)/math.sqrt(12)))
+                           observables, self.motion(), reweighted, fraction, self._diffusion.framesPerEdge()*self._interval, self._forceError, len(self._diffusion.mesh.vertices))
 
 
 def forceError(config, mesh):

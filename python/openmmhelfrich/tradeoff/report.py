@@ -47,11 +47,11 @@ def _head(search, point, recommended):
 
 def _costs(search, point):
     m = point.measurement
-    shape, bending = m.observables["shape"], m.observables["bending"]
+    bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
     return {"step, ps": f"{m.stepSize:.3g}", "accepted": f"{m.acceptance:.0%}", "flips accepted": f"{m.flipAcceptance:.1%}", "µs per evaluation": f"{1e6*m.secondsPerEvaluation:.1f}",
-            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{m.evaluationsPer('shape'):.0f} ± {shape.timeError:.0%}",
-            "E_B": f"{m.evaluationsPer('bending'):.0f} ± {bending.timeError:.0%}", "s per sample, shape": f"{m.secondsPer('shape'):.3g}", "s per edge of diffusion": diffusion,
+            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
+            "E_B": f"{m.evaluationsPerStep*bending.time:.0f} ± {bending.timeError:.0%}", "s per sample, shape": f"{search.seconds(point):.3g}", "s per edge of diffusion": diffusion,
             "gain": f"{search.gain(point):.2g}"}
 
 
@@ -67,16 +67,16 @@ def _accuracies(search, point):
             "E_B reweighted, ‰": corrected}
 
 
-def stepsFor(point, error):
-    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of a relative error, and the shape has been sampled."""
+def stepsFor(search, point):
+    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of the search's error, and the shape has been sampled."""
     observables = point.measurement.observables
-    needed = [(observables[name].deviation/(observables[name].mean*error/2))**2*observables[name].time for name in AVERAGES]
-    return math.ceil(max(*needed, SHAPE_SAMPLES*observables["shape"].time))
+    needed = [(observables[name].deviation/(observables[name].mean*search.error/2))**2*observables[name].time for name in AVERAGES]
+    return math.ceil(max(*needed, SHAPE_SAMPLES*search.time(point)[0]))
 
 
 def recommendationText(search, point):
     """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
-    measurement, steps = point.measurement, 2*stepsFor(point, search.error)
+    measurement, steps = point.measurement, 2*stepsFor(search, point)
     setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
     if setting.get("sampling.step_size") == "auto":
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
@@ -88,7 +88,7 @@ def recommendationText(search, point):
     else:
         data["sampling"]["steps"] = steps
     comments = [f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
-                f"{describe(point.setting)}: {measurement.secondsPer('shape'):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
+                f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
                 f"about {steps*measurement.secondsPerStep:.3g} s in all."]
     return configText(data, comments)
 
@@ -102,8 +102,8 @@ def plot(search, file, recommended=None):
     colours = dict(zip(axes, colormaps["tab20"].colors))
     figure = Figure(figsize=(13, 2+0.2*len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
-    _plotCosts(costs, points, colours)
-    places = {i: (point.measurement.secondsPer("shape"), _bound(search, point)) for i, point in enumerate(points)}
+    _plotCosts(costs, search, points, colours)
+    places = {i: (search.seconds(point), _bound(search, point)) for i, point in enumerate(points)}
     for i, (x, y) in places.items():
         isBest = points[i] is recommended
         pareto.plot(x, y, "*" if isBest else "o" if isExact(points[i].setting) else "s", ms=16 if isBest else 6, color=colours[points[i].axis])
@@ -118,9 +118,9 @@ def plot(search, file, recommended=None):
     figure.savefig(file, dpi=110)
 
 
-def _plotCosts(axes, points, colours):
-    cost = [point.measurement.secondsPer("shape") for point in points]
-    errors = [c*min(point.measurement.observables["shape"].timeError, 0.9) for c, point in zip(cost, points)]
+def _plotCosts(axes, search, points, colours):
+    cost = [search.seconds(point) for point in points]
+    errors = [c*min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
     axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
     axes.set_yticks(places, [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points], fontsize=6)

@@ -18,10 +18,10 @@ from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
-from .settings import COARSER, SCALE, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios
+from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf
 
 AUTOMATIC = {"sampling.step_size": "auto"}
-REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9}
+REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, "sampling.flip_fraction": 1.0}
 EQUILIBRATION = 600  # Monte Carlo steps
 HOPELESS = 3.0  # a setting that costs so many times more than the best one is not measured any better
 AVERAGES = ("bending", "area", "volume")
@@ -67,6 +67,7 @@ class Search:
         self._names, self._progress = names, progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time()+60*minutes
         self._file, self.points, self.minima = Path(f"{prefix}.json"), [], []
+        self._seen = []  # those that the search has come to: what it knows, so that one that goes on decides as before
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
@@ -94,7 +95,30 @@ class Search:
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
         self._minimise()
-        return min(best, self.baseline, key=lambda point: point.measurement.secondsPer("shape"))
+        return min(best, self.baseline, key=self.seconds)
+
+    def time(self, point):
+        """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard error.
+
+        Points that sample about the same distribution share the variance of the shape, which the best of them knows.
+        """
+        return point.measurement.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
+
+    def seconds(self, point):
+        """Return the cost of an independent sample of the shape in seconds of one processor."""
+        return point.measurement.secondsPerStep*self.time(point)[0]
+
+    def evaluations(self, point):
+        """Return the number of force evaluations to an independent sample of the shape."""
+        return point.measurement.evaluationsPerStep*self.time(point)[0]
+
+    def _variances(self):
+        known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
+        if not known:
+            return None, 0.0
+        best = min(known, key=lambda measurement: measurement.observables["shape"].timeError)
+        motion = best.motion
+        return motion.variances, math.sqrt(best.observables["shape"].time/(motion.interval*motion.length*len(motion.variances)))
 
     def deviations(self, point):
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
@@ -112,7 +136,7 @@ class Search:
 
     def gain(self, point):
         """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
-        return self.baseline.measurement.secondsPer("shape")/point.measurement.secondsPer("shape")
+        return self.seconds(self.baseline)/self.seconds(point)
 
     def _axes(self):
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
@@ -129,8 +153,8 @@ class Search:
         for axis in available:
             tried = [self._measure(axis.name, choice, best.setting, self._effort, best) for choice in axis.choices if changes(self.scene, best.setting, choice)]
             offered = [point for point in tried if axis.isOffered and self._isAdmissible(point)]
-            cheapest = min(offered, key=lambda point: point.measurement.secondsPer("shape"), default=best)
-            if cheapest.measurement.secondsPer("shape") < WORTHWHILE*best.measurement.secondsPer("shape"):
+            cheapest = min(offered, key=self.seconds, default=best)
+            if self.seconds(cheapest) < WORTHWHILE*self.seconds(best):
                 best = cheapest
         longer = self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
         return longer if longer.measurement else best
@@ -156,6 +180,7 @@ class Search:
         setting = {**others, **choice}
         for point in self.points:
             if keyOf(point.setting) == keyOf(setting) and point.effort >= effort:
+                self._seen.append(point)
                 return point
         self._checkTime()
         point = Point(axis, choice, setting, effort, None)
@@ -167,6 +192,7 @@ class Search:
             if len(self.points) < 2:
                 raise
         self.points.append(point)
+        self._seen.append(point)
         self._save()
         self._progress(point)
         return point
@@ -174,22 +200,20 @@ class Search:
     def _run(self, setting, effort, best, accuracy):
         scene, mesh = self._place(setting)
         if COARSER in setting:
-            setting = forEdges(setting, mesh.edgeLengths.mean()/self._mesh.edgeLengths.mean(), scene.tether.exponent)
-        factor = setting.get(SCALE, scene.mesh.scale)/scene.mesh.scale
+            setting = forEdges(setting, mesh.edgeLengths.mean()/self._mesh.edgeLengths.mean())
         config = apply(scene, setting)
         config.sampling.seed = (self._seed*2654435761+zlib.crc32(keyOf(setting).encode())) % (2**31-1)+1
-        hopeless = HOPELESS*best.measurement.evaluationsPer("shape") if best and best.measurement else math.inf
-        start = Mesh(factor*mesh.vertices, mesh.triangles)
-        return measure(config, start, effort, hopeless, moduliRatios(scene, setting), accuracy, isExact(setting) or COARSER in setting).inUnitsOf(factor)
+        hopeless = HOPELESS*self.evaluations(best) if best and best.measurement else math.inf
+        return measure(config, mesh, effort, hopeless, moduliRatios(scene, setting), accuracy, isExact(setting) or COARSER in setting, self._variances())
 
     def _place(self, setting):
         """Return the scene that a setting changes, and the membrane to begin with."""
         if COARSER not in setting:
             return self.scene, self._mesh
         if self._coarse is None:
-            config = self.config.model_copy(deep=True)
-            config.mesh.icosphere = setting[COARSER]
-            self._coarse = self._begin(config, "coarse")
+            config = apply(self.config, {COARSER: setting[COARSER]}, asWritten=True)
+            tether = forEdges(tetherOf(self.scene), loadMesh(config).edgeLengths.mean()/self._mesh.edgeLengths.mean())
+            self._coarse = self._begin(apply(config, tether, asWritten=True), "coarse")
         return self._coarse
 
     def _begin(self, config, name):
@@ -251,3 +275,8 @@ class Search:
     def _identity(self):
         scene = self.scene.model_dump(mode="json", exclude_none=True, exclude={"output"})
         return {**scene, "versions": versions()}
+
+
+def _isAlike(point):
+    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it."""
+    return not any(name.startswith(("membrane.", "mesh.")) for name in point.setting)

@@ -8,12 +8,10 @@ from typing import get_args
 
 from ..config import parseConfig, sections
 
-SCALE, COARSER = "mesh.scale", "mesh.icosphere"
+COARSER = "mesh.icosphere"
 MODULI = {"bending": "membrane.bending_modulus", "area": "membrane.area_modulus", "volume": "membrane.volume_modulus",
           "areaDifference": "membrane.area_difference_modulus", "tether": "tether.modulus", "repulsion": "repulsion.modulus"}
-# Powers of the unit of length in what depends on it.
-_POWERS = {"target_area": 2, "target_volume": 3, "target_area_difference": 2, "leaflet_separation": 1, "min_length": 1, "max_length": 1, "length_scale": 1,
-           "onset": 1}
+TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
 
 
 @dataclass(frozen=True)
@@ -70,8 +68,6 @@ def axes(config, scene, edge):
 def apply(config, setting, asWritten=False):
     """Return a Config changed by a setting, or raise a ValueError if this has a value that is not allowed.
 
-    With another scale of the mesh, every length changes with it: the membrane is the same but for the tether, whose power laws have a scale of their own.
-
     Parameters
     ----------
     config : Config
@@ -82,8 +78,6 @@ def apply(config, setting, asWritten=False):
         leave all else to the defaults that its file left it to, and not to what the Config has
     """
     data = config.model_dump(mode="json", exclude_none=True, exclude_unset=asWritten)
-    if SCALE in setting:
-        _rescale(data, setting[SCALE]/config.mesh.scale)
     for name, value in setting.items():
         section, key = name.split(".")
         data.setdefault(section, {})[key] = value
@@ -95,12 +89,14 @@ def changes(scene, setting, choice):
     return any(setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items())
 
 
-def forEdges(setting, ratio, exponent):
+def tetherOf(scene):
+    """Return the tether of a scene with every default filled in, as a setting."""
+    return {name: valueOf(scene, name) for name in ("tether.modulus", *TETHER_LENGTHS)}
+
+
+def forEdges(setting, ratio):
     """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
-    if SCALE in setting:
-        return {**setting, SCALE: setting[SCALE]/ratio}
-    powers = {"tether.min_length": 1, "tether.max_length": 1, "tether.modulus": -exponent}
-    return {name: value*ratio**powers.get(name, 0) if name in powers else value for name, value in setting.items()}
+    return {name: value*ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
 
 
 def isExact(setting):
@@ -121,7 +117,7 @@ def describe(setting):
 def moduliRatios(scene, setting):
     """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
-    if 0 in own.values() or any(name in setting for name in ("tether.min_length", "tether.max_length", "tether.length_scale", SCALE, COARSER)):
+    if 0 in own.values() or COARSER in setting or any(setting.get(name, value) != value for name, value in tetherOf(scene).items() if name in TETHER_LENGTHS):
         return {}
     ratios = {term: valueOf(scene, MODULI[term])/value for term, value in own.items()}
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
@@ -138,27 +134,17 @@ def _title(name):
     return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
 
 
-def _rescale(data, factor):
-    for section in [data.get("membrane", {}), data.get("tether", {}), data.get("repulsion", {}), *data.get("stages", [])]:
-        for name, power in _POWERS.items():
-            if name in section:
-                section[name] *= factor**power
-    repulsion = data.get("repulsion", {})
-    if "modulus" in repulsion:
-        repulsion["modulus"] *= factor**repulsion.get("exponent", 2)
-
-
 def _tethers(scene, edge):
-    """Return a tether softer than the scene's, and some of a mesh that is scaled to edges of length 1, with the scene's bounds and with others.
+    """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and with others.
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
     """
     modulus, least, greatest = (float(x) for x in (scene.tether.modulus, scene.tether.min_length/edge, scene.tether.max_length/edge))
     if modulus == 0:
         return []
-    scaled = [{SCALE: scene.mesh.scale/edge, "tether.length_scale": 1.0, "tether.modulus": stiffness, "tether.min_length": low, "tether.max_length": high}
-              for stiffness, low, high in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
-    return _each("tether.modulus", [0.1*modulus])+scaled
+    natural = [{"tether.length_scale": edge, "tether.modulus": stiffness, "tether.min_length": low*edge, "tether.max_length": high*edge}
+               for stiffness, low, high in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
+    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1*modulus}]+natural
 
 
 def _softer(scene):
