@@ -18,6 +18,7 @@ from .statistics import Motion, Observable, observe, shapeSeries
 
 OBSERVABLES = ("shape", "bending", "area", "volume")
 RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
+TOO_SHORT = 0.3  # its error in a run of some forty correlation times
 BURN_IN = 0.1  # the part of a run that no average uses
 ADAPTING_TRAJECTORIES, ADAPTING_LENGTH = 80, 100
 EVALUATIONS_PER_ROW = 100  # between two looks at the membrane, which cost about as much as three evaluations
@@ -81,7 +82,7 @@ class Measurement:
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
     def shapeTime(self, variances=None, error=0.0):
-        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error: from the run itself, or by :meth:`Motion.time` if that is more exact.
+        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error: by :meth:`Motion.time` where the run is too short to know it by itself.
 
         Parameters
         ----------
@@ -100,7 +101,7 @@ class Measurement:
 
 def _shapeTime(shape, motion, variances, error):
     own = shape.time, shape.timeError
-    return own if variances is None else min(own, motion.time(variances, error), key=lambda time: time[1])
+    return own if variances is None or shape.timeError < TOO_SHORT else min(own, motion.time(variances, error), key=lambda time: time[1])
 
 
 def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)):

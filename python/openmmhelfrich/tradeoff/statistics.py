@@ -25,7 +25,7 @@ class Motion:
     """How far a series moves in a time, from which correlation times follow that are longer than the series.
 
     The mean square displacement is 2 sigma^2 (1-C(t)).  Where the variance sigma^2 is known, from another run that samples the same distribution faster, a lag t at which an observable has not come far
-    says how slowly C decays.  A decay exp(-t/T) has an integrated autocorrelation time of 2T; where faster ones mix in, it is more than what comes out here.
+    says how slowly C decays.  A decay exp(-t/T) has an integrated autocorrelation time of 2T; where slower ones mix in, it is more than what comes out here.
 
     Attributes
     ----------
