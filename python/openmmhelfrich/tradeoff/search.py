@@ -18,7 +18,7 @@ from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
-from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf
+from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
 
 AUTOMATIC = {"sampling.step_size": "auto"}
 REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, "sampling.flip_fraction": 1.0}
@@ -235,29 +235,27 @@ class Search:
             targets = self._prepare(scene, mesh, last, file)
             with replacing(target) as part:
                 part.write_text(json.dumps(targets))
-        targets = json.loads(target.read_text())
-        membrane = scene.membrane
-        membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = targets["area"], targets["volume"], targets["areaDifference"] or None, None
+        _setTargets(scene, json.loads(target.read_text()))
         scene.stages = []
         return scene, Mesh.read(file)
 
     @staticmethod
     def _prepare(scene, mesh, last, file):
-        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long.
-        scene = apply(scene, {"sampling.flip_fraction": max(1.0, scene.sampling.flip_fraction), "sampling.trajectory_jitter": 0.5,
-                              "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
-        force = createForce(scene, mesh)
-        simulation = createSimulation(scene, mesh, force)
-        equilibrate = SampleStage(**{**last.model_dump(), "steps": EQUILIBRATION, "step_size": "auto"})
-        for settings in [*scene.stages[:-1], equilibrate]:
-            stage = createStage(settings, scene, simulation, force)
-            while not stage.isDone:
-                stage.advance()
+        """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
+        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
+        fast = apply(scene, {"sampling.flip_fraction": max(1.0, scene.sampling.flip_fraction), "sampling.trajectory_jitter": 0.5,
+                             "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
+        mesh, targets = _advance(fast, mesh, fast.stages[:-1])
+        tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
+        for i, tether in enumerate(tethers):
+            config, steps = apply(fast, tether), EQUILIBRATION//10 if 0 < i < len(tethers)-1 else EQUILIBRATION
+            _setTargets(config, targets)
+            mesh, targets = _advance(config, mesh, [SampleStage(**{**last.model_dump(), "steps": steps, "step_size": "auto"})])
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as part:
-            currentMesh(simulation, force).write(part.with_suffix(".ply"))
+            mesh.write(part.with_suffix(".ply"))
             part.with_suffix(".ply").replace(part)
-        return currentTargets(simulation.context, force)
+        return targets
 
     def _load(self):
         """Take the points of an earlier search of the same scene."""
@@ -280,3 +278,19 @@ class Search:
 def _isAlike(point):
     """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it."""
     return not any(name.startswith(("membrane.", "mesh.")) for name in point.setting)
+
+
+def _advance(config, mesh, stages):
+    """Do stages, and return the mesh and the targets that they lead to."""
+    force = createForce(config, mesh)
+    simulation = createSimulation(config, mesh, force)
+    for settings in stages:
+        stage = createStage(settings, config, simulation, force)
+        while not stage.isDone:
+            stage.advance()
+    return currentMesh(simulation, force), currentTargets(simulation.context, force)
+
+
+def _setTargets(config, targets):
+    membrane = config.membrane
+    membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = targets["area"], targets["volume"], targets["areaDifference"] or None, None

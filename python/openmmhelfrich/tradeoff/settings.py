@@ -3,6 +3,7 @@
 A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as the scene has it.
 """
 import json
+import math
 from dataclasses import dataclass
 from typing import get_args
 
@@ -134,6 +135,24 @@ def _title(name):
     return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
 
 
+def tetherPath(scene, edge, stages=6):
+    """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own: an abruptly stiffer one would set free what bends the membrane out of shape.
+
+    The easy one costs 20 kT for an edge of 1.45 mean lengths: a softer one lets needle-shaped triangles in.
+    """
+    own, r = tetherOf(scene), scene.tether.exponent
+    modulus, excess = own["tether.modulus"]*(edge/own["tether.length_scale"])**r, 1.45-own["tether.max_length"]/edge
+    easy = 20/(r**(r+1)*excess**r) if excess > 0 else math.inf
+    if modulus <= easy:
+        return [own]
+    loose = {**own, "tether.length_scale": edge, "tether.modulus": easy}
+    return [{name: loose[name]*(own[name]/loose[name])**(stage/stages) for name in own} for stage in range(stages+1)]
+
+
+def _naturalTether(edge, modulus, least, greatest):
+    return {"tether.length_scale": edge, "tether.modulus": modulus, "tether.min_length": least*edge, "tether.max_length": greatest*edge}
+
+
 def _tethers(scene, edge):
     """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and with others.
 
@@ -142,8 +161,7 @@ def _tethers(scene, edge):
     modulus, least, greatest = (float(x) for x in (scene.tether.modulus, scene.tether.min_length/edge, scene.tether.max_length/edge))
     if modulus == 0:
         return []
-    natural = [{"tether.length_scale": edge, "tether.modulus": stiffness, "tether.min_length": low*edge, "tether.max_length": high*edge}
-               for stiffness, low, high in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
+    natural = [_naturalTether(edge, *tether) for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
     return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1*modulus}]+natural
 
 
