@@ -10,7 +10,7 @@ import openmmhelfrich as mh
 from membranes import energyOf, forcesOf
 from openmmhelfrich.config import STAGES, parseConfig, readConfig, stagesOf, tomllib
 from openmmhelfrich.configfile import defaultText, settingsText
-from openmmhelfrich.simulation import createForce, createSimulation, loadMesh, resolve
+from openmmhelfrich.simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
 from openmmhelfrich.trimem import convertConfig
 
 PEER = {case["name"]: case for case in json.loads((Path(__file__).parent/"data/peer_values.json").read_text())["cases"]}
@@ -108,9 +108,9 @@ def tetherOf(scale, **tether):
     return energyOf(createSimulation(config, mesh, createForce(config, mesh)).context), resolve(config, mesh)
 
 
-@pytest.mark.parametrize("tether", [{"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
+@pytest.mark.parametrize("tether", [{}, {"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
 def testTetherHasNoUnit(tether):
-    """If its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
+    """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
     def scaled(factor):
         lengths = {"min_length": 0.3, "max_length": 0.31, **{name: length for name, length in tether.items() if name != "modulus"}}
         return tetherOf(factor, **{**tether, **{name: factor*length for name, length in lengths.items()}})
@@ -124,6 +124,25 @@ def testTetherHasNoUnit(tether):
 def testTetherWithAModulusMeansWhatItMeant():
     """Lengths are in the mesh's unit where a modulus is given, as in files from before there was a length scale."""
     assert tetherOf(1.0, modulus=3.0)[1].tether.length_scale == 1
+    default = tetherOf(1.0)[1].tether
+    assert default.length_scale == pytest.approx(loadMesh(parse()).edgeLengths.mean()) and default.modulus == pytest.approx(50)
+    assert tetherOf(1.0, length_scale=1.0)[1].tether.modulus == pytest.approx(default.modulus/default.length_scale**2)
+
+
+def testUnevenMeshesStart(tmp_path):
+    """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories that are accepted."""
+    mesh = mh.Mesh.icosphere(2)
+    vertices = mesh.vertices+0.18*mesh.edgeLengths.mean()*np.random.default_rng(1).normal(size=mesh.vertices.shape)
+    mh.Mesh(vertices/np.linalg.norm(vertices, axis=1)[:, np.newaxis], mesh.triangles).write(tmp_path/"a.ply")
+    config = parseConfig({"mesh": {"file": str(tmp_path/"a.ply")}, "sampling": {"seed": 1}})
+    mesh = loadMesh(config)
+    edges = mesh.edgeLengths/mesh.edgeLengths.mean()
+    assert edges.min() < 0.4 and edges.max() > 1.5
+    force = createForce(config, mesh)
+    simulation = createSimulation(config, mesh, force)
+    simulation.step(60)
+    edges = currentMesh(simulation, force).edgeLengths/mesh.edgeLengths.mean()
+    assert simulation.integrator.getAcceptanceRate() > 0.5 and edges.min() > 0.5 and edges.max() < 1.5
 
 
 # --- files written

@@ -95,12 +95,12 @@ class MembraneSection(Targets):
 
 class TetherSection(Section):
     """Bounds on the length of edges, which keep triangles well shaped while they flow."""
-    modulus: Optional[Energy] = Field(None, ge=0, description="kappa_T in kT; by default such that an edge costs 20 kT when it is longer than "
-                                      "max_length by a tenth of the mean edge length")
+    modulus: Optional[Energy] = Field(None, ge=0, description="kappa_T in kT; by default such that an edge costs 4 kT when it is longer than "
+                                      "max_length by a tenth of the mean edge length: 50 where this is the length_scale, and the exponent 2")
     length_scale: Optional[Length] = Field(None, gt=0, description="l_0, the unit of lengths in the tether's energy, where one modulus multiplies a wall that goes as "
-                                           "(l/l_0)^-r and a spring that goes as (l/l_0)^r; 1 by default")
-    min_length: Optional[Length] = Field(None, gt=0, description="l_c1; by default 0.75 of the mean edge length, or 0.95 of the shortest edge if that is less")
-    max_length: Optional[Length] = Field(None, gt=0, description="l_c0; by default 1.4 of the mean edge length, or 1.05 of the longest edge if that is more")
+                                           "(l/l_0)^-r and a spring that goes as (l/l_0)^r; by default the mean edge length, or 1 where modulus is given")
+    min_length: Optional[Length] = Field(None, gt=0, description="l_c1; by default 0.83 of the mean edge length")
+    max_length: Optional[Length] = Field(None, gt=0, description="l_c0; by default 1.33 of the mean edge length")
     exponent: int = Field(2, ge=1, le=100, description="r; 2 makes the long branch a spring")
 
 
@@ -129,7 +129,8 @@ class SamplingSection(Section):
                                  "can be longer")
     trajectory_jitter: float = Field(0.0, ge=0, lt=1, description="largest fraction by which the number of steps in a trajectory varies at random; 0.2 or more keeps "
                                      "a mode from returning to where it began in every trajectory, 0 is the plain method")
-    flip_fraction: float = Field(0.1, ge=0, description="attempts in a sweep, as a fraction of the number of edges")
+    flip_fraction: float = Field(0.3, ge=0, description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside trajectories, and 0.1 "
+                                 "makes the membrane half as fluid")
     flip_probability: float = Field(0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow")
     shear_wave_probability: float = Field(0.0, ge=0, le=1, description="probability that a step is one of shear waves, which move the longest wavelengths of large "
                                           "membranes faster than trajectories do; 0 makes none")
