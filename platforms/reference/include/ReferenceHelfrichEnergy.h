@@ -19,13 +19,18 @@ namespace HelfrichPlugin {
  *     dphi/dk = -n_f/h_f,  dphi/dl = -n_g/h_g,  dphi/dj = s_f n_f/h_f + s_g n_g/h_g,  dphi/di = (1-s_f) n_f/h_f + (1-s_g) n_g/h_g.
  *
  * The normal of a triangle without area is zero, and so is what depends on it.
+ *
+ * Everything is computed in extended precision and rounded once, at the end, so that a comparison with another platform tells the errors of that platform alone.  Where a compiler's
+ * long double is a double, so is this.
  */
 class ReferenceHelfrichEnergy {
 public:
+    typedef long double Real;
+    typedef Eigen::Matrix<Real, 3, 1> Vector;
     /**
      * The positions of the vertices or the gradient of an energy by them.
      */
-    typedef std::vector<Eigen::Vector3d> Vectors;
+    typedef std::vector<Vector> Vectors;
     /**
      * Compute areas, curvatures and totals.
      *
@@ -34,7 +39,7 @@ public:
      */
     ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
     void getGeometry(HelfrichGeometry& geometry) const;
-    const HelfrichTotals& getTotals() const {
+    const HelfrichTotalsOf<Real>& getTotals() const {
         return totals;
     }
     /**
@@ -49,21 +54,21 @@ private:
     void computeTriangles();
     void computeEdges();
     /// M/A of a vertex, and 0 if it has no area
-    double getMeanCurvature(int vertex) const;
+    Real getMeanCurvature(int vertex) const;
     template <class Visitor>
     void forEachEdge(Visitor visit) const;
     template <class Visitor>
     void forEachRepellingPair(const HelfrichParameters& parameters, Visitor visit) const;
-    void addAreaAndVolumeGradient(const std::vector<double>& byVertexArea, double byVolume, Vectors& gradient) const;
-    void addCurvatureGradient(const std::vector<double>& byVertexCurvature, Vectors& gradient) const;
-    void addTurnOfTriangle(int halfedge, double factor, Vectors& gradient) const;
+    void addAreaAndVolumeGradient(const std::vector<Real>& byVertexArea, Real byVolume, Vectors& gradient) const;
+    void addCurvatureGradient(const std::vector<Real>& byVertexCurvature, Vectors& gradient) const;
+    void addTurnOfTriangle(int halfedge, Real factor, Vectors& gradient) const;
     void addTetherGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     void addRepulsionGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     const HelfrichMesh& mesh;
     const Vectors& x;
-    HelfrichTotals totals;
-    std::vector<double> triangleAreas, dihedralAngles;
-    std::vector<double> vertexAreas, vertexCurvatures;
+    HelfrichTotalsOf<Real> totals;
+    std::vector<Real> triangleAreas, dihedralAngles;
+    std::vector<Real> vertexAreas, vertexCurvatures;
     Vectors normals;
 };
 

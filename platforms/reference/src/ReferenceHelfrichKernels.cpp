@@ -28,13 +28,14 @@ ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPosi
 bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context);
     ReferenceHelfrichEnergy energy(*mesh, x);
-    bool isFinite = isfinite(energy.getTotals().area);
+    bool isFinite = isfinite(double(energy.getTotals().area));
     if (includeForces) {
         vector<Vec3>& forces = *getData(context).forces;
         auto gradient = energy.computeGradient(parameters);
         for (int v = 0; v < mesh->getNumVertices(); v++) {
-            forces[mesh->getParticles()[v]] -= Vec3(gradient[v][0], gradient[v][1], gradient[v][2]);
-            isFinite = isFinite && gradient[v].allFinite();
+            Eigen::Vector3d rounded = gradient[v].cast<double>();
+            forces[mesh->getParticles()[v]] -= Vec3(rounded[0], rounded[1], rounded[2]);
+            isFinite = isFinite && rounded.allFinite();
         }
     }
     terms = energy.computeEnergy(parameters);

@@ -1,4 +1,6 @@
+#include "ReferenceHelfrichEnergy.h"
 #include "TestHelfrichForce.h"
+#include <limits>
 
 extern "C" void registerHelfrichReferenceKernelFactories();
 
@@ -7,5 +9,31 @@ OpenMM::Platform& initializeTests() {
     return Platform::getPlatform("Reference");
 }
 
+void testRoundedOnce() {
+    // Energies and forces are those of extended precision, rounded to double: other platforms' errors are measured against them.
+
+    if (sizeof(ReferenceHelfrichEnergy::Real) == sizeof(double))
+        return;
+    const double halfUnit = 0.5*numeric_limits<double>::epsilon();
+    Membrane blob = createBlob(2);
+    vector<int> some;
+    for (int i = 0; i < (int) blob.positions.size(); i += 7)
+        some.push_back(i);
+    for (auto& p : createAllParameters(blob)) {
+        MembraneContext context(blob, p);
+        HelfrichEnergyTerms terms = context.getTerms();
+        auto exact = computeExactly(blob, p);
+        const long double expected[] = {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion};
+        const double found[] = {terms.bending, terms.area, terms.volume, terms.areaDifference, terms.tether, terms.repulsion};
+        for (int i = 0; i < 6; i++)
+            ASSERT(fabsl(found[i]-expected[i]) <= 1.01L*halfUnit*fabsl(expected[i]));
+        vector<Vec3> forces = context.getForces(), someForces;
+        for (int i : some)
+            someForces.push_back(forces[i]);
+        assertEqualVectors(computeForcesExactly(blob, p, some), someForces, 1.01*2*halfUnit);
+    }
+}
+
 void runPlatformTests() {
+    testRoundedOnce();
 }

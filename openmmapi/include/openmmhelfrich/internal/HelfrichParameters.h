@@ -30,9 +30,10 @@ struct HelfrichParameters {
 /**
  * The sums over the whole surface on which the energy depends.
  */
-struct HelfrichTotals {
-    double area = 0, volume = 0, curvature = 0;
-    HelfrichTotals& operator+=(const HelfrichTotals& other) {
+template <class Real>
+struct HelfrichTotalsOf {
+    Real area = 0, volume = 0, curvature = 0;
+    HelfrichTotalsOf& operator+=(const HelfrichTotalsOf& other) {
         area += other.area;
         volume += other.volume;
         curvature += other.curvature;
@@ -40,27 +41,32 @@ struct HelfrichTotals {
     }
 };
 
+typedef HelfrichTotalsOf<double> HelfrichTotals;
+
 /**
  * The energy kappa (x/x0-1)^2 that holds a total x to its target.
  */
-inline double penalty(double modulus, double x, double target) {
+template <class Real>
+inline Real penalty(double modulus, Real x, double target) {
     if (modulus == 0)
         return 0;
-    double deviation = x/target-1;
+    Real deviation = x/target-1;
     return modulus*deviation*deviation;
 }
 
 /**
  * The derivative of penalty() by x.
  */
-inline double penaltySlope(double modulus, double x, double target) {
-    return modulus == 0 ? 0 : 2*modulus*(x/target-1)/target;
+template <class Real>
+inline Real penaltySlope(double modulus, Real x, double target) {
+    return modulus == 0 ? Real(0) : 2*modulus*(x/target-1)/target;
 }
 
 /**
  * The terms of the energy that depend on totals alone.
  */
-inline void addPenalties(const HelfrichParameters& p, const HelfrichTotals& totals, HelfrichEnergyTerms& terms) {
+template <class Real>
+inline void addPenalties(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals, HelfrichEnergyTerms& terms) {
     terms.area += penalty(p.areaModulus, totals.area, p.targetArea);
     terms.volume += penalty(p.volumeModulus, totals.volume, p.targetVolume);
     terms.areaDifference += penalty(p.areaDifferenceModulus, 2*p.leafletSeparation*totals.curvature, p.targetAreaDifference);
@@ -69,8 +75,9 @@ inline void addPenalties(const HelfrichParameters& p, const HelfrichTotals& tota
 /**
  * The derivatives of the same terms by the three totals.
  */
-inline HelfrichTotals penaltySlopes(const HelfrichParameters& p, const HelfrichTotals& totals) {
-    HelfrichTotals slopes;
+template <class Real>
+inline HelfrichTotalsOf<Real> penaltySlopes(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
+    HelfrichTotalsOf<Real> slopes;
     slopes.area = penaltySlope(p.areaModulus, totals.area, p.targetArea);
     slopes.volume = penaltySlope(p.volumeModulus, totals.volume, p.targetVolume);
     double h = p.leafletSeparation;
