@@ -16,7 +16,7 @@ from ..mesh import Mesh
 from ..simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
 from ..stages import createStage
 from ..studies import versions
-from .measure import Measurement, measure
+from .measure import TOO_SHORT, Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
 from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
 
@@ -100,7 +100,7 @@ class Search:
     def time(self, point):
         """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard error.
 
-        Points that sample about the same distribution share the variance of the shape, which the best of them knows.
+        Points that sample about the same distribution share the variance of the shape, which the best of them knows best.
         """
         return point.measurement.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
 
@@ -116,7 +116,9 @@ class Search:
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
         if not known:
             return None, 0.0
-        best = min(known, key=lambda measurement: measurement.observables["shape"].timeError)
+        long = [measurement for measurement in known if measurement.observables["shape"].timeError < TOO_SHORT]
+        # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part of it.
+        best = min(long, key=lambda measurement: measurement.observables["shape"].timeError) if long else max(known, key=lambda measurement: sum(measurement.motion.displacements[-1]))
         motion = best.motion
         return motion.variances, math.sqrt(best.observables["shape"].time/(motion.interval*motion.length*len(motion.variances)))
 
