@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <map>
+#include <stdexcept>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -178,7 +179,7 @@ void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, doub
 const double COLD = 20, HOT = 1000;
 
 void testDefinition() {
-    // Blocks of a few attempts on small membranes, and of two batches on the largest, whose repulsion would take too long here.
+    // Batches of a few attempts on small membranes, and two threads on the largest, whose repulsion would take too long here.
 
     for (int subdivisions : {0, 1}) {
         Membrane blob = createFlatIcosphere(subdivisions);
@@ -209,7 +210,7 @@ void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, co
 }
 
 void testThreads() {
-    // Every combination of terms on membranes of 12 to 2562 vertices, some of them up to 40,962.  Below 2000 vertices a block has work for one thread only.
+    // Every combination of terms on membranes of 12 to 2562 vertices, some of them up to 40,962.  Below 2048 vertices there is work for one thread only.
 
     for (int subdivisions : {0, 1, 2, 4}) {
         Membrane blob = createFlatIcosphere(subdivisions);
@@ -227,6 +228,42 @@ void testThreads() {
             for (double kT : {COLD, HOT})
                 checkThreads(blob, geometry, p, kT, 2, 10001);
     }
+}
+
+void testThreadsAfterInterruptions() {
+    // All threads know the flips of a sweep that an observer ends early, and triangles that are replaced between sweeps.
+
+    Membrane blob = createFlatIcosphere(4);
+    HelfrichGeometry geometry = getGeometry(blob);
+    HelfrichParameters p = createParameters(blob, Bending | Area | Volume);
+    auto run = [&] (int numThreads) {
+        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        Sweep sweep(blob, geometry, mesh, p, numThreads);
+        Outcome outcome;
+        int countdown = 100;
+        try {
+            sweep.execute(p, HOT, 1001, FLIP_RANDOM, 0, [&] (double) {
+                if (--countdown == 0)
+                    throw runtime_error("enough");
+            });
+        }
+        catch (const runtime_error&) {
+        }
+        ASSERT_EQUAL(0, countdown);
+        auto observe = [&] (double change) { outcome.changes.push_back(change); };
+        outcome.add(sweep.execute(p, HOT, 1001, FLIP_RANDOM, 1, observe));
+        mesh.validate();
+        mesh.setTriangles(blob.triangles);
+        sweep.setPositions(blob.positions, geometry, NULL);
+        outcome.add(sweep.execute(p, HOT, 1001, FLIP_RANDOM, 2, observe));
+        outcome.triangles = mesh.getTriangles();
+        return outcome;
+    };
+    Outcome expected = run(1), outcome = run(2);
+    ASSERT(expected.changes.size() > 200);
+    ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
+    ASSERT(expected.changes == outcome.changes);
+    ASSERT(expected.triangles == outcome.triangles);
 }
 
 void testRunningTotals() {
@@ -542,7 +579,7 @@ void testDetailedBalance() {
 }
 
 void testDetailedBalanceOfThreads() {
-    // Only large membranes have blocks for several threads, and only small ones so few triangulations: take many small ones, each of which samples the same.
+    // Only large membranes have work for several threads, and only small ones so few triangulations: take many small ones, each of which samples the same.
 
     Membrane blob = createBlob(0, 0.3);
     HelfrichParameters p = createOctahedronParameters(blob);
@@ -599,6 +636,7 @@ int main() {
         testEnergyChanges();
         testDefinition();
         testThreads();
+        testThreadsAfterInterruptions();
         testRunningTotals();
         testStatisticsAndRandomNumbers();
         testSweepThatChangesNothing();

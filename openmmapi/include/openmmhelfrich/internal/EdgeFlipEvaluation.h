@@ -39,8 +39,6 @@ struct alignas(64) EdgeFlipAttempt {
 struct alignas(64) EdgeFlipBatch {
     static constexpr int SIZE = 64;
     EdgeFlipAttempt attempts[SIZE];
-    /// the flips that are accepted, but not carried out yet: a bit for each attempt
-    uint64_t waiting;
     /// the random number to compare with the probability
     double uniform[SIZE];
     /// the change of energy by bending and tether

@@ -1,13 +1,11 @@
 #ifndef OPENMM_EDGEFLIPSWEEP_H_
 #define OPENMM_EDGEFLIPSWEEP_H_
 
-#include "EdgeFlipEvaluation.h"
-#include "HelfrichMesh.h"
-#include "HelfrichNeighborList.h"
-#include "HelfrichParameters.h"
-#include "openmm/Vec3.h"
+#include "EdgeFlipState.h"
+#include <atomic>
 #include <exception>
 #include <functional>
+#include <memory>
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -23,15 +21,17 @@ struct EdgeFlipStatistics {
  * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes from the two triangles of the edge, the
  * four around them, and the totals of the surface.
  *
- * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed in blocks, in three phases:
+ * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed as a pipeline of batches, in two steps:
  *
- * - All attempts of a block are evaluated, by several threads and several to a vector, as if they were the first one.
- * - One thread decides them in their order, with the totals of the moment.  An attempt that has a vertex in common with a flip accepted earlier in the block is evaluated again
- *   at that time, and so is one whose repulsion depends on the neighbors of such a vertex; nothing else can have changed what was evaluated.
- * - The flips are carried out by the threads that evaluated them.  Those that wait for it have no vertex in common, so that their order does not matter, and the mesh is
- *   valid in between: before an attempt is evaluated again, the ones at its vertices are carried out.
+ * - The attempts of a batch are evaluated, several to a vector, as if they were the next ones to be decided.
+ * - One thread, the first, decides batch after batch, each attempt in its turn, with the totals of the moment, and carries the flip out if it accepts it.  An attempt that has a
+ *   vertex in common with a flip that its evaluation had not seen is evaluated again at that time, and so is one whose repulsion depends on the neighbors of such a vertex; nothing
+ *   else can have changed what was evaluated.
  *
- * So the outcome is that of the sequential chain, to the last bit, for any number of threads and any size of blocks.
+ * Other threads evaluate batches ahead of the decisions, each in a state of the membrane of its own, where it carries out flips as it hears of them.  So no thread reads what another
+ * one changes, and none waits for the others but when the pipeline is full.  The first thread evaluates whenever the next batch to decide is not ready.
+ *
+ * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is faster.
  */
 class OPENMM_EXPORT_HELFRICH EdgeFlipSweep {
 public:
@@ -42,7 +42,7 @@ public:
     /**
      * Create an EdgeFlipSweep.
      *
-     * @param mesh        the connectivity
+     * @param mesh        the connectivity, with its fixed edges
      * @param numThreads  the number of threads
      */
     explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads=1);
@@ -58,14 +58,14 @@ public:
      * Get whether a sweep needs to know which vertices are close to each other.
      */
     static bool needsNeighborList(const HelfrichParameters& parameters) {
-        return parameters.repulsionModulus != 0 && parameters.repulsionExclusionLevel == 2;
+        return EdgeFlipState::needsNeighborList(parameters);
     }
     /**
      * Make one sweep.
      *
      * @param parameters   the moduli and targets
      * @param kT           the temperature, measured in kJ/mol
-     * @param numAttempts  the number of flips to attempt
+     * @param numAttempts  the number of flips to attempt, less than 2^34
      * @param random       the source of random numbers
      * @param sweep        the number of the sweep, which with that of the attempt is the counter of the random numbers
      * @param observer     called for each accepted flip, unless empty
@@ -86,54 +86,74 @@ private:
         double modulus, inverseTarget, deviation;
         double change(double difference) const;
     };
-    void prepare(EdgeFlipBatch& batch, long long firstAttempt) const;
-    void findTriangles(EdgeFlipBatch& batch) const;
-    void findStencil(EdgeFlipBatch& batch, int n) const;
-    void findForbidden(EdgeFlipBatch& batch, int first, int last) const;
-    void evaluate(EdgeFlipBatch& batch, int first, int last) const;
-    EdgeFlipAttempt& getAttempt(int index) {
-        return batches[index/EdgeFlipBatch::SIZE].attempts[index%EdgeFlipBatch::SIZE];
+    /**
+     * A place in the pipeline.
+     */
+    struct alignas(64) Slot {
+        EdgeFlipBatch batch;
+        /// the number of the first batch whose flips the evaluation has not seen
+        int firstUnseen;
+        /// the flips that are accepted: a bit for each attempt
+        uint64_t accepted;
+        /// the number of the batch, as soon as it is evaluated
+        std::atomic<int> evaluated;
+    };
+    /**
+     * What a thread that evaluates ahead has for itself.  It stays up to date from sweep to sweep: copying a mesh takes as long as many attempts.
+     */
+    struct alignas(64) Helper {
+        explicit Helper(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
+        }
+        HelfrichMesh mesh;
+        HelfrichNeighborList neighbors;
+        EdgeFlipState state;
+        /// the number of batches whose flips are carried out in its state
+        std::atomic<int> numSeen;
+    };
+    Slot& getSlot(int batch) {
+        return slots[batch%slots.size()];
     }
+    void prepare(Helper& helper) const;
+    void decideAll();
+    void help(Helper& helper);
+    /**
+     * Evaluate the next batch that no thread has begun with, unless the pipeline is full.
+     *
+     * @param numSeen  the number of batches whose flips are carried out in the state
+     */
+    bool evaluateNext(const EdgeFlipState& state, int numSeen);
+    /**
+     * Get whether no thread needs the batch any more that had a batch's slot before.
+     */
+    bool hasSlot(int batch) const;
+    void decide(int batch);
+    void decide(Slot& slot, int batch, int n);
+    void accept(Slot& slot, int batch, int n, double energy);
+    bool isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const;
+    bool isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const;
     void updatePenalties();
-    void decideBlock(int numBatches);
-    void decide(int index);
-    bool isStale(const EdgeFlipAttempt& attempt) const;
-    bool isPartnerFlipped(const EdgeFlipAttempt& attempt) const;
-    void renew(EdgeFlipBatch& batch, int n);
-    void accept(int index, double energy);
-    void carryOut(EdgeFlipBatch& batch);
-    void carryOut(const EdgeFlipBatch& batch, int n);
-    bool carryOutAt(int vertex);
-    struct ClosePairs;
-    void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
-    void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
-    bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
-    double distance2(int vertex1, int vertex2) const;
-    void findClosePartners(int vertex);
-    void setBonded(int vertex, int other);
-    void setApart(int vertex, int other);
-    int* partnersOf(int vertex) const {
-        return neighbors->partners.data()+vertices[vertex].firstPartner;
-    }
-    double pairEnergy(int vertex1, int vertex2) const;
     HelfrichMesh& mesh;
     const EdgeFlipEvaluation& evaluation;
     int numThreads, batchSize;
     HelfrichParameters p;
     double kT;
-    long long sweep;
+    long long sweep, numAttempts;
+    int numBatches, numHelpers;
     Philox random;
     const Observer* observer;
     std::exception_ptr exception;
     HelfrichTotals totals;
     Penalty areaPenalty, volumePenalty, areaDifferencePenalty;
     EdgeFlipStatistics statistics;
-    std::vector<EdgeFlipVertex> vertices;
-    /// of the partners apart from a vertex, the close ones come first in these lists, in ascending order
     HelfrichNeighborList* neighbors;
-    std::vector<EdgeFlipBatch> batches;
-    /// the attempts of the block that were accepted, and for each vertex the last one that flipped an edge at it, or NONE
-    std::vector<int> flips, lastFlips;
+    EdgeFlipState state;
+    std::vector<Slot> slots;
+    std::vector<std::unique_ptr<Helper> > helpers;
+    /// the number of batches that some thread evaluates or has evaluated, and of those that are decided; on cache lines of their own, for all threads look at them often
+    alignas(64) std::atomic<int> numClaimed;
+    alignas(64) std::atomic<int> numDecided;
+    /// for each vertex the last batch that flipped an edge at it, or NONE
+    alignas(64) std::vector<int> lastFlips;
 };
 
 } // namespace HelfrichPlugin

@@ -1,0 +1,86 @@
+#ifndef OPENMM_HELFRICH_EDGEFLIPSTATE_H_
+#define OPENMM_HELFRICH_EDGEFLIPSTATE_H_
+
+#include "EdgeFlipEvaluation.h"
+#include "HelfrichMesh.h"
+#include "HelfrichNeighborList.h"
+#include "HelfrichParameters.h"
+#include "openmm/Vec3.h"
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * A membrane as one thread of a sweep sees it: the connectivity, the areas and curvatures of the vertices, and which of them are close to each other.  It evaluates what flips
+ * would change, and carries them out.  What it computes of an attempt is the same in any state in which the same flips were carried out at the attempt's vertices.
+ */
+class EdgeFlipState {
+public:
+    explicit EdgeFlipState(HelfrichMesh& mesh);
+    /**
+     * Get whether the energy depends on which vertices are close to each other and share no neighbor.
+     */
+    static bool needsNeighborList(const HelfrichParameters& parameters) {
+        return parameters.repulsionModulus != 0 && parameters.repulsionExclusionLevel == 2;
+    }
+    /**
+     * Set where the vertices are.
+     *
+     * @param positions  the position of each particle
+     * @param geometry   the areas and curvatures at these positions
+     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Flips divide them as they do the mesh
+     */
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors);
+    void setParameters(const HelfrichParameters& parameters) {
+        p = parameters;
+    }
+    /**
+     * Find the partners of a vertex that are closer than the repulsion's onset.
+     */
+    void findClosePartners(int vertex);
+    /**
+     * Take over another state's partners, divided as they are there, and which are close.
+     */
+    void copyPartners(const EdgeFlipState& other);
+    /**
+     * Evaluate attempts of a batch, from the first up to the last, whose halfedges are given: all but their thresholds.
+     */
+    void evaluate(EdgeFlipBatch& batch, int first, int last) const;
+    /**
+     * Carry out a flip that was evaluated in this state, or in one that is the same at its vertices.
+     */
+    void carryOut(const EdgeFlipBatch& batch, int n);
+    int getNumClose(int vertex) const {
+        return vertices[vertex].numClose;
+    }
+    /**
+     * Get the partners of a vertex, first the close ones of those apart, in ascending order.
+     */
+    const int* getPartners(int vertex) const {
+        return partnersOf(vertex);
+    }
+private:
+    void prefetchStencils(const EdgeFlipBatch& batch, int first, int last) const;
+    void findStencil(EdgeFlipBatch& batch, int n) const;
+    void findForbidden(EdgeFlipBatch& batch, int first, int last) const;
+    struct ClosePairs;
+    void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
+    void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
+    bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
+    double distance2(int vertex1, int vertex2) const;
+    double pairEnergy(int vertex1, int vertex2) const;
+    void setBonded(int vertex, int other);
+    void setApart(int vertex, int other);
+    int* partnersOf(int vertex) const {
+        return neighbors->partners.data()+vertices[vertex].firstPartner;
+    }
+    HelfrichMesh& mesh;
+    const EdgeFlipEvaluation& evaluation;
+    HelfrichParameters p;
+    std::vector<EdgeFlipVertex> vertices;
+    HelfrichNeighborList* neighbors;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICH_EDGEFLIPSTATE_H_*/
