@@ -1,4 +1,5 @@
 import importlib.util
+import struct
 
 import mdtraj
 import meshio
@@ -328,6 +329,17 @@ def loadScript(path):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def testNodeWithAnAbsurdNumber(tmp_path):
+    """The mesh library would make a table of 8 TiB."""
+    file = tmp_path/"a.msh"
+    mh.Mesh.icosphere(1).write(file)
+    whole = file.read_bytes()
+    file.write_bytes(whole.replace(struct.pack("<QQ", 41, 42), struct.pack("<QQ", 41, 2**40)))
+    assert file.read_bytes() != whole
+    with pytest.raises(ValueError, match="not a complete MSH file"):
+        mh.Mesh.read(file)
 
 
 def testRedBloodCell(examples):

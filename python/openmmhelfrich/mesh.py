@@ -5,6 +5,7 @@ import math
 import os
 import re
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import openmm as mm
@@ -341,7 +342,7 @@ def _readFile(path):
     suffix = path.suffix.lower()
     try:
         if re.search(_HEAD.get(suffix, b""), path.read_bytes()):
-            with _silence():
+            with _silence(), _refuseNumbersOfNodes(above=path.stat().st_size):
                 return meshio.read(path, file_format=_FORMAT.get(suffix))
     except PermissionError:
         raise
@@ -368,6 +369,19 @@ def requireFormat(path, *others):
     if suffix not in meshio.extension_to_filetypes and suffix not in others:
         kind = "format" if others else "mesh format"
         raise ValueError(f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}")
+
+
+def _refuseNumbersOfNodes(above):
+    """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
+    from meshio.gmsh import _gmsh41
+    read = _gmsh41._read_nodes
+
+    def checked(*arguments):
+        points, numbers, *rest = read(*arguments)
+        if numbers.max() > above:
+            raise ValueError("a node has a number that is larger than the file")
+        return points, numbers, *rest
+    return mock.patch.object(_gmsh41, "_read_nodes", checked)
 
 
 def _silence():
