@@ -151,7 +151,7 @@ class SamplingSection(Section):
 
 class PlatformSection(Section):
     """Where OpenMM computes."""
-    name: str = Field("CPU", description="CPU, or Reference for clarity")
+    name: str = Field("CPU", description="CPU, or Reference for clarity and its last digits")
     threads: Optional[int] = Field(None, ge=1, description="on CPU; all cores by default.  Results do not depend on it")
     precision: Literal["double", "mixed"] = Field("double", description="of the forces in trajectories, on CPU; \"mixed\" computes angles and forces in single precision, "
                                                   "1.5 to 1.7 times as fast, and samples the same distribution")

@@ -55,7 +55,7 @@ class Measurement:
     stepsPerEdge : float
         Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if it does not
     forceError : float
-        root mean square of the forces' deviation from those of the Reference platform, in double precision, relative to that of the forces
+        root mean square of the forces' deviation from those of the Reference platform, in extended precision, relative to that of the forces
     numVertices : int
         of the membrane
     """
