@@ -121,7 +121,7 @@ def test_membrane():
         mesh, force, integrator, context = createRun(0.3, probability)
         integrator.step(500)
         samples = []
-        for _ in range(2500):
+        for _ in range(3500):
             integrator.step(4)
             x = positionsOf(context)
             samples.append((-np.sum((x-x.mean(axis=0))*forcesOf(context)), energyOf(context)))
