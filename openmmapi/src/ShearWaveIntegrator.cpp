@@ -64,6 +64,10 @@ void ShearWaveIntegrator::initialize(ContextImpl& contextRef) {
     numAttempted = numAccepted = numDiverged = 0;
     lastAcceptanceProbability = 0;
     hasOnlyMembranes = HelfrichPlugin::hasOnlyMembranes(contextRef);
+    fixedParticles.clear();
+    for (int i = 0; i < contextRef.getSystem().getNumParticles(); i++)
+        if (contextRef.getSystem().getParticleMass(i) == 0)
+            fixedParticles.push_back(i);
 }
 
 void ShearWaveIntegrator::cleanup() {
@@ -110,21 +114,35 @@ void ShearWaveIntegrator::makeMoves() {
     lastAcceptanceProbability = sumOfProbabilities/movesPerStep;
 }
 
+/**
+ * Compute the sine of 2 pi times a number to within 5e-14: by Taylor's series from -1/4 to 1/4, in operations that compilers vectorise.  The error takes nothing from the
+ * exactness of the moves, for any function of k.x makes a shear.
+ */
+static inline double sineOfTurns(double turns) {
+    const double roundingShift = 6755399441055744.0; // 1.5*2^52, a sum with which is rounded to an integer
+    double turn = turns-((turns+roundingShift)-roundingShift);
+    double angle = 2*M_PI*copysign(0.25-fabs(fabs(turn)-0.25), turn), square = angle*angle;
+    double series = 1.0/6227020800-square*(1.0/1307674368000-square*(1.0/355687428096000));
+    series = 1.0/5040-square*(1.0/362880-square*(1.0/39916800-square*series));
+    return angle*(1-square*(1.0/6-square*(1.0/120-square*series)));
+}
+
 void ShearWaveIntegrator::displace() {
     Philox random(activeSeed, RandomStream::ShearWaves);
     Vec3 direction = drawNormals(random, numAttempted, 0), other = drawNormals(random, numAttempted, 1);
     auto words = random(numAttempted, 4);
     double waveNumber = minWaveNumber+(maxWaveNumber-minWaveNumber)*Philox::uniform(words[0], words[1]);
-    double phase = 2*M_PI*Philox::uniform(words[2], words[3]);
-    Vec3 waveVector = direction*(waveNumber/sqrt(direction.dot(direction)));
+    double phase = Philox::uniform(words[2], words[3]);
+    Vec3 turnsPerLength = direction*(waveNumber/(2*M_PI*sqrt(direction.dot(direction))));
     Vec3 displacement = direction.cross(other);
     displacement *= amplitude*(minWaveNumber/waveNumber)*drawNormals(random, numAttempted, 3)[0]/sqrt(displacement.dot(displacement));
-    const System& system = context->getSystem();
     trialPositions.resize(positions.size());
-    for (int i = 0; i < (int) positions.size(); i++) {
-        const Vec3& x = positions[i];
-        trialPositions[i] = (system.getParticleMass(i) == 0 ? x : x+displacement*sin(waveVector.dot(x)+phase));
+    for (size_t i = 0; i < positions.size(); i++) {
+        Vec3 x = positions[i];
+        trialPositions[i] = x+displacement*sineOfTurns(turnsPerLength.dot(x)+phase);
     }
+    for (int i : fixedParticles)
+        trialPositions[i] = positions[i];
 }
 
 double ShearWaveIntegrator::computeTrialEnergy() {

@@ -144,6 +144,7 @@ private:
     long long numAttempted = 0, numAccepted = 0, numDiverged = 0;
     double lastAcceptanceProbability = 0;
     bool hasOnlyMembranes = false;
+    std::vector<int> fixedParticles;
     std::vector<OpenMM::Vec3> positions, trialPositions;
 };
 
