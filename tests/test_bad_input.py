@@ -291,9 +291,11 @@ INTEGRATORS = [
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(300, value, 10), ["step size"]) for value in (0, NAN)],
     (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
     *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setTrajectoryJitter(value), ["jitter", "from 0 to less than 1"]) for value in (-0.1, 1, NAN)],
+    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setMomentumRefreshment(value), ["refreshment of momenta", "from more than 0 to 1"]) for value in (0, 1.1, NAN)],
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setTetherSubsteps(0), ["number of substeps"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setSplitting("verlet"), ["splitting is 'verlet'", "'leapfrog', 'bcss2' or 'bcss3'"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setSplitting("bcss2"), ["must be a HamiltonianTrajectoryIntegrator"]),
+    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setMomentumRefreshment(0.1), ["must be a HamiltonianTrajectoryIntegrator"]),
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setTrajectoryJitter(0.1), ["must be a HamiltonianTrajectoryIntegrator"]),
     *[(lambda i=i, value=value: mh.ShearWaveIntegrator(*[300, 0.1, 1, 2, 10][:i], value, *[300, 0.1, 1, 2, 10][i+1:]), [words]) for i, words in
       enumerate(("temperature", "amplitude in nm", "least wave number", "greatest wave number", "number of moves per step")) for value in ((0, NAN) if i < 4 else (0,))],

@@ -59,6 +59,7 @@ def testLengths():
     (dict(sampling={"step_size": "automatic"}), "[sampling] step_size is 'automatic'; it must be a number, or a number with a unit in quotes, like '1 fs'"),
     (dict(sampling={"step_size": -1.0}), "[sampling] step_size is -1.0; it must be a positive number, in ps, or 'auto'"),
     (dict(sampling={"trajectory_jitter": 1.0}), "[sampling] trajectory_jitter is 1.0"),
+    (dict(sampling={"momentum_refreshment": 0.0}), "[sampling] momentum_refreshment is 0.0"),
     (dict(sampling={"target_acceptance": 1.0}), "[sampling] target_acceptance is 1.0"),
     (dict(output={"checkpoint_interval": 0}), "[output] checkpoint_interval is 0"),
     (dict(mesh={"icosphere": 2, "length_unit": "R0"}, tether={"min_length": "100 nm"}), "the mesh's length_unit, 'R0', is not a length"),

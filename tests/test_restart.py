@@ -25,6 +25,7 @@ def createIntegrator(driver, seed=7):
         integrator.setSplitting("bcss2")
         integrator.setTrajectoryJitter(0.5)
         integrator.setTetherSubsteps(2)
+        integrator.setMomentumRefreshment(0.4)
         integrator.addShearWaves(mh.ShearWaveIntegrator(3000, 0.001, 1, 3, 4), 0.3)
     integrator.setRandomNumberSeed(seed)
     return integrator

@@ -115,10 +115,10 @@ def test_harmonic_wells(platform):
 
 
 def test_membrane():
-    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories and flips alone."""
+    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.  With flips so few vertices fold now and then, and stay so for long."""
     means, errors = [], []
     for probability in (0.4, 0):
-        mesh, force, integrator, context = createRun(0.3, probability)
+        mesh, force, integrator, context = createRun(0, probability)
         integrator.step(500)
         samples = []
         for _ in range(3500):

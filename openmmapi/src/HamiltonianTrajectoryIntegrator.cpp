@@ -61,6 +61,12 @@ void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
     tetherSubsteps = substeps;
 }
 
+void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment) {
+    if (!(refreshment > 0 && refreshment <= 1))
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is "+to_string(refreshment)+"; it must be from more than 0 to 1");
+    momentumRefreshment = refreshment;
+}
+
 void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
     randomNumberSeed = seed;
     if (context != NULL)
@@ -115,7 +121,8 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double kT = BOLTZMANN*temperature;
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
-    startEnergy += trajectory.begin(*context, kT, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
+    double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
+    startEnergy += trajectory.begin(*context, kT, refreshment, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
     if (!isfinite(startEnergy))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; see the forces of the System");
     lastNumSteps = drawNumSteps();

@@ -191,6 +191,17 @@ void HybridMonteCarloIntegrator::setTetherSubsteps(int substeps) {
         throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
 }
 
+double HybridMonteCarloIntegrator::getMomentumRefreshment() const {
+    return getNative() == NULL ? 1 : getNative()->getMomentumRefreshment();
+}
+
+void HybridMonteCarloIntegrator::setMomentumRefreshment(double refreshment) {
+    if (HamiltonianTrajectoryIntegrator* native = getNative())
+        native->setMomentumRefreshment(refreshment);
+    else if (refreshment != 1)
+        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one that keeps a part of its velocities: it must be a HamiltonianTrajectoryIntegrator");
+}
+
 double HybridMonteCarloIntegrator::getFlipFraction() const {
     return getFlipIntegrator().getFraction();
 }

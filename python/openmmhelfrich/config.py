@@ -129,12 +129,14 @@ class SamplingSection(Section):
                                  "can be longer")
     trajectory_jitter: float = Field(0.0, ge=0, lt=1, description="largest fraction by which the number of steps in a trajectory varies at random; 0.2 or more keeps "
                                      "a mode from returning to where it began in every trajectory, 0 is the plain method")
+    momentum_refreshment: float = Field(1.0, gt=0, le=1, description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one trajectory to the next, which "
+                                        "takes a target_acceptance of 0.9; 1 is the plain method")
     flip_fraction: float = Field(0.3, ge=0, description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside trajectories, and 0.1 "
                                  "makes the membrane half as fluid")
     flip_probability: float = Field(0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow")
     shear_wave_probability: float = Field(0.0, ge=0, le=1, description="probability that a step is one of shear waves, which move the longest wavelengths of large "
                                           "membranes faster than trajectories do; 0 makes none")
-    shear_waves_per_step: int = Field(50, ge=1, description="moves in such a step, each of which costs about as much as a leapfrog step")
+    shear_waves_per_step: int = Field(50, ge=1, description="moves in such a step, each of which costs about half as much as a leapfrog step")
     shear_wave_cutoff: float = Field(3.0, ge=1, description="largest wave number, in units of 1/R, for a sphere of radius R with the area A_0; the smallest is 1")
     shear_wave_amplitude: Amplitude = Field("auto", description="standard deviation of the amplitude of the longest waves; \"auto\" adapts it, as a step_size, to an "
                                             "acceptance of 1/4, where they get furthest")

@@ -145,6 +145,7 @@ def createSimulation(config, mesh, force):
     integrator.setSplitting(sampling.integrator)
     integrator.setTetherSubsteps(sampling.tether_substeps)
     integrator.setTrajectoryJitter(sampling.trajectory_jitter)
+    integrator.setMomentumRefreshment(sampling.momentum_refreshment)
     if sampling.shear_wave_probability > 0:
         integrator.addShearWaves(createShearWaves(config, mesh), sampling.shear_wave_probability)
     integrator.setForcePrecision(config.platform.precision)

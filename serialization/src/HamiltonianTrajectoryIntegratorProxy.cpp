@@ -22,6 +22,7 @@ void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, Seriali
     node.setDoubleProperty("trajectoryJitter", integrator.getTrajectoryJitter());
     node.setStringProperty("splitting", integrator.getSplitting());
     node.setIntProperty("tetherSubsteps", integrator.getTetherSubsteps());
+    node.setDoubleProperty("momentumRefreshment", integrator.getMomentumRefreshment());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
     node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
 }
@@ -34,6 +35,7 @@ void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode&
     integrator->setTrajectoryJitter(node.getDoubleProperty("trajectoryJitter", 0.0));
     integrator->setSplitting(node.getStringProperty("splitting", "leapfrog"));
     integrator->setTetherSubsteps(node.getIntProperty("tetherSubsteps", 1));
+    integrator->setMomentumRefreshment(node.getDoubleProperty("momentumRefreshment", 1.0));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

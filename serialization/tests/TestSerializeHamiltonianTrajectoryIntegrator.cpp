@@ -15,6 +15,7 @@ void testRoundTrip() {
     integrator.setTrajectoryJitter(0.3);
     integrator.setSplitting("bcss3");
     integrator.setTetherSubsteps(4);
+    integrator.setMomentumRefreshment(0.4);
     integrator.setRandomNumberSeed(-5);
     integrator.setIntegrationForceGroups(6);
     stringstream stream;
@@ -28,6 +29,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(integrator.getTrajectoryJitter(), copy.getTrajectoryJitter());
     ASSERT_EQUAL(integrator.getSplitting(), copy.getSplitting());
     ASSERT_EQUAL(integrator.getTetherSubsteps(), copy.getTetherSubsteps());
+    ASSERT_EQUAL(integrator.getMomentumRefreshment(), copy.getMomentumRefreshment());
     ASSERT_EQUAL(integrator.getRandomNumberSeed(), copy.getRandomNumberSeed());
     ASSERT_EQUAL(integrator.getIntegrationForceGroups(), copy.getIntegrationForceGroups());
 }

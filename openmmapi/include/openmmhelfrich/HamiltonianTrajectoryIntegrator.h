@@ -14,7 +14,7 @@ struct KickAndDrift;
 
 /**
  * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
- * trajectory: draw velocities from the Maxwell-Boltzmann distribution, make steps of leapfrog or another splitting, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
+ * trajectory: draw velocities from the Maxwell-Boltzmann distribution, or a part of them, make steps of leapfrog or another splitting, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
  * go back to the start.  A trajectory on which an energy or a position stops being finite is rejected.
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
@@ -109,6 +109,22 @@ public:
      */
     void setTetherSubsteps(int substeps);
     /**
+     * Get how much of the velocities a trajectory draws anew.  See setMomentumRefreshment() for details.
+     */
+    double getMomentumRefreshment() const {
+        return momentumRefreshment;
+    }
+    /**
+     * Set how much of the velocities a trajectory draws anew, from more than 0 to 1 (the default).  With less than 1, a trajectory begins with the velocities
+     *
+     * v' = sqrt(1-refreshment^2) v + refreshment u
+     *
+     * of those v with which the one before ended, and u from the Maxwell-Boltzmann distribution, and after a rejection velocities are reversed (Horowitz, Phys. Lett. B 268, 247, 1991).  So a motion goes on
+     * from one trajectory to the next, as long as none is rejected: this takes a step size at which nine in ten are accepted.  What is sampled does not change.  The first trajectory of a
+     * Context draws all velocities.
+     */
+    void setMomentumRefreshment(double refreshment);
+    /**
      * Get the random number seed.  See setRandomNumberSeed() for details.
      */
     int getRandomNumberSeed() const {
@@ -182,6 +198,7 @@ private:
     double trajectoryJitter = 0;
     std::string splitting = "leapfrog";
     int tetherSubsteps = 1;
+    double momentumRefreshment = 1;
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
     bool hasOnlyMembranes = false;

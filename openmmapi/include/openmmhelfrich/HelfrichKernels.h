@@ -96,15 +96,16 @@ public:
      */
     virtual void initialize(const OpenMM::System& system) = 0;
     /**
-     * Keep a copy of the positions, and draw the velocities.
+     * Draw velocities, and keep a copy of them and of the positions.
      *
-     * @param context     the Context in which to execute the kernel
-     * @param kT          the temperature, measured in kJ/mol
-     * @param random      the source of random numbers
-     * @param trajectory  the number of the trajectory, which with that of the particle is the counter of the random numbers
+     * @param context      the Context in which to execute the kernel
+     * @param kT           the temperature, measured in kJ/mol
+     * @param refreshment  the factor of the velocities drawn; those that there are have the factor sqrt(1-refreshment^2)
+     * @param random       the source of random numbers
+     * @param trajectory   the number of the trajectory, which with that of the particle is the counter of the random numbers
      * @return the kinetic energy
      */
-    virtual double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory) = 0;
+    virtual double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) = 0;
     /**
      * Change the velocities by the forces of the Context, and then move the particles.  The forces are zero afterwards.
      *
@@ -117,7 +118,7 @@ public:
      */
     virtual double computeKineticEnergy(OpenMM::ContextImpl& context) = 0;
     /**
-     * Restore the positions and velocities with which begin() left the Context.
+     * Restore the positions with which begin() left the Context, and its velocities, reversed.
      */
     virtual void restore(OpenMM::ContextImpl& context) = 0;
 };

@@ -113,6 +113,14 @@ public:
      */
     void setTetherSubsteps(int substeps);
     /**
+     * Get how much of the velocities a trajectory draws anew.
+     */
+    double getMomentumRefreshment() const;
+    /**
+     * Set how much of the velocities a trajectory draws anew.  See HamiltonianTrajectoryIntegrator::setMomentumRefreshment(); number 0 must be of that class if it is not 1.
+     */
+    void setMomentumRefreshment(double refreshment);
+    /**
      * Get the number of attempts in a sweep, as a fraction of the number of edges.
      */
     double getFlipFraction() const;

@@ -109,17 +109,13 @@ public:
     CpuIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
-    double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
+    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:
-    void drawVelocities(OpenMM::ContextImpl& context);
     std::vector<double> inverseMasses, chunkEnergies;
-    std::vector<OpenMM::Vec3> startPositions;
-    Philox random = Philox(0, 0);
-    double kT;
-    long long trajectory;
+    std::vector<OpenMM::Vec3> startPositions, startVelocities;
 };
 
 } // namespace HelfrichPlugin

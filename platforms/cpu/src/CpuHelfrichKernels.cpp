@@ -424,22 +424,17 @@ void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
     chunkEnergies.resize((inverseMasses.size()+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK);
 }
 
-double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, const Philox& random, long long trajectory) {
-    this->kT = kT;
-    this->random = random;
-    this->trajectory = trajectory;
+double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) {
+    double persistence = sqrt(1-refreshment*refreshment);
     startPositions = *getData(context).positions;
-    drawVelocities(context);
-    return computeKineticEnergy(context);
-}
-
-void CpuIntegrateHamiltonianTrajectoryKernel::drawVelocities(ContextImpl& context) {
     vector<Vec3>& velocities = *getData(context).velocities;
     forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
         for (int i = first; i < last; i++)
             if (inverseMasses[i] != 0)
-                velocities[i] = drawNormals(random, trajectory, i)*sqrt(kT*inverseMasses[i]);
+                velocities[i] = velocities[i]*persistence+drawNormals(random, trajectory, i)*(refreshment*sqrt(kT*inverseMasses[i]));
     });
+    startVelocities = velocities;
+    return computeKineticEnergy(context);
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
@@ -471,5 +466,7 @@ double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl
 
 void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
     *getData(context).positions = startPositions;
-    drawVelocities(context);
+    vector<Vec3>& velocities = *getData(context).velocities;
+    for (size_t i = 0; i < velocities.size(); i++)
+        velocities[i] = -startVelocities[i];
 }

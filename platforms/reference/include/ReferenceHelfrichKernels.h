@@ -31,7 +31,7 @@ public:
     ReferenceIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
-    double begin(OpenMM::ContextImpl& context, double kT, const Philox& random, long long trajectory);
+    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);

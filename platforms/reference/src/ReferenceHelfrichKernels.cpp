@@ -61,12 +61,13 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
         masses.push_back(system.getParticleMass(i));
 }
 
-double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, const Philox& random, long long trajectory) {
+double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) {
     vector<Vec3>& velocities = *getData(context).velocities;
+    double persistence = sqrt(1-refreshment*refreshment);
     startPositions = *getData(context).positions;
     for (size_t i = 0; i < masses.size(); i++)
         if (masses[i] != 0)
-            velocities[i] = drawNormals(random, trajectory, i)*sqrt(kT/masses[i]);
+            velocities[i] = velocities[i]*persistence+drawNormals(random, trajectory, i)*(refreshment*sqrt(kT/masses[i]));
     startVelocities = velocities;
     return computeKineticEnergy(context);
 }
@@ -94,5 +95,7 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
     *getData(context).positions = startPositions;
-    *getData(context).velocities = startVelocities;
+    vector<Vec3>& velocities = *getData(context).velocities;
+    for (size_t i = 0; i < velocities.size(); i++)
+        velocities[i] = -startVelocities[i];
 }
