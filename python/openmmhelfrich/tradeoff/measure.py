@@ -260,7 +260,7 @@ class _Run:
         perStep = sum(p*costs[kind] for kind, p in self._probabilities.items())
         return Measurement(valueIn(integrator.getStepSize(), unit.picosecond), self.steps, self.evaluations, perStep, perEvaluation,
                            float(probabilities.mean()), integrator.getFlipAcceptanceRate(), diverged,
-                           float(np.quantile(np.abs(changes), 2/3)), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],
+                           float(np.quantile(np.abs(changes), 2/3, method="higher")), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],
                            observables, self.motion(), reweighted, fraction, self._diffusion.framesPerEdge()*self._interval, self._forceError, len(self._diffusion.mesh.vertices))
 
 

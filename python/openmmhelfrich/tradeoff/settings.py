@@ -56,6 +56,8 @@ def axes(config, scene, edge):
         Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
         Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
         Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
+        # Rejections turn kept momenta back, so that they want to be rare.
+        Axis("momenta", [{"sampling.momentum_refreshment": part, "sampling.target_acceptance": aim} for part, aim in ((1.0, 0.75), (0.5, 0.9), (0.3, 0.9))]),
         Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
         Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
         Axis("integrator", _literals("sampling.integrator")),
