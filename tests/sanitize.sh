@@ -27,6 +27,9 @@ names=(${*:-$tests})
 build=${BUILD_DIR:-$root/build-$sanitizer}
 mkdir -p "$build"
 
+# The libraries are those of this build, not installed ones without the sanitizer, which the environment may put first.
+unset LD_LIBRARY_PATH
+
 # OpenMM's own library comes from its wheel, without the sanitizer; the OpenMP runtime keeps what it knows of threads until the end.
 echo "leak:libomp" > "$build/leaks.supp"
 export LSAN_OPTIONS="suppressions=$build/leaks.supp" UBSAN_OPTIONS="print_stacktrace=1"
