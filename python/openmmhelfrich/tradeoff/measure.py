@@ -94,6 +94,11 @@ class Measurement:
         return _shapeTime(self.observables["shape"], self.motion, variances, error)
 
     @property
+    def isShort(self):
+        """Whether the run is too short to know the shape's correlation time by itself."""
+        return self.observables["shape"].timeError >= TOO_SHORT
+
+    @property
     def evaluationsPerStep(self):
         """The mean number of force evaluations in a Monte Carlo step."""
         return self.evaluations/self.steps

@@ -50,7 +50,7 @@ def _costs(search, point):
     bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
     return {"step, ps": f"{m.stepSize:.3g}", "accepted": f"{m.acceptance:.0%}", "flips accepted": f"{m.flipAcceptance:.1%}", "µs per evaluation": f"{1e6*m.secondsPerEvaluation:.1f}",
-            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
+            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
             "E_B": f"{m.evaluationsPerStep*bending.time:.0f} ± {bending.timeError:.0%}", "s per sample, shape": f"{search.seconds(point):.3g}", "s per edge of diffusion": diffusion,
             "gain": f"{search.gain(point):.2g}"}
 

@@ -16,7 +16,7 @@ from ..mesh import Mesh
 from ..simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
 from ..stages import createStage
 from ..studies import versions
-from .measure import TOO_SHORT, Measurement, measure
+from .measure import Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
 from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
 
@@ -116,7 +116,7 @@ class Search:
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
         if not known:
             return None, 0.0
-        long = [measurement for measurement in known if measurement.observables["shape"].timeError < TOO_SHORT]
+        long = [measurement for measurement in known if not measurement.isShort]
         # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part of it.
         best = min(long, key=lambda measurement: measurement.observables["shape"].timeError) if long else max(known, key=lambda measurement: sum(measurement.motion.displacements[-1]))
         motion = best.motion
