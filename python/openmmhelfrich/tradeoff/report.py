@@ -111,8 +111,9 @@ def plot(search, file, recommended=None):
     front = sorted(place for place in offered if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in offered))
     pareto.plot(*zip(*front), color="0.5", lw=1, zorder=0, drawstyle="steps-post")
     pareto.axhline(search.error, color="0.7", ls="--", lw=1)
-    pareto.set(xscale="log", yscale="log", xlabel="processor time per independent sample of the shape, s",
-               ylabel="deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its standard error, relative")
+    pareto.set(xscale="log", yscale="log", xlabel="s per independent sample of the shape",
+               ylabel="relative deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its error")
+    pareto.xaxis.set_minor_formatter("")
     handles = [pareto.plot([], [], "o", color=colour, label=axis)[0] for axis, colour in colours.items()]
     pareto.legend(handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small")
     figure.savefig(file, dpi=110)
@@ -124,7 +125,7 @@ def _plotCosts(axes, search, points, colours):
     places = [-i for i in range(len(points))]
     axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
     axes.set_yticks(places, [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points], fontsize=6)
-    axes.set(xscale="log", xlabel="processor time per independent sample of the shape, s", ylim=(-len(points), 1))
+    axes.set(xscale="log", xlabel="s per independent sample of the shape", ylim=(-len(points), 1))
 
 
 def _bound(search, point):
