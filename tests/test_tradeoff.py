@@ -1,6 +1,7 @@
 """Trading speed for accuracy: the statistics of one setting, the search, and what it recommends."""
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -149,6 +150,18 @@ def test_recommendation_runs(searched, tmp_path):
     reference = search.reference.measurement.observables
     for name, column in (("bending", "E_bending"), ("area", "area"), ("volume", "volume")):
         assert summary.mean(column) == pytest.approx(reference[name].mean, rel=search.error+4*search.deviations(best)[name][1])
+
+
+def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
+    """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a recommendation."""
+    for folder in ("scenes", "meshes", "results"):
+        (tmp_path/folder).mkdir()
+    mh.Mesh.icosphere(1).write(tmp_path/"meshes"/"a.ply")
+    (tmp_path/"scenes"/"a.toml").write_text('[mesh]\nfile = "../meshes/a.ply"\n[sampling]\nseed = 1\n[platform]\nthreads = 1\n[output]\nprefix = "old"\n')
+    monkeypatch.chdir(tmp_path)
+    tradeoff("scenes/a.toml", "results/b", error=0.1, effort=1e4, axes=["jitter"])
+    config = readConfig("results/b.toml")
+    assert Path(config.mesh.file).samefile("meshes/a.ply") and "old" not in str(config.output.prefix)
 
 
 def test_a_search_goes_on(searched, tmp_path):

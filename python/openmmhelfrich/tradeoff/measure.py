@@ -22,6 +22,7 @@ TOO_SHORT = 0.3  # its error in a run of some forty correlation times
 BURN_IN = 0.1  # the part of a run that no average uses
 ADAPTING_TRAJECTORIES, ADAPTING_LENGTH = 80, 100
 EVALUATIONS_PER_ROW = 100  # between two looks at the membrane, which cost about as much as three evaluations
+LEAST_ROWS = 10  # without which there are no statistics
 FRAMES = 24
 
 
@@ -144,7 +145,7 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
     limit = effort/len(mesh.vertices)
     for _ in range(1 if isEquilibrated else 2):
         run.adapt(limit/8)
-    run.sample(limit/16)
+    run.sample(max(limit/16, LEAST_ROWS*EVALUATIONS_PER_ROW))
     while run.evaluations < limit:
         shape = run.shape()
         time, timeError = _shapeTime(shape, run.motion(), *variances)

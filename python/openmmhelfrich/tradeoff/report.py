@@ -1,5 +1,6 @@
 """What a search found, as a table, a picture, and a configuration to run."""
 import math
+from pathlib import Path
 
 from ..configfile import configText
 from ..files import replacing
@@ -82,6 +83,9 @@ def recommendationText(search, point):
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
     config = apply(search.config, setting, asWritten=True)
     data = config.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    if config.mesh.file is not None:
+        data["mesh"]["file"] = str(Path(config.mesh.file).resolve())  # wherever this is put
+    data.get("output", {}).pop("prefix", None)
     if config.stages:
         data["stages"][-1].update(steps=steps)
         data["stages"][-1].pop("step_size", None)
