@@ -201,6 +201,11 @@ void EdgeFlipState::carryOut(const EdgeFlipBatch& batch, int n) {
     mesh.flip(batch.halfedge[n]);
 }
 
+void EdgeFlipState::findClosePartners() {
+    for (int v = 0; v < mesh.getNumVertices(); v++)
+        findClosePartners(v);
+}
+
 void EdgeFlipState::findClosePartners(int vertex) {
     vertices[vertex].firstPartner = neighbors->lists[vertex].start;
     int *partners = partnersOf(vertex), numClose = 0;
@@ -209,14 +214,6 @@ void EdgeFlipState::findClosePartners(int vertex) {
             swap(partners[n], partners[numClose++]);
     sort(partners, partners+numClose);
     vertices[vertex].numClose = numClose;
-}
-
-void EdgeFlipState::copyPartners(const EdgeFlipState& other) {
-    *neighbors = *other.neighbors;
-    for (int v = 0; v < mesh.getNumVertices(); v++) {
-        vertices[v].firstPartner = other.vertices[v].firstPartner;
-        vertices[v].numClose = other.vertices[v].numClose;
-    }
 }
 
 static int* findPartner(int* first, int* last, int partner) {

@@ -77,11 +77,6 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
         slot.evaluated = NONE;
     fill(lastFlips.begin(), lastFlips.end(), NONE);
     state.setParameters(p);
-    if (needsNeighborList(p)) {
-        #pragma omp parallel for schedule(static) num_threads(numThreads)
-        for (int v = 0; v < mesh.getNumVertices(); v++)
-            state.findClosePartners(v);
-    }
     #pragma omp parallel num_threads(numThreads)
     {
         int thread = omp_get_thread_num();
@@ -90,6 +85,8 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
         else
             prepare(*helpers[thread-1]);
         #pragma omp barrier
+        if (needsNeighborList(p))
+            (thread == 0 ? state : helpers[thread-1]->state).findClosePartners();
         if (thread == 0)
             decideAll();
         else
@@ -103,13 +100,13 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
 }
 
 void EdgeFlipSweep::prepare(Helper& helper) const {
-    // A helper has carried out all flips of earlier sweeps, but does not know of triangles that were replaced.
+    // A helper has carried out all flips of earlier sweeps, but does not know of triangles that were replaced, nor of partners that were found anew or divided since.
 
     if (helper.mesh.getRevision() != mesh.getRevision())
         helper.mesh = mesh;
     helper.state.setParameters(p);
-    if (needsNeighborList(p))
-        helper.state.copyPartners(state);
+    if (needsNeighborList(p) && (helper.neighbors.numBuilds != neighbors->numBuilds || helper.neighbors.revision != mesh.getRevision()))
+        helper.neighbors = *neighbors;
     helper.numSeen = 0;
 }
 
@@ -149,6 +146,8 @@ void EdgeFlipSweep::help(Helper& helper) {
     }
     if (statistics.accepted > 0)
         helper.mesh.markChanged();
+    if (needsNeighborList(p))
+        helper.neighbors.revision = helper.mesh.getRevision();
 }
 
 bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen) {

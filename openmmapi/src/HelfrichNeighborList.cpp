@@ -29,6 +29,7 @@ void HelfrichNeighborList::build(const vector<Vec3>& positions, double cutoff) {
         partners.insert(partners.end(), list.begin(), list.end());
     }
     revision = -1;
+    numBuilds++;
 }
 
 void HelfrichNeighborList::divide(const HelfrichMesh& mesh) {

@@ -99,6 +99,7 @@ void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
     candidates.lists.resize(reference.size());
     candidates.partners.clear();
     candidates.revision = -1;
+    candidates.numBuilds++;
     for (size_t v = 0; v < reference.size(); v++) {
         int start = candidates.partners.size();
         addCandidates(v, (onset+skin)*(onset+skin));

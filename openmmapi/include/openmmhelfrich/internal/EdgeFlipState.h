@@ -35,13 +35,9 @@ public:
         p = parameters;
     }
     /**
-     * Find the partners of a vertex that are closer than the repulsion's onset.
+     * Find the partners of each vertex that are closer than the repulsion's onset.
      */
-    void findClosePartners(int vertex);
-    /**
-     * Take over another state's partners, divided as they are there, and which are close.
-     */
-    void copyPartners(const EdgeFlipState& other);
+    void findClosePartners();
     /**
      * Evaluate attempts of a batch, from the first up to the last, whose halfedges are given: all but their thresholds.
      */
@@ -69,6 +65,7 @@ private:
     bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
     double distance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
+    void findClosePartners(int vertex);
     void setBonded(int vertex, int other);
     void setApart(int vertex, int other);
     int* partnersOf(int vertex) const {

@@ -20,6 +20,8 @@ struct OPENMM_EXPORT_HELFRICH HelfrichNeighborList {
     std::vector<int> partners;
     /// the revision of the mesh that tells who is bonded
     long long revision = -1;
+    /// how often the partners were found anew
+    long long numBuilds = 0;
     /**
      * Find the partners of all vertices: those that are closer than a cutoff.
      *
