@@ -183,7 +183,7 @@ def test_flips_with_brownian_dynamics():
     force.setVolumeModulus(500)
     force.setTargetVolume(mesh.volume)
     edge = mesh.edgeLengths.mean()
-    force.setTether(20, 0.5*edge, 1.5*edge, 2)
+    force.setTether(20, 0.7*edge, 1.4*edge, 2)  # with wider bounds a needle-shaped triangle, now and then, is too stiff for the step
     brownian, flips = mm.BrownianIntegrator(300, 1000, 0.01), mh.EdgeFlipIntegrator(300, 0.1)
     brownian.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
@@ -192,10 +192,10 @@ def test_flips_with_brownian_dynamics():
     integrator.step(10000)
     virials = []
     for _ in range(6000):
-        integrator.step(10)
+        integrator.step(20)
         x = positionsOf(context)
         virials.append(-np.sum((x-x.mean(axis=0))*forcesOf(context)))
-    # Ten parts of the run differ by 18%: the mean has an error of 6%.
+    # Eight runs with other random numbers came to 311 with a standard deviation of 15, where 307 is to be expected.
     assert np.mean(virials) == pytest.approx(3*(len(mesh.vertices)-1)*300/kelvin(1), rel=0.2)
     assert flips.getNumAccepted() > 10000
     mh.Mesh(positionsOf(context), force.getTrianglesInContext(context)).check()
