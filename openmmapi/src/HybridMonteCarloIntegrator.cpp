@@ -146,60 +146,63 @@ void HybridMonteCarloIntegrator::setStepsPerTrajectory(int steps) {
         throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one whose number of steps can be set");
 }
 
+template <class Value, class Result>
+static Value getFrom(const HamiltonianTrajectoryIntegrator* native, Result (HamiltonianTrajectoryIntegrator::*get)() const, const Value& defaultValue) {
+    return native == NULL ? defaultValue : (native->*get)();
+}
+
+template <class Value, class Argument>
+static void setIn(HamiltonianTrajectoryIntegrator* native, void (HamiltonianTrajectoryIntegrator::*set)(Argument), const Value& value, const Value& defaultValue, const string& problem) {
+    // Other integrators have but the default.
+
+    if (native != NULL)
+        (native->*set)(value);
+    else if (value != defaultValue)
+        throw OpenMMException("HybridMonteCarloIntegrator: "+problem);
+}
+
 string HybridMonteCarloIntegrator::getForcePrecision() const {
-    HamiltonianTrajectoryIntegrator* native = getNative();
-    return native == NULL ? "double" : native->getForcePrecision();
+    return getFrom(getNative(), &HamiltonianTrajectoryIntegrator::getForcePrecision, string("double"));
 }
 
 void HybridMonteCarloIntegrator::setForcePrecision(const string& precision) {
-    if (HamiltonianTrajectoryIntegrator* native = getNative())
-        native->setForcePrecision(precision);
-    else if (precision != "double")
-        throw OpenMMException("HybridMonteCarloIntegrator: the precision of forces is '"+precision+"'; integrator 0 is not one for which it can be other than 'double'");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setForcePrecision, precision, string("double"),
+          "the precision of forces is '"+precision+"'; integrator 0 is not one for which it can be other than 'double'");
 }
 
 double HybridMonteCarloIntegrator::getTrajectoryJitter() const {
-    return getNative() == NULL ? 0 : getNative()->getTrajectoryJitter();
+    return getFrom(getNative(), &HamiltonianTrajectoryIntegrator::getTrajectoryJitter, 0.0);
 }
 
 void HybridMonteCarloIntegrator::setTrajectoryJitter(double jitter) {
-    if (HamiltonianTrajectoryIntegrator* native = getNative())
-        native->setTrajectoryJitter(jitter);
-    else if (jitter != 0)
-        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one whose trajectories can vary in length: it must be a HamiltonianTrajectoryIntegrator");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setTrajectoryJitter, jitter, 0.0,
+          "integrator 0 is not one whose trajectories can vary in length: it must be a HamiltonianTrajectoryIntegrator");
 }
 
 string HybridMonteCarloIntegrator::getSplitting() const {
-    return getNative() == NULL ? "leapfrog" : getNative()->getSplitting();
+    return getFrom(getNative(), &HamiltonianTrajectoryIntegrator::getSplitting, string("leapfrog"));
 }
 
 void HybridMonteCarloIntegrator::setSplitting(const string& splitting) {
-    if (HamiltonianTrajectoryIntegrator* native = getNative())
-        native->setSplitting(splitting);
-    else if (splitting != "leapfrog")
-        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no splitting but its own: it must be a HamiltonianTrajectoryIntegrator");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setSplitting, splitting, string("leapfrog"),
+          "integrator 0 has no splitting but its own: it must be a HamiltonianTrajectoryIntegrator");
 }
 
 int HybridMonteCarloIntegrator::getTetherSubsteps() const {
-    return getNative() == NULL ? 1 : getNative()->getTetherSubsteps();
+    return getFrom(getNative(), &HamiltonianTrajectoryIntegrator::getTetherSubsteps, 1);
 }
 
 void HybridMonteCarloIntegrator::setTetherSubsteps(int substeps) {
-    if (HamiltonianTrajectoryIntegrator* native = getNative())
-        native->setTetherSubsteps(substeps);
-    else if (substeps != 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setTetherSubsteps, substeps, 1, "integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
 }
 
 double HybridMonteCarloIntegrator::getMomentumRefreshment() const {
-    return getNative() == NULL ? 1 : getNative()->getMomentumRefreshment();
+    return getFrom(getNative(), &HamiltonianTrajectoryIntegrator::getMomentumRefreshment, 1.0);
 }
 
 void HybridMonteCarloIntegrator::setMomentumRefreshment(double refreshment) {
-    if (HamiltonianTrajectoryIntegrator* native = getNative())
-        native->setMomentumRefreshment(refreshment);
-    else if (refreshment != 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: integrator 0 is not one that keeps a part of its velocities: it must be a HamiltonianTrajectoryIntegrator");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setMomentumRefreshment, refreshment, 1.0,
+          "integrator 0 is not one that keeps a part of its velocities: it must be a HamiltonianTrajectoryIntegrator");
 }
 
 double HybridMonteCarloIntegrator::getFlipFraction() const {
