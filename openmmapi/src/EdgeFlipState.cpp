@@ -10,10 +10,9 @@ using namespace std;
 EdgeFlipState::EdgeFlipState(HelfrichMesh& mesh) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), vertices(mesh.getNumVertices()), neighbors(NULL) {
 }
 
-void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors) {
-    this->neighbors = neighbors;
+void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first, int last) {
     const vector<int>& particles = mesh.getParticles();
-    for (int v = 0; v < mesh.getNumVertices(); v++) {
+    for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
         vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], 0, 0};
     }

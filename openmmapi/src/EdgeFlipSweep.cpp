@@ -52,12 +52,16 @@ void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGe
     totals.area = geometry.area;
     totals.volume = geometry.volume;
     totals.curvature = geometry.integratedMeanCurvature;
+    state.setNeighbors(neighbors);
+    const int CHUNK = 1024, numVertices = mesh.getNumVertices();
     #pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int i = 0; i < numThreads; i++)
-        if (i == 0)
-            state.setPositions(positions, geometry, neighbors);
-        else
-            helpers[i-1]->state.setPositions(positions, geometry, &helpers[i-1]->neighbors);
+    for (int begin = 0; begin < numVertices; begin += CHUNK) {
+        // To read them once for all threads' states takes less time than to let each thread fill its own.
+        int end = min(begin+CHUNK, numVertices);
+        state.setPositions(positions, geometry, begin, end);
+        for (auto& helper : helpers)
+            helper->state.setPositions(positions, geometry, begin, end);
+    }
 }
 
 EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts, const Philox& random, long long sweep,

@@ -58,7 +58,8 @@ public:
     std::vector<int> neighbors;
 private:
     void fillSlots(const HelfrichMesh& mesh, int begin, int end);
-    void fillGroups();
+    void measureGroup(int g);
+    void placeGroups();
     void fillRings(const HelfrichMesh& mesh, int g, std::vector<int>& tips);
 };
 

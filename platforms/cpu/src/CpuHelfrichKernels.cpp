@@ -383,8 +383,8 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
     #pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int slot = 0; slot < mesh->getNumVertices(); slot++) {
-        int vertex = layout.vertices[slot];
+    for (int vertex = 0; vertex < mesh->getNumVertices(); vertex++) {
+        int slot = layout.slots[vertex];
         geometry.vertexAreas[vertex] = arrays.areas[slot];
         geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
     }

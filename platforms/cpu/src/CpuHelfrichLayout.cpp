@@ -4,6 +4,11 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
+/**
+ * How long before its turn a vertex's first triangle is asked for: it may be in no cache.
+ */
+static const int SLOTS_AHEAD = 32;
+
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
     int numGroups = (mesh.getNumVertices()+width-1)/width;
@@ -20,10 +25,14 @@ void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
     #pragma omp parallel num_threads(numThreads)
     {
         #pragma omp for schedule(static)
-        for (int begin = 0; begin < numVertices; begin += PATCH)
-            fillSlots(mesh, begin, min(begin+PATCH, numVertices));
+        for (int begin = 0; begin < numVertices; begin += PATCH) {
+            int end = min(begin+PATCH, numVertices);
+            fillSlots(mesh, begin, end);
+            for (int g = begin/width; g*width < end; g++)
+                measureGroup(g);
+        }
         #pragma omp single
-        fillGroups();
+        placeGroups();
         vector<int> tips;
         #pragma omp for schedule(static)
         for (int g = 0; g < getNumGroups(); g++)
@@ -52,14 +61,16 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) 
     }
 }
 
-void CpuHelfrichLayout::fillGroups() {
+void CpuHelfrichLayout::measureGroup(int g) {
+    const int* valence = &valences[g*width];
+    groups[g].length = *max_element(valence, valence+width);
+    groups[g].isPadded = (*min_element(valence, valence+width) != groups[g].length);
+}
+
+void CpuHelfrichLayout::placeGroups() {
     int start = 0;
-    for (int g = 0; g < getNumGroups(); g++) {
-        const int* valence = &valences[g*width];
-        Group& group = groups[g];
+    for (Group& group : groups) {
         group.start = start;
-        group.length = *max_element(valence, valence+width);
-        group.isPadded = (*min_element(valence, valence+width) != group.length);
         start += group.length*width;
     }
     neighbors.resize(start);
@@ -72,6 +83,8 @@ void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, int g, vector<int>& 
     int* ring = &neighbors[group.start];
     int halfedge[MAX_WIDTH], lowest[MAX_WIDTH], start[MAX_WIDTH] = {};
     tips.resize(group.length*width);
+    for (int slot = min(g*width+SLOTS_AHEAD, (int) vertices.size()-width), last = slot+width; slot < last; slot++)
+        mesh.prefetch(mesh.outgoing(vertices[slot]));
     for (int lane = 0; lane < width; lane++)
         halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[g*width+lane]);
     for (int i = 0; i < group.length; i++)

@@ -24,13 +24,20 @@ public:
         return parameters.repulsionModulus != 0 && parameters.repulsionExclusionLevel == 2;
     }
     /**
-     * Set where the vertices are.
+     * Set where the vertices from the first up to the last are.
      *
      * @param positions  the position of each particle
      * @param geometry   the areas and curvatures at these positions
-     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Flips divide them as they do the mesh
+     * @param first      the number of the first vertex
+     * @param last       the number of the vertex after the last
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors);
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first, int last);
+    /**
+     * Set the list of each vertex's partners, which is needed if needsNeighborList().  Flips divide them as they do the mesh.
+     */
+    void setNeighbors(HelfrichNeighborList* neighbors) {
+        this->neighbors = neighbors;
+    }
     void setParameters(const HelfrichParameters& parameters) {
         p = parameters;
     }

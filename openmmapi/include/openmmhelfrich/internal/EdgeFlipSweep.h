@@ -103,6 +103,7 @@ private:
      */
     struct alignas(64) Helper {
         explicit Helper(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
+            state.setNeighbors(&neighbors);
         }
         HelfrichMesh mesh;
         HelfrichNeighborList neighbors;
