@@ -14,8 +14,12 @@ void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGe
     const vector<int>& particles = mesh.getParticles();
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
-        vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], 0, 0};
+        vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], 0, 0, mesh.valence(v)};
     }
+}
+
+void EdgeFlipState::setPositions(const EdgeFlipState& other, int first, int last) {
+    copy(other.vertices.begin()+first, other.vertices.begin()+last, vertices.begin()+first);
 }
 
 void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last) const {
@@ -117,11 +121,11 @@ void EdgeFlipState::findForbidden(EdgeFlipBatch& batch, int first, int last) con
     Walks walks;
     for (int n = first; n < last; n++) {
         int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
-        if (mesh.valence(k) <= mesh.valence(l))
-            walks.begin(mesh.opposite(mesh.next(h)), mesh.valence(k)-2, l);
+        if (vertices[k].valence <= vertices[l].valence)
+            walks.begin(mesh.opposite(mesh.next(h)), vertices[k].valence-2, l);
         else
-            walks.begin(mesh.opposite(mesh.next(o)), mesh.valence(l)-2, k);
-        batch.attempts[n].isForbidden = (mesh.isFixed(h) || mesh.valence(batch.vertex[0][n]) <= 3 || mesh.valence(batch.vertex[1][n]) <= 3);
+            walks.begin(mesh.opposite(mesh.next(o)), vertices[l].valence-2, k);
+        batch.attempts[n].isForbidden = (mesh.isFixed(h) || vertices[batch.vertex[0][n]].valence <= 3 || vertices[batch.vertex[1][n]].valence <= 3);
     }
     walks.finish(mesh);
     for (int n = first; n < last; n++)
@@ -189,6 +193,7 @@ void EdgeFlipState::carryOut(const EdgeFlipBatch& batch, int n) {
         vertex.area += batch.vertexArea[i][n];
         if (p.needsCurvature())
             vertex.curvature += batch.vertexCurvature[i][n];
+        vertex.valence += (i < 2 ? -1 : 1);
     }
     if (needsNeighborList(p)) {
         int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];

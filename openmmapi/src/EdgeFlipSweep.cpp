@@ -53,14 +53,14 @@ void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGe
     totals.volume = geometry.volume;
     totals.curvature = geometry.integratedMeanCurvature;
     state.setNeighbors(neighbors);
-    const int CHUNK = 1024, numVertices = mesh.getNumVertices();
+    const int CHUNK = 256, numVertices = mesh.getNumVertices();
     #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int begin = 0; begin < numVertices; begin += CHUNK) {
-        // To read them once for all threads' states takes less time than to let each thread fill its own.
+        // To gather them once for the states of all threads takes less time than to let each thread fill its own.
         int end = min(begin+CHUNK, numVertices);
         state.setPositions(positions, geometry, begin, end);
         for (auto& helper : helpers)
-            helper->state.setPositions(positions, geometry, begin, end);
+            helper->state.setPositions(state, begin, end);
     }
 }
 

@@ -15,6 +15,7 @@ struct alignas(64) EdgeFlipVertex {
     double x, y, z, area, curvature;
     /// the list of its partners, and how many of those apart are closer than the repulsion's onset
     int firstPartner, numClose;
+    int valence;
 };
 
 /**

@@ -33,6 +33,10 @@ public:
      */
     void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first, int last);
     /**
+     * Set the same as another state of the membrane has them.
+     */
+    void setPositions(const EdgeFlipState& other, int first, int last);
+    /**
      * Set the list of each vertex's partners, which is needed if needsNeighborList().  Flips divide them as they do the mesh.
      */
     void setNeighbors(HelfrichNeighborList* neighbors) {
