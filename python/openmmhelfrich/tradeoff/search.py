@@ -21,8 +21,7 @@ from .minimiser import FACTORS, Minimum, minimise
 from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
 
 AUTOMATIC = {"sampling.step_size": "auto"}
-REFERENCE = {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, "sampling.flip_fraction": 1.0}
-EQUILIBRATION = 600  # Monte Carlo steps
+EQUILIBRATION = 600  # Monte Carlo steps at least
 HOPELESS = 3.0  # a setting that costs so many times more than the best one is not measured any better
 AVERAGES = ("bending", "area", "volume")
 WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was, which is known to some 20% only
@@ -90,7 +89,7 @@ class Search:
         """
         available = self._axes()
         self._measure("scene", {}, {}, 2*self._effort)
-        self._measure("reference", REFERENCE, {}, 2*self._effort, accuracy=self.error/4)
+        self._measure("reference", self._reference(), {}, 2*self._effort, accuracy=self.error/4)
         best = self._descend(available)
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
@@ -147,6 +146,10 @@ class Search:
         if unknown:
             raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
         return [axis for axis in available if self._names is None or axis.name in self._names]
+
+    def _reference(self):
+        """Return the scene's own distribution with short steps, and with moves that reach all of it."""
+        return {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, **_moves(self.scene)}
 
     def _descend(self, available):
         """Go through the axes once, from each with the best choice to the next, and return the point at the end after a longer run there."""
@@ -241,16 +244,15 @@ class Search:
         scene.stages = []
         return scene, Mesh.read(file)
 
-    @staticmethod
-    def _prepare(scene, mesh, last, file):
+    def _prepare(self, scene, mesh, last, file):
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
         # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
-        fast = apply(scene, {"sampling.flip_fraction": max(1.0, scene.sampling.flip_fraction), "sampling.trajectory_jitter": 0.5,
-                             "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
+        fast = apply(scene, {**_moves(scene), "sampling.trajectory_jitter": 0.5, "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
+        equilibration = max(EQUILIBRATION, int(self._effort/len(mesh.vertices)/75))
         mesh, targets = _advance(fast, mesh, fast.stages[:-1])
         tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
         for i, tether in enumerate(tethers):
-            config, steps = apply(fast, tether), EQUILIBRATION//10 if 0 < i < len(tethers)-1 else EQUILIBRATION
+            config, steps = apply(fast, tether), equilibration//10 if 0 < i < len(tethers)-1 else equilibration
             _setTargets(config, targets)
             mesh, targets = _advance(config, mesh, [SampleStage(**{**last.model_dump(), "steps": steps, "step_size": "auto"})])
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -275,6 +277,12 @@ class Search:
     def _identity(self):
         scene = self.scene.model_dump(mode="json", exclude_none=True, exclude={"output"})
         return {**scene, "versions": versions()}
+
+
+def _moves(scene):
+    """Return a setting with many flips and some shear waves, which change no distribution."""
+    sampling = scene.sampling
+    return {"sampling.flip_fraction": max(1.0, sampling.flip_fraction), "sampling.shear_wave_probability": max(0.2*(1-sampling.flip_probability), sampling.shear_wave_probability)}
 
 
 def _isAlike(point):
