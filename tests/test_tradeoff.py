@@ -140,6 +140,15 @@ def test_search(searched):
     assert (prefix.parent/"a.png").stat().st_size > 10000
 
 
+def test_what_lacks_a_term_has_a_shape_of_its_own(searched):
+    """Its correlation time comes from its own variance, and tells nothing of that of others."""
+    search, _, _ = searched
+    without = [point for point in search.points if point.axis == "terms" and point.measurement]
+    assert any(point.choice == {"tether.modulus": 0.0} for point in without)
+    for point in without:
+        assert search.time(point) == point.measurement.shapeTime()
+
+
 def test_recommendation_runs(searched, tmp_path):
     """The configuration that is written is one that runs, and its averages are those of the reference, as far as so short a search can tell."""
     search, best, prefix = searched

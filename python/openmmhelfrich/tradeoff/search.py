@@ -18,7 +18,7 @@ from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
-from .settings import COARSER, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
+from .settings import COARSER, MODULI, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
 
 AUTOMATIC = {"sampling.step_size": "auto"}
 EQUILIBRATION = 600  # Monte Carlo steps at least
@@ -286,8 +286,8 @@ def _moves(scene):
 
 
 def _isAlike(point):
-    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it."""
-    return not any(name.startswith(("membrane.", "mesh.")) for name in point.setting)
+    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it, unless it is left out."""
+    return not any(name.startswith(("membrane.", "mesh.")) or name in MODULI.values() and value == 0 for name, value in point.setting.items())
 
 
 def _advance(config, mesh, stages):
