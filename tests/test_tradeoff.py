@@ -11,7 +11,7 @@ from openmmhelfrich.analysis import gyrationTensor
 from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.studies import run
 from openmmhelfrich.tradeoff import tradeoff
-from openmmhelfrich.tradeoff.measure import forceError, measure
+from openmmhelfrich.tradeoff.measure import forceError, measure, timeOf
 from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
 from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
 from openmmhelfrich.simulation import createForce, loadMesh, resolve
@@ -60,6 +60,16 @@ def test_times_longer_than_a_series(correlation):
     time, error = motion.time([1.0]*5, 0.0)
     assert error < 0.35 and time == pytest.approx(3*(1+correlation)/(1-correlation), rel=2.5*error)
     assert motion.time([1.0]*5, 0.3)[1] > error
+
+
+def test_a_slow_creep_behind_a_fast_decay():
+    """Where a run is too short to know its time, but knows that there is more than the first decay, this counts."""
+    fast, slow = knownProcess(0.9, 20000, 10), knownProcess(0.999, 20000, 10)
+    series = math.sqrt(0.7)*fast[:, :5]+math.sqrt(0.3)*slow[:, 5:]
+    shape, motion = observe(series), Motion.of(series)
+    time, error = timeOf(shape, motion, [1.0]*5, 0.0)
+    assert shape.timeError > 0.3 and motion.time([1.0]*5, 0.0)[0] < 0.3*time
+    assert time == pytest.approx(0.7*19+0.3*1999, rel=2.5*error)
 
 
 def test_what_does_not_move_has_no_time():

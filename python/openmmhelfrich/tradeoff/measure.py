@@ -83,7 +83,7 @@ class Measurement:
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
     def shapeTime(self, variances=None, error=0.0):
-        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error: by :meth:`Motion.time` where the run is too short to know it by itself.
+        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.  Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Measurement:
         error : float
             their relative standard error
         """
-        return _shapeTime(self.observables["shape"], self.motion, variances, error)
+        return timeOf(self.observables["shape"], self.motion, variances, error)
 
     @property
     def isShort(self):
@@ -105,9 +105,14 @@ class Measurement:
         return self.evaluations/self.steps
 
 
-def _shapeTime(shape, motion, variances, error):
+def timeOf(shape, motion, variances, error):
+    """Return the integrated autocorrelation time of the Observable and the Motion of a shape, and its relative standard error: see :meth:`Measurement.shapeTime`."""
     own = shape.time, shape.timeError
-    return own if variances is None or shape.timeError < TOO_SHORT else min(own, motion.time(variances, error), key=lambda time: time[1])
+    if variances is None or shape.timeError < TOO_SHORT:
+        return own
+    # In a short run both are too small: the one knows a part of the variance only, the other the first decay of the correlation only.
+    moved = motion.time(variances, error)
+    return max(own, moved) if math.isfinite(moved[0]) else own
 
 
 def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)):
@@ -148,7 +153,7 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
     run.sample(max(limit/16, LEAST_ROWS*EVALUATIONS_PER_ROW))
     while run.evaluations < limit:
         shape = run.shape()
-        time, timeError = _shapeTime(shape, run.motion(), *variances)
+        time, timeError = timeOf(shape, run.motion(), *variances)
         surely = (1-2*timeError)*time*run.evaluations/run.steps if timeError < 0.5 else 0.0
         if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
             break
