@@ -139,7 +139,7 @@ def test_search(searched):
     """All axes are measured, the recommendation keeps within the error and costs no more than what it is chosen from."""
     search, best, prefix = searched
     assert [point.axis for point in search.points[:3]] == ["scene", "reference", "step size"]
-    assert {"tether", "length", "jitter", "momenta", "acceptance", "flip probability", "flip fraction", "constraints", "terms"} <= {point.axis for point in search.points}
+    assert {"tether", "moves together", "length", "jitter", "momenta", "acceptance", "flip probability", "flip fraction", "constraints", "terms"} <= {point.axis for point in search.points}
     assert best is not None and search.bias(best) <= search.error
     assert search.gain(best) > 2, "steps of a tenth of what they could be"
     table = (prefix.parent/"a.md").read_text().splitlines()

@@ -14,6 +14,9 @@ MODULI = {"bending": "membrane.bending_modulus", "area": "membrane.area_modulus"
           "areaDifference": "membrane.area_difference_modulus", "tether": "tether.modulus", "repulsion": "repulsion.modulus"}
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
 
+# Of moves that help each other no single one may pay: more flips let the shape relax that kept momenta carry away.
+TOGETHER = {"sampling.flip_fraction": 1.0, "sampling.trajectory_jitter": 0.3, "sampling.momentum_refreshment": 0.5, "sampling.target_acceptance": 0.9}
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -52,6 +55,7 @@ def axes(config, scene, edge):
     """
     return [axis for axis in (
         Axis("tether", _tethers(scene, edge)),
+        Axis("moves together", [TOGETHER]),
         Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
         Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
         Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
