@@ -248,7 +248,7 @@ class Search:
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
         # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
         fast = apply(scene, {**_moves(scene), "sampling.trajectory_jitter": 0.5, "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
-        equilibration = max(EQUILIBRATION, int(self._effort/len(mesh.vertices)/75))
+        equilibration = max(EQUILIBRATION, int(2*self._effort/len(mesh.vertices)/150))  # at some 150 evaluations a step twice what a setting takes
         mesh, targets = _advance(fast, mesh, fast.stages[:-1])
         tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
         for i, tether in enumerate(tethers):

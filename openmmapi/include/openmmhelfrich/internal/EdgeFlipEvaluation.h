@@ -15,6 +15,7 @@ struct alignas(64) EdgeFlipVertex {
     double x, y, z, area, curvature;
     /// the list of its partners, and how many of those apart are closer than the repulsion's onset
     int firstPartner, numClose;
+    /// as the mesh has it, too: there it is in another line, which in large membranes is in no near cache
     int valence;
 };
 
