@@ -235,13 +235,13 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
                                                 const EdgeFlipSweep::Observer& observer) {
     HelfrichParameters parameters = getParameters(context);
     requirePositions(context);
-    context.getPositions(positions);
-    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, sweepGeometry);
+    CalcHelfrichForceKernel& calculation = kernel.getAs<CalcHelfrichForceKernel>();
+    calculation.computeGeometry(context, sweepGeometry);
     checkGeometry(context, sweepGeometry, parameters.needsCurvature());
     HelfrichNeighborList* neighbors = NULL;
     if (EdgeFlipSweep::needsNeighborList(parameters))
-        neighbors = &kernel.getAs<CalcHelfrichForceKernel>().getNeighborList(context, parameters.repulsionOnset);
-    sweep->setPositions(positions, sweepGeometry, neighbors);
+        neighbors = &calculation.getNeighborList(context, parameters.repulsionOnset);
+    sweep->setPositions(calculation.getPositions(context), sweepGeometry, neighbors);
     EdgeFlipStatistics statistics = sweep->execute(parameters, kT, numAttempts, random, sweepIndex, observer);
     context.systemChanged();
     return statistics;

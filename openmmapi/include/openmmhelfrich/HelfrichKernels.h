@@ -43,6 +43,12 @@ public:
      */
     virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) = 0;
     /**
+     * Get the positions of all particles, which the Context has at hand until they change.
+     *
+     * @param context  the Context in which to execute the kernel
+     */
+    virtual const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context) = 0;
+    /**
      * Compute areas, volume and curvatures.
      *
      * @param context        the Context in which to execute the kernel

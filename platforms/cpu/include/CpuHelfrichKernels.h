@@ -46,6 +46,7 @@ public:
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
+    const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
     HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeTrajectory() const {

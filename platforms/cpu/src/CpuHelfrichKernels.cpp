@@ -358,6 +358,10 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
+const vector<Vec3>& CpuCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
+    return *getData(context).positions;
+}
+
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     HelfrichParameters parameters;

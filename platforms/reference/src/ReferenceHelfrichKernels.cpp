@@ -42,6 +42,10 @@ bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const Helfr
     return isFinite;
 }
 
+const vector<Vec3>& ReferenceCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
+    return *getData(context).positions;
+}
+
 void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     auto x = getVertexPositions(context);
     ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);

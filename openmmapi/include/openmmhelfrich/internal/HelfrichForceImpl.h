@@ -86,7 +86,6 @@ private:
     std::unique_ptr<HelfrichMesh> mesh;
     std::unique_ptr<EdgeFlipSweep> sweep;
     OpenMM::Kernel kernel;
-    std::vector<OpenMM::Vec3> positions;
     HelfrichGeometry sweepGeometry;
 };
 
