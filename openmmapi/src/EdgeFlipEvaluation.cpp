@@ -16,33 +16,33 @@ typedef Vector3<Simd> Point;
  */
 class Attempts {
 public:
-    Attempts(const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first) : data(&vertices[0].x), batch(batch), first(first) {
+    Attempts(const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first) : vertices(vertices), batch(batch), first(first) {
     }
     Point position(int n) const {
+        int offsets[WIDTH];
+        for (int lane = 0; lane < WIDTH; lane++)
+            offsets[lane] = batch.vertex[n][first+lane]*int(sizeof(EdgeFlipVertex)/sizeof(double));
         Point x;
-        loadPoints(data, offsets(n).of, x.x, x.y, x.z);
+        loadPoints(&vertices[0].x, offsets, x.x, x.y, x.z);
         return x;
     }
     Simd area(int n) const {
-        return loadStrided(data+3, offsets(n).of);
+        Simd result;
+        for (int lane = 0; lane < WIDTH; lane++)
+            result[lane] = vertices[batch.vertex[n][first+lane]].area;
+        return result;
     }
     Simd curvature(int n) const {
-        return loadStrided(data+4, offsets(n).of);
+        Simd result;
+        for (int lane = 0; lane < WIDTH; lane++)
+            result[lane] = vertices[batch.vertex[n][first+lane]].curvature;
+        return result;
     }
     void set(double (&results)[EdgeFlipBatch::SIZE], Simd values) const {
         store(results+first, values);
     }
 private:
-    struct Offsets {
-        int of[WIDTH];
-    };
-    Offsets offsets(int n) const {
-        Offsets result;
-        for (int lane = 0; lane < WIDTH; lane++)
-            result.of[lane] = batch.vertex[n][first+lane]*int(sizeof(EdgeFlipVertex)/sizeof(double));
-        return result;
-    }
-    const double* data;
+    const EdgeFlipVertex* vertices;
     EdgeFlipBatch& batch;
     int first;
 };

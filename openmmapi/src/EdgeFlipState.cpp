@@ -7,6 +7,11 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
+/**
+ * The attempts that are computed in turn with other things: as many as the widest vector has.
+ */
+static const int GROUP = 8;
+
 EdgeFlipState::EdgeFlipState(HelfrichMesh& mesh) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), vertices(mesh.getNumVertices()), neighbors(NULL) {
 }
 
@@ -14,7 +19,7 @@ void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGe
     const vector<int>& particles = mesh.getParticles();
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
-        vertices[v] = {x[0], x[1], x[2], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], 0, 0, mesh.valence(v)};
+        vertices[v] = {x[0], x[1], x[2], 0, geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v], 0, mesh.valence(v)};
     }
 }
 
@@ -22,22 +27,79 @@ void EdgeFlipState::setPositions(const EdgeFlipState& other, int first, int last
     copy(other.vertices.begin()+first, other.vertices.begin()+last, vertices.begin()+first);
 }
 
-void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last) const {
-    prefetchStencils(batch, first, last);
+/**
+ * Walks around vertices to see if they are bonded to others.  All go on at the same time, and those that are around before the others begin again: no branch depends on a valence,
+ * which no processor could predict.
+ */
+class EdgeFlipState::Walks {
+public:
+    static const int MAX = EdgeFlipBatch::SIZE;
+    /**
+     * Begin a walk.
+     *
+     * @param mesh      the connectivity
+     * @param halfedge  starts from the vertex to go around; the apex of the triangle after its own is the first neighbor on the way
+     * @param numSteps  the number of neighbors to see
+     * @param wanted    the vertex to look for
+     * @param isFound   whether it is known to be there
+     */
+    void begin(const HelfrichMesh& mesh, int halfedge, int numSteps, int wanted, bool isFound=false) {
+        mesh.prefetch(halfedge);
+        halfedges[count] = halfedge;
+        this->wanted[count] = wanted;
+        this->isFound[count++] = isFound;
+        stepsLeft = max(stepsLeft, numSteps);
+    }
+    /**
+     * Make a step of all walks, unless they are done.
+     */
+    void step(const HelfrichMesh& mesh) {
+        if (stepsLeft == 0)
+            return;
+        stepsLeft--;
+        for (int n = 0; n < count; n++) {
+            int last = mesh.previous(halfedges[n]);
+            isFound[n] |= (mesh.outer(last) == wanted[n]);
+            halfedges[n] = mesh.opposite(last);
+            mesh.prefetch(halfedges[n]);
+        }
+    }
+    void finish(const HelfrichMesh& mesh) {
+        while (stepsLeft > 0)
+            step(mesh);
+    }
+    void clear() {
+        count = stepsLeft = 0;
+    }
+    bool isFound[MAX];
+    int count = 0;
+private:
+    int halfedges[MAX], wanted[MAX], stepsLeft = 0;
+};
+
+void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last, const EdgeFlipBatch* upcoming) const {
+    // In large membranes nearly everything is in no near cache.  Vectors, steps of the walks and requests for the upcoming batch take turns, so that what is needed later comes
+    // from memory while the vectors are computed.
+
+    Walks walks;
+    if (upcoming != NULL)
+        for (int n = 0; n < upcoming->numAttempts; n++)
+            mesh.prefetch(upcoming->halfedge[n]);
     for (int n = first; n < last; n++)
         findStencil(batch, n);
-    findForbidden(batch, first, last);
-    evaluation.evaluate(p, vertices.data(), batch, first, last);
-    for (int n = first; n < last; n++) {
-        EdgeFlipAttempt& attempt = batch.attempts[n];
-        attempt.energy = batch.energy[n];
-        attempt.area = batch.area[n];
-        attempt.volume = batch.volume[n];
-        attempt.curvature = batch.curvature[n];
-        for (int i = 0; i < 4; i++)
-            attempt.vertex[i] = batch.vertex[i][n];
-        attempt.dependsOnPartners = false;
+    for (int n = first; n < last; n++)
+        beginWalk(walks, batch, n);
+    for (int group = first; group < last; group += GROUP) {
+        if (upcoming != NULL)
+            prefetchStencils(*upcoming, group);
+        evaluation.evaluate(p, vertices.data(), batch, group, min(group+GROUP, last));
+        walks.step(mesh);
     }
+    if (upcoming != NULL)
+        prefetchStencils(*upcoming, last);
+    walks.finish(mesh);
+    for (int n = first; n < last; n++)
+        collect(batch, n, walks.isFound[n-first]);
     if (needsNeighborList(p))
         findRepulsion(batch, first, last);
     else if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
@@ -45,18 +107,28 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last) const {
             batch.attempts[n].energy += pairEnergy(batch.vertex[0][n], batch.vertex[1][n])-pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
 }
 
-void EdgeFlipState::prefetchStencils(const EdgeFlipBatch& batch, int first, int last) const {
-    // Data of many attempts on its way from memory at the same time is what makes large membranes fast.
+void EdgeFlipState::collect(EdgeFlipBatch& batch, int n, bool areBonded) const {
+    EdgeFlipAttempt& attempt = batch.attempts[n];
+    attempt.energy = batch.energy[n];
+    attempt.area = batch.area[n];
+    attempt.volume = batch.volume[n];
+    attempt.curvature = batch.curvature[n];
+    for (int i = 0; i < 4; i++)
+        attempt.vertex[i] = batch.vertex[i][n];
+    attempt.isForbidden = (areBonded || mesh.isFixed(batch.halfedge[n]) || vertices[attempt.vertex[0]].valence <= 3 || vertices[attempt.vertex[1]].valence <= 3);
+    attempt.dependsOnPartners = false;
+}
 
-    for (int n = first; n < last; n++)
-        mesh.prefetch(batch.halfedge[n]);
-    for (int n = first; n < last; n++)
+void EdgeFlipState::prefetchStencils(const EdgeFlipBatch& batch, int first) const {
+    // Each group asks for the triangles opposite, and, as soon as these are there, for the vertices.
+
+    for (int n = first, last = min(first+GROUP, batch.numAttempts); n < last; n++)
         mesh.prefetch(mesh.opposite(batch.halfedge[n]));
-    for (int n = first; n < last; n++) {
+    for (int n = max(0, first-GROUP), last = min(first, batch.numAttempts); n < last; n++) {
         int h = batch.halfedge[n], o = mesh.opposite(h);
         for (int rim : {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)}) {
-            mesh.prefetch(mesh.opposite(rim));
             __builtin_prefetch(&vertices[mesh.origin(rim)]);
+            __builtin_prefetch(&vertices[mesh.outer(rim)]);
         }
     }
 }
@@ -68,68 +140,19 @@ void EdgeFlipState::findStencil(EdgeFlipBatch& batch, int n) const {
     batch.vertex[1][n] = mesh.origin(o);
     batch.vertex[2][n] = mesh.origin(rim[1]);
     batch.vertex[3][n] = mesh.origin(rim[3]);
-    for (int side = 0; side < 4; side++) {
-        int outer = mesh.apex(mesh.opposite(rim[side]));
-        batch.vertex[4+side][n] = outer;
-        __builtin_prefetch(&vertices[outer]);
-    }
+    for (int side = 0; side < 4; side++)
+        batch.vertex[4+side][n] = mesh.outer(rim[side]);
 }
 
-namespace {
+void EdgeFlipState::beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n) const {
+    // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors: four of them are known.
 
-/**
- * Walks around vertices to see if they are bonded to others.  All go on at the same time, and those that are around before the others begin again: no branch depends on a valence,
- * which no processor could predict.
- */
-class Walks {
-public:
-    static const int MAX = EdgeFlipBatch::SIZE;
-    /**
-     * Begin a walk.
-     *
-     * @param halfedge  starts from the vertex to go around; its apex is the first neighbor on the way
-     * @param numSteps  the number of neighbors to see
-     * @param wanted    the vertex to look for
-     */
-    void begin(int halfedge, int numSteps, int wanted) {
-        halfedges[count] = halfedge;
-        this->wanted[count] = wanted;
-        isFound[count++] = false;
-        maxSteps = max(maxSteps, numSteps);
-    }
-    void finish(const HelfrichMesh& mesh) {
-        for (int step = 0; step < maxSteps; step++)
-            for (int n = 0; n < count; n++) {
-                isFound[n] |= (mesh.apex(halfedges[n]) == wanted[n]);
-                halfedges[n] = mesh.rotate(halfedges[n]);
-            }
-    }
-    void clear() {
-        count = maxSteps = 0;
-    }
-    bool isFound[MAX];
-    int count = 0;
-private:
-    int halfedges[MAX], wanted[MAX], maxSteps = 0;
-};
-
-} // namespace
-
-void EdgeFlipState::findForbidden(EdgeFlipBatch& batch, int first, int last) const {
-    // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors, from j on: i and j are known.
-
-    Walks walks;
-    for (int n = first; n < last; n++) {
-        int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
-        if (vertices[k].valence <= vertices[l].valence)
-            walks.begin(mesh.opposite(mesh.next(h)), vertices[k].valence-2, l);
-        else
-            walks.begin(mesh.opposite(mesh.next(o)), vertices[l].valence-2, k);
-        batch.attempts[n].isForbidden = (mesh.isFixed(h) || vertices[batch.vertex[0][n]].valence <= 3 || vertices[batch.vertex[1][n]].valence <= 3);
-    }
-    walks.finish(mesh);
-    for (int n = first; n < last; n++)
-        batch.attempts[n].isForbidden |= walks.isFound[n-first];
+    int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
+    int valenceK = vertices[k].valence, valenceL = vertices[l].valence;
+    bool aroundK = (valenceK <= valenceL);
+    int side = (aroundK ? 4 : 6), wanted = (aroundK ? l : k);
+    bool isFound = (batch.vertex[side][n] == wanted || batch.vertex[side+1][n] == wanted);
+    walks.begin(mesh, mesh.opposite(mesh.next(aroundK ? h : o)), min(valenceK, valenceL)-4, wanted, isFound);
 }
 
 /**
@@ -154,7 +177,7 @@ void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch, int first, int last) con
                 pairs.attempt[pairs.walks.count] = n;
                 pairs.corner[pairs.walks.count] = corner;
                 pairs.partner[pairs.walks.count] = partner;
-                pairs.walks.begin(mesh.outgoing(center), mesh.valence(center), aroundPartner ? middle : partner);
+                pairs.walks.begin(mesh, mesh.outgoing(center), mesh.valence(center), aroundPartner ? middle : partner);
                 if (pairs.walks.count == Walks::MAX)
                     addRepulsion(batch, pairs);
             }
@@ -167,52 +190,75 @@ void EdgeFlipState::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const 
     // The flip takes from i and j, and gives to k and l, the paths to the neighbors of the opposite vertex.  It matters where there is no other path of two edges.
 
     pairs.walks.finish(mesh);
-    for (int m = 0; m < pairs.walks.count; m++)
-        if (pairs.walks.isFound[m]) {
-            int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
-            batch.attempts[n].dependsOnPartners = true;
-            if (!shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
-                batch.attempts[n].energy += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
-        }
+    for (int m = 0; m < pairs.walks.count; m++) {
+        int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
+        batch.attempts[n].dependsOnPartners = true;
+        if (pairs.walks.isFound[m] && !shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
+            batch.attempts[n].energy += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
+    }
     pairs.walks.clear();
 }
 
 bool EdgeFlipState::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
-    int first = mesh.outgoing(vertex1), h = first;
-    do {
-        if (mesh.tip(h) != middle && mesh.areBonded(mesh.tip(h), vertex2))
+    // Only flips at the two vertices may matter, so it looks around these, and not around the neighbors.
+
+    int h = mesh.outgoing(vertex1);
+    for (int n = mesh.valence(vertex1); n > 0; n--) {
+        if (mesh.tip(h) != middle && mesh.isAround(vertex2, mesh.tip(h)))
             return true;
         h = mesh.rotate(h);
-    } while (h != first);
+    }
     return false;
 }
 
-void EdgeFlipState::carryOut(const EdgeFlipBatch& batch, int n) {
+void EdgeFlipState::carryOut(const EdgeFlipList& flips) {
+    prefetch(flips);
+    for (const EdgeFlip& flip : flips)
+        carryOut(flip);
+}
+
+void EdgeFlipState::prefetch(const EdgeFlipList& flips) const {
+    for (const EdgeFlip& flip : flips) {
+        mesh.prefetch(flip.halfedge);
+        for (int vertex : flip.vertex) {
+            __builtin_prefetch(&vertices[vertex]);
+            mesh.prefetchVertex(vertex);
+        }
+    }
+    for (const EdgeFlip& flip : flips) {
+        int h = flip.halfedge;
+        for (int inner : {h, mesh.next(h), mesh.previous(h)})
+            mesh.prefetch(mesh.opposite(inner));
+    }
+    for (const EdgeFlip& flip : flips) {
+        int o = mesh.opposite(flip.halfedge);
+        for (int rim : {mesh.next(o), mesh.previous(o)})
+            mesh.prefetch(mesh.opposite(rim));
+    }
+}
+
+void EdgeFlipState::carryOut(const EdgeFlip& flip) {
     for (int i = 0; i < 4; i++) {
-        EdgeFlipVertex& vertex = vertices[batch.vertex[i][n]];
-        vertex.area += batch.vertexArea[i][n];
+        EdgeFlipVertex& vertex = vertices[flip.vertex[i]];
+        vertex.area += flip.area[i];
         if (p.needsCurvature())
-            vertex.curvature += batch.vertexCurvature[i][n];
+            vertex.curvature += flip.curvature[i];
         vertex.valence += (i < 2 ? -1 : 1);
     }
     if (needsNeighborList(p)) {
-        int i = batch.vertex[0][n], j = batch.vertex[1][n], k = batch.vertex[2][n], l = batch.vertex[3][n];
+        int i = flip.vertex[0], j = flip.vertex[1], k = flip.vertex[2], l = flip.vertex[3];
         setApart(i, j);
         setApart(j, i);
         setBonded(k, l);
         setBonded(l, k);
     }
-    mesh.flip(batch.halfedge[n]);
-}
-
-void EdgeFlipState::findClosePartners() {
-    for (int v = 0; v < mesh.getNumVertices(); v++)
-        findClosePartners(v);
+    mesh.flip(flip.halfedge);
 }
 
 void EdgeFlipState::findClosePartners(int vertex) {
     vertices[vertex].firstPartner = neighbors->lists[vertex].start;
-    int *partners = partnersOf(vertex), numClose = 0;
+    Relaxed<int>* partners = partnersOf(vertex);
+    int numClose = 0;
     for (int n = 0; n < neighbors->lists[vertex].numApart; n++)
         if (distance2(vertex, partners[n]) < p.repulsionOnset*p.repulsionOnset)
             swap(partners[n], partners[numClose++]);
@@ -220,37 +266,46 @@ void EdgeFlipState::findClosePartners(int vertex) {
     vertices[vertex].numClose = numClose;
 }
 
-static int* findPartner(int* first, int* last, int partner) {
+void EdgeFlipState::setClosePartners(const EdgeFlipState& other, int vertex) {
+    vertices[vertex].firstPartner = other.vertices[vertex].firstPartner;
+    vertices[vertex].numClose = other.vertices[vertex].numClose;
+    copy_n(other.partnersOf(vertex), neighbors->lists[vertex].numApart, partnersOf(vertex));
+}
+
+static Relaxed<int>* findPartner(Relaxed<int>* first, Relaxed<int>* last, int partner) {
     // It costs less to look at all than to stop.
 
-    int* found = last;
-    for (int* other = first; other != last; other++)
+    Relaxed<int>* found = last;
+    for (Relaxed<int>* other = first; other != last; other++)
         found = (*other == partner ? other : found);
     return found;
 }
 
 void EdgeFlipState::setApart(int vertex, int other) {
     HelfrichNeighborList::List& list = neighbors->lists[vertex];
-    int &numClose = vertices[vertex].numClose, *partners = partnersOf(vertex), *end = partners+list.numPartners, *found = findPartner(partners+list.numApart, end, other);
+    Relaxed<int> *partners = partnersOf(vertex), *end = partners+list.numPartners, *found = findPartner(partners+list.numApart, end, other);
     if (found == end)
         return;
     swap(*found, partners[list.numApart]);
     if (distance2(vertex, other) < p.repulsionOnset*p.repulsionOnset) {
+        int numClose = vertices[vertex].numClose;
         swap(partners[numClose], partners[list.numApart]);
-        inplace_merge(partners, partners+numClose, partners+numClose+1);
-        numClose++;
+        rotate(upper_bound(partners, partners+numClose, other), partners+numClose, partners+numClose+1);
+        vertices[vertex].numClose = numClose+1;
     }
     list.numApart++;
 }
 
 void EdgeFlipState::setBonded(int vertex, int other) {
     HelfrichNeighborList::List& list = neighbors->lists[vertex];
-    int &numClose = vertices[vertex].numClose, *partners = partnersOf(vertex), *end = partners+list.numApart, *found = findPartner(partners, end, other);
+    int numClose = vertices[vertex].numClose;
+    Relaxed<int> *partners = partnersOf(vertex), *end = partners+list.numApart, *found = findPartner(partners, end, other);
     if (found == end)
         return;
     if (found < partners+numClose) {
         rotate(found, found+1, partners+numClose);
-        found = partners+--numClose;
+        found = partners+numClose-1;
+        vertices[vertex].numClose = numClose-1;
     }
     swap(*found, partners[--list.numApart]);
 }

@@ -20,7 +20,7 @@ static const int BATCHES_PER_THREAD = 4;
 static const int VERTICES_PER_ATTEMPT = 16;
 
 /**
- * The decisions of one thread do not keep more than these busy, and each has a copy of the membrane.
+ * The decisions of one thread do not keep more than these busy.
  */
 static const int MAX_THREADS = 8;
 
@@ -30,9 +30,9 @@ static const int MAX_THREADS = 8;
 static const int MAX_TRIES = 1000;
 
 /**
- * How long before its decision an attempt is asked for: another thread's cache may have it.
+ * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time than it saves.
  */
-static const int ATTEMPTS_AHEAD = 8;
+static const int MIN_FETCHED_AHEAD = 15000;
 
 static const int NONE = -1;
 
@@ -40,11 +40,12 @@ static int limitThreads(int numThreads, int numVertices) {
     return max(1, min({numThreads, MAX_THREADS, numVertices/(VERTICES_PER_ATTEMPT*EdgeFlipBatch::SIZE)}));
 }
 
-EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(limitThreads(numThreads, mesh.getNumVertices())),
-        random(0, 0), state(mesh), slots(this->numThreads == 1 ? 1 : BATCHES_PER_THREAD*this->numThreads), lastFlips(mesh.getNumVertices()) {
+EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(limitThreads(numThreads, mesh.getNumVertices())),
+        random(0, 0), state(mesh), slots(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD*this->numThreads), renewed(), lastFlips(mesh.getNumVertices()) {
     batchSize = min(max(8, mesh.getNumVertices()/VERTICES_PER_ATTEMPT), EdgeFlipBatch::SIZE);
-    for (int i = 1; i < this->numThreads; i++)
-        helpers.emplace_back(new Helper(mesh));
+    if (mesh.getNumVertices() <= maxCopied)
+        for (int i = 1; i < this->numThreads; i++)
+            copies.emplace_back(new Copy(mesh));
 }
 
 void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors) {
@@ -59,8 +60,8 @@ void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGe
         // To gather them once for the states of all threads takes less time than to let each thread fill its own.
         int end = min(begin+CHUNK, numVertices);
         state.setPositions(positions, geometry, begin, end);
-        for (auto& helper : helpers)
-            helper->state.setPositions(state, begin, end);
+        for (auto& copy : copies)
+            copy->state.setPositions(state, begin, end);
     }
 }
 
@@ -84,17 +85,18 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     #pragma omp parallel num_threads(numThreads)
     {
         int thread = omp_get_thread_num();
-        if (thread == 0)
-            numHelpers = omp_get_num_threads()-1;
-        else
-            prepare(*helpers[thread-1]);
+        Copy* copy = (thread == 0 || copies.empty() ? NULL : copies[thread-1].get());
+        #pragma omp single
+        numCopies = (copies.empty() ? 0 : omp_get_num_threads()-1);
+        if (copy != NULL)
+            prepare(*copy);
         #pragma omp barrier
         if (needsNeighborList(p))
-            (thread == 0 ? state : helpers[thread-1]->state).findClosePartners();
+            findClosePartners();
         if (thread == 0)
             decideAll();
         else
-            help(*helpers[thread-1]);
+            help(copy);
     }
     if (exception)
         rethrow_exception(exception);
@@ -103,15 +105,26 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     return statistics;
 }
 
-void EdgeFlipSweep::prepare(Helper& helper) const {
-    // A helper has carried out all flips of earlier sweeps, but does not know of triangles that were replaced, nor of partners that were found anew or divided since.
+void EdgeFlipSweep::prepare(Copy& copy) const {
+    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and partners found anew or divided.
 
-    if (helper.mesh.getRevision() != mesh.getRevision())
-        helper.mesh = mesh;
-    helper.state.setParameters(p);
-    if (needsNeighborList(p) && (helper.neighbors.numBuilds != neighbors->numBuilds || helper.neighbors.revision != mesh.getRevision()))
-        helper.neighbors = *neighbors;
-    helper.numSeen = 0;
+    if (copy.mesh.getRevision() != mesh.getRevision())
+        copy.mesh = mesh;
+    copy.state.setParameters(p);
+    if (needsNeighborList(p) && (copy.neighbors.numBuilds != neighbors->numBuilds || copy.neighbors.revision != mesh.getRevision()))
+        copy.neighbors = *neighbors;
+    copy.numSeen = 0;
+}
+
+void EdgeFlipSweep::findClosePartners() {
+    // As with positions, to find them once for all states takes less time.
+
+    #pragma omp for schedule(static)
+    for (int v = 0; v < mesh.getNumVertices(); v++) {
+        state.findClosePartners(v);
+        for (int i = 0; i < numCopies; i++)
+            copies[i]->state.setClosePartners(state, v);
+    }
 }
 
 static void waitForOthers(int& tries) {
@@ -122,10 +135,10 @@ static void waitForOthers(int& tries) {
 }
 
 void EdgeFlipSweep::decideAll() {
-    for (int batch = 0; batch < numBatches; batch++) {
+    for (int batch = 0, upcoming = NONE; batch < numBatches; batch++) {
         int tries = 0;
         while (getSlot(batch).evaluated.load(memory_order_acquire) != batch)
-            if (!evaluateNext(state, batch))
+            if (!evaluateNext(state, batch, upcoming))
                 waitForOthers(tries);
         decide(batch);
         numDecided.store(batch+1, memory_order_release);
@@ -134,63 +147,97 @@ void EdgeFlipSweep::decideAll() {
         mesh.markChanged();
 }
 
-void EdgeFlipSweep::help(Helper& helper) {
-    int numSeen = 0, tries = 0;
-    while (numSeen < numBatches) {
-        for (int end = numDecided.load(memory_order_acquire); numSeen < end; numSeen++) {
-            const Slot& slot = getSlot(numSeen);
-            for (uint64_t bits = slot.accepted; bits != 0; bits &= bits-1)
-                helper.state.carryOut(slot.batch, __builtin_ctzll(bits));
-        }
-        helper.numSeen.store(numSeen, memory_order_release);
-        if (evaluateNext(helper.state, numSeen))
+void EdgeFlipSweep::help(Copy* copy) {
+    const EdgeFlipState& state = (copy == NULL ? this->state : copy->state);
+    int tries = 0, upcoming = NONE, numSeen;
+    while ((numSeen = numDecided.load(memory_order_acquire)) < numBatches) {
+        if (copy != NULL)
+            carryOut(*copy, numSeen);
+        if (evaluateNext(state, numSeen, upcoming))
             tries = 0;
         else
             waitForOthers(tries);
     }
-    if (statistics.accepted > 0)
-        helper.mesh.markChanged();
-    if (needsNeighborList(p))
-        helper.neighbors.revision = helper.mesh.getRevision();
+    if (copy != NULL)
+        finish(*copy);
 }
 
-bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen) {
+void EdgeFlipSweep::carryOut(Copy& copy, int numDecided) {
+    for (int batch = copy.numSeen; batch < numDecided; batch++) {
+        const Slot& slot = getSlot(batch);
+        copy.state.carryOut(slot.acceptedFlips);
+    }
+    copy.numSeen.store(numDecided, memory_order_release);
+}
+
+void EdgeFlipSweep::finish(Copy& copy) {
+    carryOut(copy, numBatches);
+    if (statistics.accepted > 0)
+        copy.mesh.markChanged();
+    if (needsNeighborList(p))
+        copy.neighbors.revision = copy.mesh.getRevision();
+}
+
+bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen, int& upcoming) {
+    int number = (upcoming == NONE ? claimNext() : upcoming);
+    if (number == NONE)
+        return false;
+    upcoming = (mesh.getNumVertices() < MIN_FETCHED_AHEAD ? NONE : claimNext());
+    Slot& slot = getSlot(number);
+    EdgeFlipBatch& batch = slot.batch;
+    state.evaluate(batch, 0, batch.numAttempts, upcoming == NONE ? NULL : &getSlot(upcoming).batch);
+    for (int n = 0; n < batch.numAttempts; n++)
+        batch.attempts[n].threshold = -kT*log(batch.uniform[n]);
+    collectLikelyFlips(slot);
+    slot.firstUnseen = numSeen;
+    slot.acceptedFlips.count = 0;
+    slot.evaluated.store(number, memory_order_release);
+    return true;
+}
+
+void EdgeFlipSweep::collectLikelyFlips(Slot& slot) {
+    // They are few, and the first thread takes less time to get them from another one's cache than from all over the batch.  What it evaluated itself is at hand.
+
+    const EdgeFlipBatch& batch = slot.batch;
+    slot.likelyFlips.count = 0;
+    slot.isLikely = 0;
+    if (omp_get_thread_num() == 0)
+        return;
+    for (int n = 0; n < batch.numAttempts; n++)
+        slot.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold)<<n;
+    for (uint64_t bits = slot.isLikely; bits != 0; bits &= bits-1)
+        slot.likelyFlips.add(batch.getFlip(__builtin_ctzll(bits)));
+}
+
+int EdgeFlipSweep::claimNext() {
     int number = numClaimed.load(memory_order_relaxed);
     do {
         if (number == numBatches || !hasSlot(number))
-            return false;
+            return NONE;
     } while (!numClaimed.compare_exchange_weak(number, number+1, memory_order_relaxed));
-    Slot& slot = getSlot(number);
-    EdgeFlipBatch& batch = slot.batch;
+    EdgeFlipBatch& batch = getSlot(number).batch;
     long long firstAttempt = number*(long long) batchSize;
     batch.numAttempts = min((long long) batchSize, numAttempts-firstAttempt);
     evaluation.draw(random, sweep, firstAttempt, mesh.getNumHalfedges(), batch);
-    state.evaluate(batch, 0, batch.numAttempts);
-    for (int n = 0; n < batch.numAttempts; n++)
-        batch.attempts[n].threshold = -kT*log(batch.uniform[n]);
-    slot.firstUnseen = numSeen;
-    slot.accepted = 0;
-    slot.evaluated.store(number, memory_order_release);
-    return true;
+    return number;
 }
 
 bool EdgeFlipSweep::hasSlot(int batch) const {
     int previous = batch-(int) slots.size();
     if (numDecided.load(memory_order_acquire) <= previous)
         return false;
-    for (int i = 0; i < numHelpers; i++)
-        if (helpers[i]->numSeen.load(memory_order_acquire) <= previous)
+    for (int i = 0; i < numCopies; i++)
+        if (copies[i]->numSeen.load(memory_order_acquire) <= previous)
             return false;
     return true;
 }
 
 void EdgeFlipSweep::decide(int batch) {
     Slot& slot = getSlot(batch);
+    state.prefetch(slot.likelyFlips);
     try {
-        for (int n = 0; n < slot.batch.numAttempts && !exception; n++) {
-            __builtin_prefetch(&slot.batch.attempts[n+ATTEMPTS_AHEAD]);
+        for (int n = 0; n < slot.batch.numAttempts && !exception; n++)
             decide(slot, batch, n);
-        }
     }
     catch (...) {
         exception = current_exception();
@@ -198,29 +245,38 @@ void EdgeFlipSweep::decide(int batch) {
 }
 
 void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
-    const EdgeFlipAttempt& attempt = slot.batch.attempts[n];
-    if (isStale(attempt, slot.firstUnseen))
-        state.evaluate(slot.batch, n, n+1);
+    const EdgeFlipAttempt* attempt = &slot.batch.attempts[n];
+    double threshold = attempt->threshold;
+    bool isRenewed = isStale(*attempt, slot.firstUnseen);
+    if (isRenewed) {
+        renewed.halfedge[0] = slot.batch.halfedge[n];
+        state.evaluate(renewed, 0, 1);
+        attempt = &renewed.attempts[0];
+    }
     statistics.attempted++;
-    if (attempt.isForbidden) {
+    if (attempt->isForbidden) {
         statistics.forbidden++;
         return;
     }
-    double energy = attempt.energy+areaPenalty.change(attempt.area)+volumePenalty.change(attempt.volume)+areaDifferencePenalty.change(attempt.curvature);
-    if (energy <= 0 || energy < attempt.threshold)
-        accept(slot, batch, n, energy);
+    double energy = attempt->energy+areaPenalty.change(attempt->area)+volumePenalty.change(attempt->volume)+areaDifferencePenalty.change(attempt->curvature);
+    if (energy <= 0 || energy < threshold)
+        accept(slot, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(slot, n), energy);
 }
 
-void EdgeFlipSweep::accept(Slot& slot, int batch, int n, double energy) {
-    const EdgeFlipAttempt& attempt = slot.batch.attempts[n];
+EdgeFlip EdgeFlipSweep::getFlip(const Slot& slot, int n) {
+    uint64_t bit = uint64_t(1)<<n;
+    return (slot.isLikely&bit) != 0 ? slot.likelyFlips.flips[__builtin_popcountll(slot.isLikely&(bit-1))] : slot.batch.getFlip(n);
+}
+
+void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy) {
     totals.area += attempt.area;
     totals.volume += attempt.volume;
     totals.curvature += attempt.curvature;
     updatePenalties();
     for (int vertex : attempt.vertex)
         lastFlips[vertex] = batch;
-    state.carryOut(slot.batch, n);
-    slot.accepted |= uint64_t(1)<<n;
+    state.carryOut(flip);
+    slot.acceptedFlips.add(flip);
     statistics.accepted++;
     if (*observer)
         (*observer)(energy);

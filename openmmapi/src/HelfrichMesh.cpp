@@ -83,7 +83,7 @@ HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParti
 
 void HelfrichMesh::chooseOutgoings() {
     for (int h = getNumHalfedges()-1; h >= 0; h--)
-        outgoings[origin(h)] = h;
+        vertices[origin(h)].outgoing = h;
 }
 
 void HelfrichMesh::renewOrder() {
@@ -121,7 +121,7 @@ void HelfrichMesh::findVertices(const vector<array<int, 3> >& triangles) {
     for (auto& triangle : triangles)
         for (int particle : triangle) {
             int vertex = areContiguous ? particle : lower_bound(particles.begin(), particles.end(), particle)-particles.begin();
-            halfedges.push_back({vertex, -1});
+            halfedges.push_back({vertex, -1, -1});
         }
 }
 
@@ -173,25 +173,26 @@ void HelfrichMesh::connect() {
             pair(&bucket[first], last-first);
         }
     }
-    outgoings.assign(particles.size(), -1);
+    for (Halfedge& halfedge : halfedges)
+        halfedge.outer = apex(halfedge.opposite);
+    vertices.assign(particles.size(), Vertex());
     chooseOutgoings();
-    valences.assign(particles.size(), 0);
     for (int h = 0; h < numHalfedges; h++)
-        valences[origin(h)]++;
+        vertices[origin(h)].valence += 1;
     checkVertices();
 }
 
 void HelfrichMesh::checkVertices() const {
     for (int v = 0; v < getNumVertices(); v++) {
-        int h = outgoings[v], numRotations = 0;
+        int h = outgoing(v), numRotations = 0;
         do {
             h = rotate(h);
             numRotations++;
-        } while (h != outgoings[v] && numRotations <= valences[v]);
-        if (numRotations != valences[v])
+        } while (h != outgoing(v) && numRotations <= valence(v));
+        if (numRotations != valence(v))
             throw OpenMMException("HelfrichForce: the triangles around particle "+to_string(particles[v])+" form more than one fan; surfaces must not touch at a vertex");
-        if (valences[v] < 3)
-            throw OpenMMException("HelfrichForce: particle "+to_string(particles[v])+" has only "+to_string(valences[v])+" neighbors; each vertex needs at least three");
+        if (valence(v) < 3)
+            throw OpenMMException("HelfrichForce: particle "+to_string(particles[v])+" has only "+to_string(valence(v))+" neighbors; each vertex needs at least three");
     }
 }
 
@@ -218,7 +219,7 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
     auto found = lower_bound(particles.begin(), particles.end(), particle1);
     if (found == particles.end() || *found != particle1)
         return -1;
-    int first = outgoings[found-particles.begin()], h = first;
+    int first = outgoing(found-particles.begin()), h = first;
     do {
         if (particles[tip(h)] == particle2)
             return h;
@@ -228,7 +229,7 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
 }
 
 void HelfrichMesh::setFixedEdges(const vector<array<int, 2> >& edges) {
-    vector<char> isFixed(edges.empty() ? 0 : halfedges.size(), 0);
+    vector<Relaxed<char> > isFixed(edges.empty() ? 0 : halfedges.size(), 0);
     for (size_t i = 0; i < edges.size(); i++) {
         string edge = "HelfrichForce: the fixed edge "+to_string(i)+" ("+to_string(edges[i][0])+"-"+to_string(edges[i][1])+")";
         int h = findHalfedge(edges[i][0], edges[i][1]);
@@ -249,7 +250,7 @@ bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
         return true;
     if (level == 1)
         return false;
-    int first = outgoings[vertex1], h = first;
+    int first = outgoing(vertex1), h = first;
     do {
         if (areBonded(tip(h), vertex2))
             return true;
@@ -261,36 +262,41 @@ bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
 void HelfrichMesh::flip(int h) {
     int o = opposite(h), hPrevious = previous(h), oPrevious = previous(o);
     int i = origin(h), j = origin(o), k = origin(hPrevious), l = origin(oPrevious);
-    outgoings[i] = next(o);
-    outgoings[j] = next(h);
-    halfedges[h] = {l, opposite(oPrevious)};
+    vertices[i].outgoing = next(o);
+    vertices[j].outgoing = next(h);
+    for (int vertex : {i, j})
+        vertices[vertex].valence += -1;
+    for (int vertex : {k, l})
+        vertices[vertex].valence += 1;
+    halfedges[h] = {l, opposite(oPrevious), outer(oPrevious)};
+    halfedges[o] = {k, opposite(hPrevious), outer(hPrevious)};
+    halfedges[hPrevious] = {k, oPrevious, i};
+    halfedges[oPrevious] = {l, hPrevious, j};
     halfedges[opposite(h)].opposite = h;
-    halfedges[o] = {k, opposite(hPrevious)};
     halfedges[opposite(o)].opposite = o;
-    halfedges[hPrevious].opposite = oPrevious;
-    halfedges[oPrevious].opposite = hPrevious;
+    halfedges[opposite(h)].outer = k;
+    halfedges[opposite(next(o))].outer = k;
+    halfedges[opposite(o)].outer = l;
+    halfedges[opposite(next(h))].outer = l;
     if (!fixedHalfedges.empty()) {
         fixedHalfedges[h] = fixedHalfedges[oPrevious];
         fixedHalfedges[o] = fixedHalfedges[hPrevious];
         fixedHalfedges[hPrevious] = fixedHalfedges[oPrevious] = 0;
     }
-    valences[i]--;
-    valences[j]--;
-    valences[k]++;
-    valences[l]++;
 }
 
 void HelfrichMesh::validate() const {
     HelfrichMesh fresh(getTriangles(), numParticles);
     for (int h = 0; h < getNumHalfedges(); h++)
-        if (fresh.opposite(h) != opposite(h))
-            throw OpenMMException("HelfrichMesh: the opposite of halfedge "+to_string(h)+" is wrong");
+        if (fresh.opposite(h) != opposite(h) || fresh.outer(h) != outer(h))
+            throw OpenMMException("HelfrichMesh: what is beyond halfedge "+to_string(h)+" is wrong");
     fresh.setFixedEdges(fixedEdges);
     if (fresh.fixedHalfedges != fixedHalfedges)
         throw OpenMMException("HelfrichMesh: the marks of fixed edges are wrong");
-    if (fresh.valences != valences)
-        throw OpenMMException("HelfrichMesh: the valences are wrong");
-    for (int v = 0; v < getNumVertices(); v++)
-        if (origin(outgoings[v]) != v)
+    for (int v = 0; v < getNumVertices(); v++) {
+        if (fresh.valence(v) != valence(v))
+            throw OpenMMException("HelfrichMesh: the valence of vertex "+to_string(v)+" is wrong");
+        if (origin(outgoing(v)) != v)
             throw OpenMMException("HelfrichMesh: the outgoing halfedge of vertex "+to_string(v)+" is wrong");
+    }
 }

@@ -2,6 +2,8 @@
 #define OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
 
 #include "Philox.h"
+#include "Relaxed.h"
+#include <cstddef>
 #include <cstdint>
 
 namespace HelfrichPlugin {
@@ -12,12 +14,19 @@ struct HelfrichParameters;
  * What a sweep knows of a vertex, on a cache line of its own: who needs one of these numbers nearly always needs the others.
  */
 struct alignas(64) EdgeFlipVertex {
-    double x, y, z, area, curvature;
-    /// the list of its partners, and how many of those apart are closer than the repulsion's onset
-    int firstPartner, numClose;
+    // The first 32 bytes are loaded at once, and so must not change during a sweep.
+
+    double x, y, z;
+    /// where the list of its partners begins
+    int firstPartner;
+    Relaxed<double> area, curvature;
+    /// how many of its partners apart are closer than the repulsion's onset
+    Relaxed<int> numClose;
     /// as the mesh has it, too: there it is in another line, which in large membranes is in no near cache
-    int valence;
+    Relaxed<int> valence;
 };
+
+static_assert(offsetof(EdgeFlipVertex, area) == 32, "what a sweep changes must not be loaded with the positions");
 
 /**
  * What the decision on an attempt needs, on a cache line of its own.
@@ -32,6 +41,14 @@ struct alignas(64) EdgeFlipAttempt {
     bool isForbidden;
     /// true if the repulsion depends on the neighbors of the vertices that those of the flip are close to
     bool dependsOnPartners;
+};
+
+/**
+ * What a flip changes, as far as it does not follow from the connectivity: its halfedge i-j, the vertices i, j, k and l, and the changes at these.
+ */
+struct EdgeFlip {
+    int halfedge, vertex[4];
+    double area[4], curvature[4];
 };
 
 /**
@@ -53,6 +70,33 @@ struct alignas(64) EdgeFlipBatch {
     /// the changes at vertices 0 to 3
     double vertexArea[4][SIZE], vertexCurvature[4][SIZE];
     int numAttempts;
+    EdgeFlip getFlip(int n) const {
+        EdgeFlip flip;
+        flip.halfedge = halfedge[n];
+        for (int i = 0; i < 4; i++) {
+            flip.vertex[i] = vertex[i][n];
+            flip.area[i] = vertexArea[i][n];
+            flip.curvature[i] = vertexCurvature[i][n];
+        }
+        return flip;
+    }
+};
+
+/**
+ * Some flips of a batch, one after the other.
+ */
+struct EdgeFlipList {
+    EdgeFlip flips[EdgeFlipBatch::SIZE];
+    int count;
+    void add(const EdgeFlip& flip) {
+        flips[count++] = flip;
+    }
+    const EdgeFlip* begin() const {
+        return flips;
+    }
+    const EdgeFlip* end() const {
+        return flips+count;
+    }
 };
 
 /**

@@ -46,40 +46,55 @@ public:
         p = parameters;
     }
     /**
-     * Find the partners of each vertex that are closer than the repulsion's onset.
+     * Find the partners of a vertex that are closer than the repulsion's onset.
      */
-    void findClosePartners();
+    void findClosePartners(int vertex);
+    /**
+     * Set the same as another state of the membrane has them.
+     */
+    void setClosePartners(const EdgeFlipState& other, int vertex);
     /**
      * Evaluate attempts of a batch, from the first up to the last, whose halfedges are given: all but their thresholds.
+     *
+     * @param upcoming  the batch to be evaluated next, whose data is brought into the cache meanwhile; or NULL
      */
-    void evaluate(EdgeFlipBatch& batch, int first, int last) const;
+    void evaluate(EdgeFlipBatch& batch, int first, int last, const EdgeFlipBatch* upcoming=NULL) const;
     /**
      * Carry out a flip that was evaluated in this state, or in one that is the same at its vertices.
      */
-    void carryOut(const EdgeFlipBatch& batch, int n);
+    void carryOut(const EdgeFlip& flip);
+    /**
+     * Carry out flips that another thread may have evaluated: what they change may be in no cache.
+     */
+    void carryOut(const EdgeFlipList& flips);
+    /**
+     * Bring what flips would change into the cache.
+     */
+    void prefetch(const EdgeFlipList& flips) const;
     int getNumClose(int vertex) const {
         return vertices[vertex].numClose;
     }
     /**
      * Get the partners of a vertex, first the close ones of those apart, in ascending order.
      */
-    const int* getPartners(int vertex) const {
+    const Relaxed<int>* getPartners(int vertex) const {
         return partnersOf(vertex);
     }
 private:
-    void prefetchStencils(const EdgeFlipBatch& batch, int first, int last) const;
-    void findStencil(EdgeFlipBatch& batch, int n) const;
-    void findForbidden(EdgeFlipBatch& batch, int first, int last) const;
+    class Walks;
     struct ClosePairs;
+    void prefetchStencils(const EdgeFlipBatch& batch, int first) const;
+    void findStencil(EdgeFlipBatch& batch, int n) const;
+    void beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n) const;
+    void collect(EdgeFlipBatch& batch, int n, bool areBonded) const;
     void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
     void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
     bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
     double distance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
-    void findClosePartners(int vertex);
     void setBonded(int vertex, int other);
     void setApart(int vertex, int other);
-    int* partnersOf(int vertex) const {
+    Relaxed<int>* partnersOf(int vertex) const {
         return neighbors->partners.data()+vertices[vertex].firstPartner;
     }
     HelfrichMesh& mesh;

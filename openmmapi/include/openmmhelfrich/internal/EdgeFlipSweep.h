@@ -28,8 +28,14 @@ struct EdgeFlipStatistics {
  *   vertex in common with a flip that its evaluation had not seen is evaluated again at that time, and so is one whose repulsion depends on the neighbors of such a vertex; nothing
  *   else can have changed what was evaluated.
  *
- * Other threads evaluate batches ahead of the decisions, each in a state of the membrane of its own, where it carries out flips as it hears of them.  So no thread reads what another
- * one changes, and none waits for the others but when the pipeline is full.  The first thread evaluates whenever the next batch to decide is not ready.
+ * Other threads evaluate batches ahead of the decisions, and none waits for the others but when the pipeline is full.  The first thread evaluates whenever the next batch to decide is
+ * not ready.
+ *
+ * Each of the others has a copy of the membrane, where it carries out flips as it hears of them, and no thread reads what another one changes.  But a processor's cache has no room for
+ * copies of a large membrane.  There all threads look at the same one, and what they evaluate may be wrong, for it may be from before and from after a flip that the first thread carries
+ * out at that time.  Such an attempt is always evaluated again: whatever a flip changes (triangles, what is opposite to their sides, lists of partners) belongs to one of its four vertices,
+ * and an evaluation looks at what belongs to the attempt's vertices, or, if its repulsion depends on them, to their partners.  So both have a vertex in common, and the
+ * evaluation counts as not having seen the flip.
  *
  * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is faster.
  */
@@ -44,8 +50,10 @@ public:
      *
      * @param mesh        the connectivity, with its fixed edges
      * @param numThreads  the number of threads
+     * @param maxCopied   for at most so many vertices each thread has a copy of the membrane
      */
-    explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads=1);
+    explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads=1, int maxCopied=MAX_COPIED);
+    static constexpr int MAX_COPIED = 100000;
     /**
      * Set where the vertices are.  This must be called before a sweep if they have moved since the last one.
      *
@@ -93,16 +101,18 @@ private:
         EdgeFlipBatch batch;
         /// the number of the first batch whose flips the evaluation has not seen
         int firstUnseen;
-        /// the flips that are accepted: a bit for each attempt
-        uint64_t accepted;
+        /// the flips that seemed likely to be accepted when they were evaluated, a bit for each of their attempts, and those that are accepted
+        EdgeFlipList likelyFlips;
+        uint64_t isLikely;
+        EdgeFlipList acceptedFlips;
         /// the number of the batch, as soon as it is evaluated
         std::atomic<int> evaluated;
     };
     /**
-     * What a thread that evaluates ahead has for itself.  It stays up to date from sweep to sweep: copying a mesh takes as long as many attempts.
+     * A copy of the membrane for a thread that evaluates ahead.  It stays up to date from sweep to sweep: copying a mesh takes as long as many attempts.
      */
-    struct alignas(64) Helper {
-        explicit Helper(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
+    struct alignas(64) Copy {
+        explicit Copy(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
             state.setNeighbors(&neighbors);
         }
         HelfrichMesh mesh;
@@ -114,22 +124,32 @@ private:
     Slot& getSlot(int batch) {
         return slots[batch%slots.size()];
     }
-    void prepare(Helper& helper) const;
+    void prepare(Copy& copy) const;
+    void findClosePartners();
     void decideAll();
-    void help(Helper& helper);
+    void help(Copy* copy);
+    void carryOut(Copy& copy, int numDecided);
+    void finish(Copy& copy);
     /**
      * Evaluate the next batch that no thread has begun with, unless the pipeline is full.
      *
-     * @param numSeen  the number of batches whose flips are carried out in the state
+     * @param numSeen   the number of batches whose flips are carried out in the state
+     * @param upcoming  the batch that the thread has claimed beforehand, or NONE; it becomes that of the next time
      */
-    bool evaluateNext(const EdgeFlipState& state, int numSeen);
+    bool evaluateNext(const EdgeFlipState& state, int numSeen, int& upcoming);
+    /**
+     * Get a batch for the thread that calls this to evaluate, with its random numbers drawn; or NONE.
+     */
+    int claimNext();
     /**
      * Get whether no thread needs the batch any more that had a batch's slot before.
      */
     bool hasSlot(int batch) const;
     void decide(int batch);
+    static void collectLikelyFlips(Slot& slot);
     void decide(Slot& slot, int batch, int n);
-    void accept(Slot& slot, int batch, int n, double energy);
+    static EdgeFlip getFlip(const Slot& slot, int n);
+    void accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy);
     bool isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const;
     bool isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const;
     void updatePenalties();
@@ -139,7 +159,7 @@ private:
     HelfrichParameters p;
     double kT;
     long long sweep, numAttempts;
-    int numBatches, numHelpers;
+    int numBatches, numCopies;
     Philox random;
     const Observer* observer;
     std::exception_ptr exception;
@@ -149,7 +169,9 @@ private:
     HelfrichNeighborList* neighbors;
     EdgeFlipState state;
     std::vector<Slot> slots;
-    std::vector<std::unique_ptr<Helper> > helpers;
+    /// the evaluation of an attempt once more: in the batch it would take longer, for that may be in another thread's cache
+    EdgeFlipBatch renewed;
+    std::vector<std::unique_ptr<Copy> > copies;
     /// the number of batches that some thread evaluates or has evaluated, and of those that are decided; on cache lines of their own, for all threads look at them often
     alignas(64) std::atomic<int> numClaimed;
     alignas(64) std::atomic<int> numDecided;

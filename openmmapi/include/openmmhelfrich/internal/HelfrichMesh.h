@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICHMESH_H_
 #define OPENMM_HELFRICHMESH_H_
 
+#include "Relaxed.h"
 #include "windowsExportHelfrich.h"
 #include <array>
 #include <string>
@@ -13,6 +14,9 @@ namespace HelfrichPlugin {
  *
  * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its corner c to the next one.  The ordered
  * triangles are the complete state: everything else here derives from them.
+ *
+ * Threads may look at a mesh while another one flips edges.  What they find at the vertices of a flip may be from before or after it, and not fit together; but every number is that of
+ * a vertex or halfedge, and every search comes to an end.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichMesh {
 public:
@@ -120,6 +124,12 @@ public:
         return halfedges[h].opposite;
     }
     /**
+     * Get the vertex beyond a halfedge: the apex of its opposite, at less cost.
+     */
+    int outer(int h) const {
+        return halfedges[h].outer;
+    }
+    /**
      * Get the halfedge that follows h, counter-clockwise, among those that start from the same vertex.
      */
     int rotate(int h) const {
@@ -129,19 +139,31 @@ public:
      * Get one of the halfedges that start from a vertex.  Which one depends on the flips made so far.
      */
     int outgoing(int vertex) const {
-        return outgoings[vertex];
+        return vertices[vertex].outgoing;
     }
     /**
      * Get the number of edges at a vertex.
      */
     int valence(int vertex) const {
-        return valences[vertex];
+        return vertices[vertex].valence;
     }
     /**
      * Get whether an edge connects two vertices.
      */
     bool areBonded(int vertex1, int vertex2) const {
-        return valences[vertex1] <= valences[vertex2] ? leadsTo(outgoings[vertex1], vertex2) : leadsTo(outgoings[vertex2], vertex1);
+        return valence(vertex1) <= valence(vertex2) ? isAround(vertex1, vertex2) : isAround(vertex2, vertex1);
+    }
+    /**
+     * Get the same, but look around the first vertex only.
+     */
+    bool isAround(int vertex1, int vertex2) const {
+        int h = outgoing(vertex1);
+        for (int n = valence(vertex1); n > 0; n--) {
+            if (tip(h) == vertex2)
+                return true;
+            h = rotate(h);
+        }
+        return false;
     }
     /**
      * Get whether a pair of different vertices is left out of the repulsion.
@@ -159,16 +181,22 @@ public:
      * Get whether a halfedge's edge is not fixed and its flip leaves a valid mesh.
      */
     bool canFlip(int h) const {
-        // Around k and l the search starts from the halfedges of the two triangles, which are at hand.
-
-        int o = opposite(h), k = apex(h), l = apex(o);
-        return !isFixed(h) && valences[origin(h)] > 3 && valences[origin(o)] > 3 && !(valences[k] <= valences[l] ? leadsTo(previous(h), l) : leadsTo(previous(o), k));
+        int o = opposite(h);
+        return !isFixed(h) && valence(origin(h)) > 3 && valence(origin(o)) > 3 && !areBonded(apex(h), apex(o));
     }
     /**
-     * Bring what the mesh knows of a halfedge's triangle into the cache.
+     * Bring what the mesh knows of a halfedge's triangle, which may be on two lines, into the cache.
      */
     void prefetch(int h) const {
-        __builtin_prefetch(&halfedges[h]);
+        int first = h-unsigned(h)%3;
+        __builtin_prefetch(&halfedges[first]);
+        __builtin_prefetch(&halfedges[first+2].outer);
+    }
+    /**
+     * Bring what the mesh knows of a vertex into the cache.
+     */
+    void prefetchVertex(int vertex) const {
+        __builtin_prefetch(&vertices[vertex]);
     }
     /**
      * Replace an edge by the other diagonal of its two triangles.  canFlip(h) must be true.
@@ -187,19 +215,13 @@ public:
      */
     void validate() const;
 private:
-    /// a halfedge's two numbers are next to each other: who needs one nearly always needs the other
-    struct Halfedge {
-        int origin, opposite;
+    // What is nearly always needed together is next to each other.
+    struct Vertex {
+        Relaxed<int> outgoing, valence;
     };
-    bool leadsTo(int outgoing, int vertex) const {
-        int h = outgoing;
-        do {
-            if (tip(h) == vertex)
-                return true;
-            h = rotate(h);
-        } while (h != outgoing);
-        return false;
-    }
+    struct Halfedge {
+        Relaxed<int> origin, opposite, outer;
+    };
     void findParticles(const std::vector<std::array<int, 3> >& triangles);
     void findVertices(const std::vector<std::array<int, 3> >& triangles);
     void connect();
@@ -209,11 +231,12 @@ private:
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
     int numParticles;
-    std::vector<int> particles, outgoings, valences, order;
+    std::vector<int> particles, order;
+    std::vector<Vertex> vertices;
     std::vector<Halfedge> halfedges;
     std::vector<std::array<int, 2> > fixedEdges;
     /// for each halfedge whether its edge is fixed; empty when none is
-    std::vector<char> fixedHalfedges;
+    std::vector<Relaxed<char> > fixedHalfedges;
     long long revision = 0;
 };
 

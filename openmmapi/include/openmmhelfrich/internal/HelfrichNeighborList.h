@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICHNEIGHBORLIST_H_
 #define OPENMM_HELFRICHNEIGHBORLIST_H_
 
+#include "Relaxed.h"
 #include "windowsExportHelfrich.h"
 #include "openmm/Vec3.h"
 #include <vector>
@@ -17,7 +18,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichNeighborList {
         int start, numApart, numPartners;
     };
     std::vector<List> lists;
-    std::vector<int> partners;
+    std::vector<Relaxed<int> > partners;
     /// the revision of the mesh that tells who is bonded
     long long revision = -1;
     /// how often the partners were found anew

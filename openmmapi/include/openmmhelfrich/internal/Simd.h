@@ -374,16 +374,6 @@ inline typename SimdOf<Real>::Vector loadScalars(const Real* data, const int* of
     return result;
 }
 
-/**
- * Load the numbers at the given offsets.
- */
-inline Simd loadStrided(const double* data, const int* offsets) {
-    Simd result;
-    for (int lane = 0; lane < WIDTH; lane++)
-        result[lane] = data[offsets[lane]];
-    return result;
-}
-
 } // namespace
 
 #endif /*OPENMM_HELFRICH_SIMD_H_*/
