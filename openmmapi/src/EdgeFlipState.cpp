@@ -87,8 +87,12 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last, const Ed
             mesh.prefetch(upcoming->halfedge[n]);
     for (int n = first; n < last; n++)
         findStencil(batch, n);
-    for (int n = first; n < last; n++)
-        beginWalk(walks, batch, n);
+    for (int n = first; n < last; n++) {
+        // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors.
+        const int *k = &batch.vertex[2][n], *l = &batch.vertex[3][n];
+        bool aroundK = (vertices[*k].valence <= vertices[*l].valence);
+        beginWalk(walks, batch, n, aroundK ? 2 : 3, aroundK ? *l : *k);
+    }
     for (int group = first; group < last; group += GROUP) {
         if (upcoming != NULL)
             prefetchStencils(*upcoming, group);
@@ -142,17 +146,17 @@ void EdgeFlipState::findStencil(EdgeFlipBatch& batch, int n) const {
     batch.vertex[3][n] = mesh.origin(rim[3]);
     for (int side = 0; side < 4; side++)
         batch.vertex[4+side][n] = mesh.outer(rim[side]);
+    for (auto& vertex : batch.vertex)
+        __builtin_prefetch(&vertices[vertex[n]]);
 }
 
-void EdgeFlipState::beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n) const {
-    // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors: four of them are known.
+void EdgeFlipState::beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, int corner, int wanted) const {
+    // Nobody looks for the flip's own vertices, and those beyond the edges around it are known.
 
-    int h = batch.halfedge[n], o = mesh.opposite(h), k = batch.vertex[2][n], l = batch.vertex[3][n];
-    int valenceK = vertices[k].valence, valenceL = vertices[l].valence;
-    bool aroundK = (valenceK <= valenceL);
-    int side = (aroundK ? 4 : 6), wanted = (aroundK ? l : k);
-    bool isFound = (batch.vertex[side][n] == wanted || batch.vertex[side+1][n] == wanted);
-    walks.begin(mesh, mesh.opposite(mesh.next(aroundK ? h : o)), min(valenceK, valenceL)-4, wanted, isFound);
+    static const int BEYOND[4][2] = {{5, 6}, {4, 7}, {4, 5}, {6, 7}}, NUM_KNOWN[4] = {5, 5, 4, 4};
+    int h = (corner%2 == 0 ? batch.halfedge[n] : mesh.opposite(batch.halfedge[n])), rim = (corner < 2 ? mesh.previous(h) : mesh.next(h));
+    bool isFound = (batch.vertex[BEYOND[corner][0]][n] == wanted || batch.vertex[BEYOND[corner][1]][n] == wanted);
+    walks.begin(mesh, mesh.opposite(rim), vertices[batch.vertex[corner][n]].valence-NUM_KNOWN[corner], wanted, isFound);
 }
 
 /**
@@ -164,20 +168,18 @@ struct EdgeFlipState::ClosePairs {
 };
 
 void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch, int first, int last) const {
-    // Few vertices are close to any that they are not bonded to.
+    // Few vertices are close to any that they are not bonded to.  The walks are around the vertices opposite, j, i, l and k: while another thread flips, one around a partner might miss it.
 
     ClosePairs pairs;
     for (int n = first; n < last; n++) {
         for (int corner = 0; corner < 4; corner++) {
-            int vertex = batch.vertex[corner][n], middle = batch.vertex[corner^1][n];
+            int vertex = batch.vertex[corner][n];
             for (int m = 0; m < vertices[vertex].numClose; m++) {
                 int partner = partnersOf(vertex)[m];
-                bool aroundPartner = (mesh.valence(partner) <= mesh.valence(middle));
-                int center = (aroundPartner ? partner : middle);
                 pairs.attempt[pairs.walks.count] = n;
                 pairs.corner[pairs.walks.count] = corner;
                 pairs.partner[pairs.walks.count] = partner;
-                pairs.walks.begin(mesh, mesh.outgoing(center), mesh.valence(center), aroundPartner ? middle : partner);
+                beginWalk(pairs.walks, batch, n, corner^1, partner);
                 if (pairs.walks.count == Walks::MAX)
                     addRepulsion(batch, pairs);
             }
@@ -190,12 +192,13 @@ void EdgeFlipState::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const 
     // The flip takes from i and j, and gives to k and l, the paths to the neighbors of the opposite vertex.  It matters where there is no other path of two edges.
 
     pairs.walks.finish(mesh);
-    for (int m = 0; m < pairs.walks.count; m++) {
-        int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
-        batch.attempts[n].dependsOnPartners = true;
-        if (pairs.walks.isFound[m] && !shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
-            batch.attempts[n].energy += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
-    }
+    for (int m = 0; m < pairs.walks.count; m++)
+        if (pairs.walks.isFound[m]) {
+            int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
+            batch.attempts[n].dependsOnPartners = true;
+            if (!shareOtherNeighbor(batch.vertex[corner^1][n], vertex, pairs.partner[m]))
+                batch.attempts[n].energy += (corner < 2 ? 1 : -1)*pairEnergy(vertex, pairs.partner[m]);
+        }
     pairs.walks.clear();
 }
 

@@ -85,7 +85,7 @@ private:
     struct ClosePairs;
     void prefetchStencils(const EdgeFlipBatch& batch, int first) const;
     void findStencil(EdgeFlipBatch& batch, int n) const;
-    void beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n) const;
+    void beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, int corner, int wanted) const;
     void collect(EdgeFlipBatch& batch, int n, bool areBonded) const;
     void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
     void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
