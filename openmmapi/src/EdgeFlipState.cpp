@@ -272,7 +272,10 @@ void EdgeFlipState::findClosePartners(int vertex) {
 void EdgeFlipState::setClosePartners(const EdgeFlipState& other, int vertex) {
     vertices[vertex].firstPartner = other.vertices[vertex].firstPartner;
     vertices[vertex].numClose = other.vertices[vertex].numClose;
-    copy_n(other.partnersOf(vertex), neighbors->lists[vertex].numApart, partnersOf(vertex));
+    // Where none is close, as nearly always, the order of the others does not matter.
+
+    if (vertices[vertex].numClose > 0)
+        copy_n(other.partnersOf(vertex), neighbors->lists[vertex].numApart, partnersOf(vertex));
 }
 
 static Relaxed<int>* findPartner(Relaxed<int>* first, Relaxed<int>* last, int partner) {
