@@ -11,8 +11,10 @@
 namespace HelfrichPlugin {
 
 /**
- * A membrane as one thread of a sweep sees it: the connectivity, the areas and curvatures of the vertices, and which of them are close to each other.  It evaluates what flips
- * would change, and carries them out.  What it computes of an attempt is the same in any state in which the same flips were carried out at the attempt's vertices.
+ * A membrane as a sweep sees it: the connectivity, the areas and curvatures of the vertices, and which of them are close to each other.  It evaluates what flips would change, and
+ * carries them out.  What it computes of an attempt is the same in any state in which the same flips were carried out at the attempt's vertices.
+ *
+ * Other threads may evaluate while one carries out flips.  At the vertices of these flips, what they compute has no meaning.
  */
 class EdgeFlipState {
 public:
