@@ -78,6 +78,30 @@ def test_platforms_and_threads_make_the_same_flips():
         assert (accepted, forbidden) == results[0][1:]
 
 
+def test_threads_that_share_a_membrane():
+    """Of more than 100,000 vertices there is one copy for all threads; sweeps between moves, with a restart, make the same flips on any number."""
+    mesh = createBlob(7)
+    edge = mesh.edgeLengths.mean()
+    results = []
+    for threads in ("1", "2", "4"):
+        force = createForce(mesh)
+        force.setRepulsion(0.5, 1.3*edge, 2, 2)
+        flips = mh.EdgeFlipIntegrator(kelvin(3000), 0.2)
+        flips.setRandomNumberSeed(3)
+        context = createContext(mesh, force, "CPU", flips, {"Threads": threads})
+        flips.step(1)
+        middle = context.createCheckpoint()
+        context.setPositions(1.01*mesh.vertices)
+        flips.step(1)
+        context.loadCheckpoint(middle)
+        flips.step(1)
+        results.append((force.getTrianglesInContext(context), flips.getNumAccepted(), flips.getNumForbidden()))
+    assert results[0][1] > len(mesh.edges)/20
+    for triangles, accepted, forbidden in results[1:]:
+        assert np.array_equal(triangles, results[0][0])
+        assert (accepted, forbidden) == results[0][1:]
+
+
 def test_seeds():
     mesh = createBlob(2)
 
