@@ -77,7 +77,7 @@ private:
     int halfedges[MAX], wanted[MAX], stepsLeft = 0;
 };
 
-void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last, const EdgeFlipBatch* upcoming) const {
+void EdgeFlipState::evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming) const {
     // In large membranes nearly everything is in no near cache.  Vectors, steps of the walks and requests for the upcoming batch take turns, so that what is needed later comes
     // from memory while the vectors are computed.
 
@@ -85,29 +85,29 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, int first, int last, const Ed
     if (upcoming != NULL)
         for (int n = 0; n < upcoming->numAttempts; n++)
             mesh.prefetch(upcoming->halfedge[n]);
-    for (int n = first; n < last; n++)
+    for (int n = 0; n < batch.numAttempts; n++)
         findStencil(batch, n);
-    for (int n = first; n < last; n++) {
+    for (int n = 0; n < batch.numAttempts; n++) {
         // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors.
         const int *k = &batch.vertex[2][n], *l = &batch.vertex[3][n];
         bool aroundK = (vertices[*k].valence <= vertices[*l].valence);
         beginWalk(walks, batch, n, aroundK ? 2 : 3, aroundK ? *l : *k);
     }
-    for (int group = first; group < last; group += GROUP) {
+    for (int group = 0; group < batch.numAttempts; group += GROUP) {
         if (upcoming != NULL)
             prefetchStencils(*upcoming, group);
-        evaluation.evaluate(p, vertices.data(), batch, group, min(group+GROUP, last));
+        evaluation.evaluate(p, vertices.data(), batch, group, min(group+GROUP, batch.numAttempts));
         walks.step(mesh);
     }
     if (upcoming != NULL)
-        prefetchStencils(*upcoming, last);
+        prefetchStencils(*upcoming, batch.numAttempts);
     walks.finish(mesh);
-    for (int n = first; n < last; n++)
-        collect(batch, n, walks.isFound[n-first]);
+    for (int n = 0; n < batch.numAttempts; n++)
+        collect(batch, n, walks.isFound[n]);
     if (needsNeighborList(p))
-        findRepulsion(batch, first, last);
+        findRepulsion(batch);
     else if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
-        for (int n = first; n < last; n++)
+        for (int n = 0; n < batch.numAttempts; n++)
             batch.attempts[n].energy += pairEnergy(batch.vertex[0][n], batch.vertex[1][n])-pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
 }
 
@@ -167,11 +167,11 @@ struct EdgeFlipState::ClosePairs {
     int attempt[Walks::MAX], corner[Walks::MAX], partner[Walks::MAX];
 };
 
-void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch, int first, int last) const {
+void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch) const {
     // Few vertices are close to any that they are not bonded to.  The walks are around the vertices opposite, j, i, l and k: while another thread flips, one around a partner might miss it.
 
     ClosePairs pairs;
-    for (int n = first; n < last; n++) {
+    for (int n = 0; n < batch.numAttempts; n++) {
         for (int corner = 0; corner < 4; corner++) {
             int vertex = batch.vertex[corner][n];
             for (int m = 0; m < vertices[vertex].numClose; m++) {

@@ -185,7 +185,7 @@ bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen, int& u
     upcoming = (mesh.getNumVertices() < MIN_FETCHED_AHEAD ? NONE : claimNext());
     Slot& slot = getSlot(number);
     EdgeFlipBatch& batch = slot.batch;
-    state.evaluate(batch, 0, batch.numAttempts, upcoming == NONE ? NULL : &getSlot(upcoming).batch);
+    state.evaluate(batch, upcoming == NONE ? NULL : &getSlot(upcoming).batch);
     for (int n = 0; n < batch.numAttempts; n++)
         batch.attempts[n].threshold = -kT*log(batch.uniform[n]);
     collectLikelyFlips(slot);
@@ -249,8 +249,9 @@ void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
     double threshold = attempt->threshold;
     bool isRenewed = isStale(*attempt, slot.firstUnseen);
     if (isRenewed) {
+        renewed.numAttempts = 1;
         renewed.halfedge[0] = slot.batch.halfedge[n];
-        state.evaluate(renewed, 0, 1);
+        state.evaluate(renewed);
         attempt = &renewed.attempts[0];
     }
     statistics.attempted++;

@@ -202,9 +202,9 @@ void testDefinition() {
                 checkDefinition(blob, p, kT, 40, {1, 2});
     }
     Membrane blob = createFlatIcosphere(3);
-    checkDefinition(blob, createParameters(blob, AllTerms, 2), HOT, 100, {1});
+    checkDefinition(blob, createParameters(blob, AllTerms, 2), HOT, 100, {1, 2, 4});
     blob = createFlatIcosphere(4);
-    checkDefinition(blob, createParameters(blob, AllTerms & ~Repulsion), HOT, 160, {1, 2, sharing(2)});
+    checkDefinition(blob, createParameters(blob, AllTerms & ~Repulsion), HOT, 160, {1, 2, 4, sharing(2)});
 }
 
 /**

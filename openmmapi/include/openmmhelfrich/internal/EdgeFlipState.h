@@ -56,11 +56,11 @@ public:
      */
     void setClosePartners(const EdgeFlipState& other, int vertex);
     /**
-     * Evaluate attempts of a batch, from the first up to the last, whose halfedges are given: all but their thresholds.
+     * Evaluate the attempts of a batch, whose halfedges are given: all but their thresholds.
      *
      * @param upcoming  the batch to be evaluated next, whose data is brought into the cache meanwhile; or NULL
      */
-    void evaluate(EdgeFlipBatch& batch, int first, int last, const EdgeFlipBatch* upcoming=NULL) const;
+    void evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming=NULL) const;
     /**
      * Carry out a flip that was evaluated in this state, or in one that is the same at its vertices.
      */
@@ -89,7 +89,7 @@ private:
     void findStencil(EdgeFlipBatch& batch, int n) const;
     void beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, int corner, int wanted) const;
     void collect(EdgeFlipBatch& batch, int n, bool areBonded) const;
-    void findRepulsion(EdgeFlipBatch& batch, int first, int last) const;
+    void findRepulsion(EdgeFlipBatch& batch) const;
     void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
     bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
     double distance2(int vertex1, int vertex2) const;
