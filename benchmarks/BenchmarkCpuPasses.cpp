@@ -1,4 +1,5 @@
-// The CPU platform's passes over a noisy icosphere, one thread, by instruction set, precision and number of vertices: a tool for work on them.  Time is per vertex.
+// The CPU platform's passes over a noisy icosphere, one thread, by instruction set, precision and number of vertices: a
+// tool for work on them.  Time is per vertex.
 
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichPasses.h"
@@ -14,18 +15,19 @@ using namespace HelfrichPlugin;
 using namespace std;
 
 /**
- * A rough sphere whose connectivity random flips have melted, with every array that the passes need.  Real is the type in which they compute.
+ * A rough sphere whose connectivity random flips have melted, with every array that the passes need.  Real is the type
+ * in which they compute.
  */
 template <class Real>
 struct Scene {
     Scene(int subdivisions, bool hasTether) : membrane(createSphere(subdivisions)) {
         int numVertices = membrane.positions.size();
-        double edge = sqrt(8*M_PI/sqrt(3)/numVertices);
+        double edge = sqrt(8 * M_PI / sqrt(3) / numVertices);
         TestRandom random(1);
         for (auto& x : membrane.positions)
-            x += random.vector(0.05*edge);
+            x += random.vector(0.05 * edge);
         mesh.reset(new HelfrichMesh(membrane.triangles, numVertices));
-        for (int i = 0; i < mesh->getNumEdges()/2; i++) {
+        for (int i = 0; i < mesh->getNumEdges() / 2; i++) {
             int h = random.index(mesh->getNumHalfedges());
             if (mesh->canFlip(h))
                 mesh->flip(h);
@@ -35,22 +37,23 @@ struct Scene {
         parameters.bendingModulus = 20;
         if (hasTether) {
             parameters.tetherModulus = 1;
-            parameters.tetherMinLength = 0.7*edge;
-            parameters.tetherMaxLength = 1.5*edge;
+            parameters.tetherMinLength = 0.7 * edge;
+            parameters.tetherMaxLength = 1.5 * edge;
             parameters.tetherExponent = 2;
         }
         for (size_t i = 0; i < data.size(); i++)
-            data[i].reset(static_cast<double*>(aligned_alloc(64, 64+sizeof(double)*max(4*layout.getNumSlots(), (int) layout.neighbors.size())/64*64+64)));
-        auto array = [&] (int i) {
-            return reinterpret_cast<Real*>(data[i].get());
-        };
+            data[i].reset(static_cast<double*>(aligned_alloc(
+                    64, 64 + sizeof(double) * max(4 * layout.getNumSlots(), (int) layout.neighbors.size()) / 64 * 64 +
+                                64)));
+        auto array = [&](int i) { return reinterpret_cast<Real*>(data[i].get()); };
         int* fixedPositions = reinterpret_cast<int*>(data[5].get());
         const double corner[] = {-2, -2, -2}, unit = ldexp(1, -29);
         arrays = {data[0].get(), array(1), array(2), array(3), array(4), fixedPositions, float(unit)};
         for (int slot = 0; slot < layout.getNumSlots(); slot++)
             for (int i = 0; i < 3; i++)
-                arrays.positions[4*slot+i] = membrane.positions[layout.vertices[slot]][i];
-        getCpuHelfrichPasses().roundPositions(arrays.positions, 0, layout.getNumSlots(), corner, 1/unit, fixedPositions);
+                arrays.positions[4 * slot + i] = membrane.positions[layout.vertices[slot]][i];
+        getCpuHelfrichPasses().roundPositions(arrays.positions, 0, layout.getNumSlots(), corner, 1 / unit,
+                                              fixedPositions);
     }
     Membrane membrane;
     unique_ptr<HelfrichMesh> mesh;
@@ -67,7 +70,8 @@ struct Scene {
 
 static void reportPerVertex(benchmark::State& state, int numVertices) {
     state.counters["vertices"] = numVertices;
-    state.counters["perVertex"] = benchmark::Counter(numVertices, benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+    state.counters["perVertex"] = benchmark::Counter(numVertices, benchmark::Counter::kIsIterationInvariantRate |
+                                                                          benchmark::Counter::kInvert);
 }
 
 template <class Real>
@@ -87,11 +91,11 @@ static void gradient(benchmark::State& state) {
     CpuHelfrichSums sums;
     HelfrichTotals slopes;
     slopes.area = slopes.volume = slopes.curvature = 1;
-    alignas(64) double gradients[4*CpuHelfrichLayout::MAX_WIDTH];
+    alignas(64) double gradients[4 * CpuHelfrichLayout::MAX_WIDTH];
     passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     for (auto _ : state)
         for (int g = 0; g < scene.layout.getNumGroups(); g++)
-            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, g+1, gradients);
+            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, g + 1, gradients);
     reportPerVertex(state, scene.mesh->getNumVertices());
 }
 

@@ -8,6 +8,7 @@
 Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
 importable, it is timed on the same meshes and parameters, and the ratio is printed.
 """
+
 import argparse
 import json
 import os
@@ -20,18 +21,27 @@ import time
 from pathlib import Path
 
 SIZES = {642: 3, 2562: 4, 10242: 5, 40962: 6, 163842: 7, 655362: 8, 2621442: 9, 10485762: 10}
-KT = 2.494338785445972                          # kJ/mol at 300 K
+KT = 2.494338785445972  # kJ/mol at 300 K
 COLUMNS = {
-    "energy": "ns/vertex", "gradient": "ns/vertex", "gradient+repulsion": "ns/vertex", "leapfrog step": "ns/vertex", "leapfrog+repulsion": "ns/vertex",
-    "flip attempt": "ns", "flip attempt+repulsion": "ns", "full step": "ms", "memory": "bytes/vertex"}
+    "energy": "ns/vertex",
+    "gradient": "ns/vertex",
+    "gradient+repulsion": "ns/vertex",
+    "leapfrog step": "ns/vertex",
+    "leapfrog+repulsion": "ns/vertex",
+    "flip attempt": "ns",
+    "flip attempt+repulsion": "ns",
+    "full step": "ms",
+    "memory": "bytes/vertex",
+}
 
 
 def createMembrane(size):
     """Return a Mesh of a rough icosphere of a number of vertices, 1 nm apart."""
     import numpy as np
     import openmmhelfrich as mh
-    mesh = mh.Mesh.icosphere(SIZES[size], (3**0.5*size/(8*np.pi))**0.5)
-    vertices = mesh.vertices+np.random.default_rng(1).normal(scale=0.05, size=mesh.vertices.shape)
+
+    mesh = mh.Mesh.icosphere(SIZES[size], (3**0.5 * size / (8 * np.pi)) ** 0.5)
+    vertices = mesh.vertices + np.random.default_rng(1).normal(scale=0.05, size=mesh.vertices.shape)
     return mh.Mesh(vertices, mesh.triangles)
 
 
@@ -41,24 +51,26 @@ TERMS = ("bending", "area", "volume", "area difference", "tether")
 def createForce(mesh, repulsion=False, terms=TERMS):
     """Return a HelfrichForce with some terms on, by default all but the repulsion."""
     import openmmhelfrich as mh
+
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     force.setTargetArea(mesh.area)
     force.setTargetVolume(mesh.volume)
-    force.setTargetAreaDifference((16*3.14159265*mesh.area)**0.5)
-    force.setBendingModulus(20*KT*("bending" in terms))
-    force.setAreaModulus(1e4*KT*("area" in terms))
-    force.setVolumeModulus(1e4*KT*("volume" in terms))
-    force.setAreaDifferenceModulus(1e2*KT*("area difference" in terms))
-    force.setTether(1e2*KT*("tether" in terms), 0.7, 1.5, 2)
+    force.setTargetAreaDifference((16 * 3.14159265 * mesh.area) ** 0.5)
+    force.setBendingModulus(20 * KT * ("bending" in terms))
+    force.setAreaModulus(1e4 * KT * ("area" in terms))
+    force.setVolumeModulus(1e4 * KT * ("volume" in terms))
+    force.setAreaDifferenceModulus(1e2 * KT * ("area difference" in terms))
+    force.setTether(1e2 * KT * ("tether" in terms), 0.7, 1.5, 2)
     if repulsion:
-        force.setRepulsion(1e2*KT, 1.0, 2, 2)
+        force.setRepulsion(1e2 * KT, 1.0, 2, 2)
     return force
 
 
 def createContext(mesh, force, integrator, platform, threads):
     """Return a Context, of as many threads if the platform has them."""
     import openmm as mm
+
     system = mesh.createSystem(mass=1.0)
     system.addForce(force)
     chosen = mm.Platform.getPlatformByName(platform)
@@ -72,25 +84,26 @@ def timeCalls(call, seconds=1.0, repeats=7):
     call()
     start = time.perf_counter()
     call()
-    count = max(1, int(seconds/repeats/max(time.perf_counter()-start, 1e-9)))
+    count = max(1, int(seconds / repeats / max(time.perf_counter() - start, 1e-9)))
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
         for _ in range(count):
             call()
-        times.append((time.perf_counter()-start)/count)
+        times.append((time.perf_counter() - start) / count)
     median = statistics.median(times)
-    return median, (max(times)-min(times))/median
+    return median, (max(times) - min(times)) / median
 
 
 def stepSize(size):
     """A leapfrog step, in ps, with which most trajectories are accepted."""
-    return 0.0015*(642/size)**0.4
+    return 0.0015 * (642 / size) ** 0.4
 
 
 def timeGradient(mesh, force, platform, threads, precision="double"):
     """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its spread."""
     import openmmhelfrich as mh
+
     integrator = mh.HamiltonianTrajectoryIntegrator(300, 1e-9, 10)
     integrator.setForcePrecision(precision)
     context = createContext(mesh, force, integrator, platform, threads)
@@ -100,16 +113,24 @@ def timeGradient(mesh, force, platform, threads, precision="double"):
         integrator.setStepsPerTrajectory(steps)
         times.append(timeCalls(lambda: integrator.step(1)))
     del context
-    return (times[1][0]-times[0][0])/30/len(mesh.vertices)*1e9, times[1][1]
+    return (times[1][0] - times[0][0]) / 30 / len(mesh.vertices) * 1e9, times[1][1]
 
 
 def timeTerms(size, threads):
     """Print what each combination of terms costs."""
     mesh = createMembrane(size)
-    combinations = {"area and volume": ("area", "volume"), "tether": ("tether",), "area difference": ("area difference",), "bending": ("bending",),
-                    "bending, area, volume": ("bending", "area", "volume"), "bending, area, volume, area difference": TERMS[:4],
-                    "all but repulsion": TERMS}
-    print(f"{size} vertices, {threads} thread{'s'*(threads > 1)}: a force evaluation and a leapfrog step, ns per vertex")
+    combinations = {
+        "area and volume": ("area", "volume"),
+        "tether": ("tether",),
+        "area difference": ("area difference",),
+        "bending": ("bending",),
+        "bending, area, volume": ("bending", "area", "volume"),
+        "bending, area, volume, area difference": TERMS[:4],
+        "all but repulsion": TERMS,
+    }
+    print(
+        f"{size} vertices, {threads} thread{'s' * (threads > 1)}: a force evaluation and a leapfrog step, ns per vertex"
+    )
     for name, terms in combinations.items():
         print(f"{timeGradient(mesh, createForce(mesh, terms=terms), 'CPU', threads)[0]:>8.1f}  {name}")
     print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads)[0]:>8.1f}  all")
@@ -119,27 +140,29 @@ def timeForces(results, size, platform, threads, precision, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
     import openmmhelfrich as mh
+
     mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
     force = createForce(mesh, repulsion)
-    results["gradient"+suffix] = timeGradient(mesh, force, platform, threads, precision)
+    results["gradient" + suffix] = timeGradient(mesh, force, platform, threads, precision)
     if not repulsion:
         context = createContext(mesh, createForce(mesh), mm.VerletIntegrator(1e-12), platform, threads)
         energyForce = mh.HelfrichForce.cast(context.getSystem().getForce(0))
         median, spread = timeCalls(lambda: energyForce.getEnergyTermsInContext(context))
-        results["energy"] = (median/size*1e9, spread)
+        results["energy"] = (median / size * 1e9, spread)
         del context
     integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(size), 100)
     integrator.setForcePrecision(precision)
     integrator.setRandomNumberSeed(1)
     context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
     median, spread = timeCalls(lambda: integrator.step(1), repeats=5)
-    results["leapfrog"+(suffix or " step")] = (median/size/101*1e9, spread)
+    results["leapfrog" + (suffix or " step")] = (median / size / 101 * 1e9, spread)
 
 
 def timeSweeps(results, size, platform, threads, precision, repulsion):
     """Time sweeps of flips, and the paper's full step: a trajectory of 100 steps and a sweep over 10% of the edges."""
     import openmmhelfrich as mh
+
     mesh = createMembrane(size)
     suffix = "+repulsion" if repulsion else ""
     integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 100, 0.1, 0.5)
@@ -149,32 +172,37 @@ def timeSweeps(results, size, platform, threads, precision, repulsion):
     flips, trajectories = integrator.getIntegrator(1), integrator.getIntegrator(0)
     trajectories.step(2)
     median, spread = timeCalls(lambda: flips.step(1))
-    results["flip attempt"+suffix] = (median/(0.3*size)*1e9, spread)
+    results["flip attempt" + suffix] = (median / (0.3 * size) * 1e9, spread)
     if not repulsion:
+
         def fullStep():
             trajectories.step(1)
             flips.step(1)
+
         median, spread = timeCalls(fullStep, repeats=5)
-        results["full step"] = (median*1e3, spread)
+        results["full step"] = (median * 1e3, spread)
     del context
 
 
 def residentMemory():
     """Return the resident memory of this process, in bytes."""
     with open("/proc/self/statm") as file:
-        return int(file.read().split()[1])*resource.getpagesize()
+        return int(file.read().split()[1]) * resource.getpagesize()
 
 
 def measureMemory(results, size, platform, threads, precision):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
     import openmmhelfrich as mh
+
     mesh = createMembrane(size)
     sizes = []
     for plain in (True, False):
         before = residentMemory()
         integrator = mm.VerletIntegrator(1e-12) if plain else mh.HybridMonteCarloIntegrator(300, stepSize(size), 10)
-        context = createContext(mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh), integrator, platform, threads)
+        context = createContext(
+            mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh), integrator, platform, threads
+        )
         if plain:
             integrator.step(2)
         else:
@@ -182,9 +210,9 @@ def measureMemory(results, size, platform, threads, precision):
             integrator.getIntegrator(0).step(1)
             integrator.getIntegrator(1).step(1)
             integrator.getIntegrator(0).step(1)
-        sizes.append(residentMemory()-before)
+        sizes.append(residentMemory() - before)
         del context, integrator
-    results["memory"] = ((sizes[1]-sizes[0])/size, 0)
+    results["memory"] = ((sizes[1] - sizes[0]) / size, 0)
 
 
 def measure(size, platform, threads, precision):
@@ -194,7 +222,7 @@ def measure(size, platform, threads, precision):
     for repulsion in (False, True):
         timeForces(results, size, platform, threads, precision, repulsion)
         timeSweeps(results, size, platform, threads, precision, repulsion)
-    results["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024
+    results["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return results
 
 
@@ -205,14 +233,28 @@ def measureTriMem(size):
     except ImportError:
         return {}
     import numpy as np
+
     mesh = createMembrane(size)
     triMesh = core.TriMesh(mesh.vertices, mesh.triangles)
     bonds, repulsion, continuation = core.BondParams(), core.SurfaceRepulsionParams(), core.ContinuationParams()
     bonds.lc0, bonds.lc1, bonds.r, bonds.type = 1.5, 0.7, 2, core.BondType.Edge
-    repulsion.n_search, repulsion.rlist, repulsion.exclusion_level, repulsion.lc1, repulsion.r = "verlet-list", 0.2, 2, 0.1, 2
+    repulsion.n_search, repulsion.rlist, repulsion.exclusion_level, repulsion.lc1, repulsion.r = (
+        "verlet-list",
+        0.2,
+        2,
+        0.1,
+        2,
+    )
     continuation.delta, continuation.lam = 0, 1
     parameters = core.EnergyParams()
-    parameters.kappa_b, parameters.kappa_a, parameters.kappa_v, parameters.kappa_c, parameters.kappa_t, parameters.kappa_r = 20, 1e4, 1e4, 1e2, 1e2, 0
+    (
+        parameters.kappa_b,
+        parameters.kappa_a,
+        parameters.kappa_v,
+        parameters.kappa_c,
+        parameters.kappa_t,
+        parameters.kappa_r,
+    ) = 20, 1e4, 1e4, 1e2, 1e2, 0
     parameters.area_frac = parameters.volume_frac = parameters.curvature_frac = 1
     parameters.bond_params, parameters.repulse_params, parameters.continuation_params = bonds, repulsion, continuation
     manager = core.EnergyManager(triMesh, parameters)
@@ -220,16 +262,30 @@ def measureTriMem(size):
     gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)))
     # TriMem counts a sweep's attempts by the fraction of edges too.
     flips, flipSpread = timeCalls(lambda: core.flip(triMesh, manager, 0.1))
-    return {"energy": (energy/size*1e9, spread), "gradient": (gradient/size*1e9, gradientSpread), "flip attempt": (flips/(0.3*size)*1e9, flipSpread)}
+    return {
+        "energy": (energy / size * 1e9, spread),
+        "gradient": (gradient / size * 1e9, gradientSpread),
+        "flip attempt": (flips / (0.3 * size) * 1e9, flipSpread),
+    }
 
 
 def describeMachine():
     """Return what the figures depend on."""
     import openmm as mm
     import openmmhelfrich as mh
-    model = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), machine.processor())
-    return {"processor": model, "cores": os.cpu_count(), "OpenMM": mm.Platform.getOpenMMVersion(), "openmm-helfrich": mh.__version__,
-            "SIMD": os.environ.get("OPENMM_HELFRICH_SIMD", "best"), "load": os.getloadavg()[0]}
+
+    model = next(
+        (line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
+        machine.processor(),
+    )
+    return {
+        "processor": model,
+        "cores": os.cpu_count(),
+        "OpenMM": mm.Platform.getOpenMMVersion(),
+        "openmm-helfrich": mh.__version__,
+        "SIMD": os.environ.get("OPENMM_HELFRICH_SIMD", "best"),
+        "load": os.getloadavg()[0],
+    }
 
 
 def runCase(size, platform, threads, precision):
@@ -240,26 +296,42 @@ def runCase(size, platform, threads, precision):
 
 def printTable(cases):
     """Print the figures, a line a case."""
-    print(f"{'vertices':>9} {'platform':>9} {'threads':>7} "+" ".join(f"{name:>{max(len(name), 8)}}" for name in COLUMNS)+f" {'peak':>8}")
-    print(" "*28+" ".join(f"{unit:>{max(len(name), 8)}}" for name, unit in COLUMNS.items())+f" {'MiB':>8}")
+    print(
+        f"{'vertices':>9} {'platform':>9} {'threads':>7} "
+        + " ".join(f"{name:>{max(len(name), 8)}}" for name in COLUMNS)
+        + f" {'peak':>8}"
+    )
+    print(" " * 28 + " ".join(f"{unit:>{max(len(name), 8)}}" for name, unit in COLUMNS.items()) + f" {'MiB':>8}")
     for case in cases:
         figures = case["results"]
-        print(f"{case['size']:>9} {case['platform']:>9} {case['threads']:>7} "
-              + " ".join(f"{figures[name][0]:>{max(len(name), 8)}.1f}" for name in COLUMNS)+f" {figures['peak']:>8.0f}")
+        print(
+            f"{case['size']:>9} {case['platform']:>9} {case['threads']:>7} "
+            + " ".join(f"{figures[name][0]:>{max(len(name), 8)}.1f}" for name in COLUMNS)
+            + f" {figures['peak']:>8.0f}"
+        )
         for name, (theirs, _) in case["TriMem"].items():
-            print(f"{'':>28}TriMem's {name}: {theirs:.0f} {COLUMNS[name]}, {theirs/figures[name][0]:.0f} times as long")
+            print(
+                f"{'':>28}TriMem's {name}: {theirs:.0f} {COLUMNS[name]}, {theirs / figures[name][0]:.0f} times as long"
+            )
 
 
 def plot(cases, path):
     """Draw time per vertex against the number of vertices."""
     import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(figsize=(9, 4.5), layout="constrained")
     for threads in sorted({case["threads"] for case in cases}):
         for name in ("energy", "gradient", "leapfrog step", "leapfrog+repulsion"):
             points = [(case["size"], case["results"][name][0]) for case in cases if case["threads"] == threads]
-            axes.plot(*zip(*points), marker="o", linestyle="-" if threads == 1 else "--", label=f"{name}, {threads} thread{'s'*(threads > 1)}")
+            axes.plot(
+                *zip(*points),
+                marker="o",
+                linestyle="-" if threads == 1 else "--",
+                label=f"{name}, {threads} thread{'s' * (threads > 1)}",
+            )
     axes.set(xscale="log", xlabel="vertices", ylabel="ns per vertex", ylim=(0, None))
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1, 1))
     figure.savefig(path, dpi=150)
@@ -270,8 +342,12 @@ def main():
     parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES), default=sorted(SIZES)[:6])
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--platforms", nargs="+", default=["CPU"])
-    parser.add_argument("--precision", choices=["double", "mixed"], default="double", help="of the forces in trajectories")
-    parser.add_argument("--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot")
+    parser.add_argument(
+        "--precision", choices=["double", "mixed"], default="double", help="of the forces in trajectories"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot"
+    )
     parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
     parser.add_argument("--case", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -285,12 +361,23 @@ def main():
     for platform in options.platforms:
         for threads in options.threads if platform == "CPU" else [1]:
             for size in options.sizes:
-                cases.append({"size": size, "platform": platform, "threads": threads, "results": runCase(size, platform, threads, options.precision),
-                              "TriMem": measureTriMem(size) if threads == 1 and platform == "CPU" else {}})
+                cases.append(
+                    {
+                        "size": size,
+                        "platform": platform,
+                        "threads": threads,
+                        "results": runCase(size, platform, threads, options.precision),
+                        "TriMem": measureTriMem(size) if threads == 1 and platform == "CPU" else {},
+                    }
+                )
                 print(f"{size} vertices, {platform}, {threads} threads: done", file=sys.stderr)
     printTable(cases)
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.with_suffix(".json").write_text(json.dumps({"machine": describeMachine(), "units": COLUMNS, "precision": options.precision, "cases": cases}, indent=1))
+    options.output.with_suffix(".json").write_text(
+        json.dumps(
+            {"machine": describeMachine(), "units": COLUMNS, "precision": options.precision, "cases": cases}, indent=1
+        )
+    )
     plot(cases, options.output.with_suffix(".png"))
 
 

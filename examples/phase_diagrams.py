@@ -5,6 +5,7 @@
 
 Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and where they cross.
 """
+
 import sys
 import tempfile
 from pathlib import Path
@@ -20,9 +21,11 @@ from scipy.interpolate import PchipInterpolator
 BRANCHES = {"prolate": "C0", "oblate": "C1", "stomatocyte": "C2"}
 ENERGY = "E_bending/8 pi kappa"
 # Energy over 8 pi kappa of axisymmetric shapes by reduced volume, from tests/data/axisymmetric_minima.csv.
-REFERENCE = {"prolate": {0.9: 1.18964, 0.8: 1.38744, 0.7: 1.64327, 0.65: 1.82793, 0.6: 2.06029, 0.55: 2.35678, 0.5: 2.74739},
-             "oblate": {0.9: 1.21786, 0.8: 1.45254, 0.7: 1.69911, 0.65: 1.82623, 0.6: 1.95568, 0.55: 2.08730, 0.5: 2.22093},
-             "stomatocyte": {0.6: 1.97753, 0.55: 1.98454, 0.5: 1.98983}}
+REFERENCE = {
+    "prolate": {0.9: 1.18964, 0.8: 1.38744, 0.7: 1.64327, 0.65: 1.82793, 0.6: 2.06029, 0.55: 2.35678, 0.5: 2.74739},
+    "oblate": {0.9: 1.21786, 0.8: 1.45254, 0.7: 1.69911, 0.65: 1.82623, 0.6: 1.95568, 0.55: 2.08730, 0.5: 2.22093},
+    "stomatocyte": {0.6: 1.97753, 0.55: 1.98454, 0.5: 1.98983},
+}
 CROSSINGS = {("stomatocyte", "oblate"): 0.591, ("oblate", "prolate"): 0.651}
 
 
@@ -34,26 +37,32 @@ def curve(points):
 
 def branchOf(table, name):
     """Return the points that were led along a branch and are on it at the end, at the volume that they were to have."""
-    return table[(table.variant == name) & (table.shapeClass == name) & (abs(table.reducedVolume-table.reduced_volume) < 0.01)]
+    return table[
+        (table.variant == name) & (table.shapeClass == name) & (abs(table.reducedVolume - table.reduced_volume) < 0.01)
+    ]
 
 
 def compareBranches(table):
     for name, reference in REFERENCE.items():
         points, exact = branchOf(table, name), PchipInterpolator(*zip(*sorted(reference.items())), extrapolate=False)
-        low, high = min(reference)-0.002, max(reference)+0.002  # volumes are not quite those that were asked for
-        print(f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       E/8 pi kappa   reference   error   delta a")
+        low, high = min(reference) - 0.002, max(reference) + 0.002  # volumes are not quite those that were asked for
+        print(
+            f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       E/8 pi kappa   reference   error   delta a"
+        )
         for _, p in points.sort_values("reducedVolume").iterrows():
             e = exact(np.clip(p.reducedVolume, min(reference), max(reference)))
-            compared = f"{e:9.4f} {p[ENERGY]/e-1:+9.2%}" if low < p.reducedVolume < high else ""
+            compared = f"{e:9.4f} {p[ENERGY] / e - 1:+9.2%}" if low < p.reducedVolume < high else ""
             print(f"  {p.reducedVolume:.4f} {p[ENERGY]:12.4f}   {compared:19} {p.reducedAreaDifference:9.3f}")
 
 
 def printCrossings(table):
     for (low, high), reference in CROSSINGS.items():
         one, other, v = curve(branchOf(table, low)), curve(branchOf(table, high)), np.linspace(0.4, 0.8, 4001)
-        difference = one(v)-other(v)
+        difference = one(v) - other(v)
         at = np.flatnonzero(np.diff(np.sign(difference)) > 0)
-        print(f"{low}/{high}: {', '.join(f'{v[i]:.3f}' for i in at) or 'no crossing'} (axisymmetric shapes: {reference})")
+        print(
+            f"{low}/{high}: {', '.join(f'{v[i]:.3f}' for i in at) or 'no crossing'} (axisymmetric shapes: {reference})"
+        )
 
 
 def plotEnergies(table, file):
@@ -64,7 +73,9 @@ def plotEnergies(table, file):
         axes.plot(points.reducedVolume, points[ENERGY], "o-", color=colour, ms=4, lw=1, label=name)
         axes.plot(*zip(*REFERENCE[name].items()), "+", color=colour, ms=11, mew=1.5)
     annealed = table[table.variant == "annealed"].sort_values("reducedVolume")
-    axes.plot(annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere")
+    axes.plot(
+        annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere"
+    )
     axes.plot([], [], "+", color="0.3", ms=11, mew=1.5, label="axisymmetric shapes")
     for v in CROSSINGS.values():
         axes.axvline(v, color="0.7", lw=1, zorder=0)
@@ -82,10 +93,10 @@ def onAxes(mesh):
 
 def picture(folder, row):
     """Return the image of a point's shape, from above if it is flat or long, and cut open if it is a stomatocyte."""
-    mesh = onAxes(mh.Mesh.read(folder/row.folder/"run.ply"))
+    mesh = onAxes(mh.Mesh.read(folder / row.folder / "run.ply"))
     isStomatocyte = row.shapeClass == "stomatocyte"
     with tempfile.TemporaryDirectory() as scratch:
-        file = Path(scratch)/"shape.png"
+        file = Path(scratch) / "shape.png"
         render([mh.meshFrame(0, mesh)], file, elevation=0 if isStomatocyte else 60, azimuth=-90, cut=isStomatocyte)
         return imread(file)[:640, 110:-110]  # without the scale of colours
 
@@ -93,7 +104,7 @@ def picture(folder, row):
 def gallery(folder, table, rows, columns, title, file):
     """Write pictures in rows and columns by the values of two parameters."""
     rowValues, columnValues = sorted(table[rows].unique()), sorted(table[columns].unique())
-    figure = Figure(figsize=(1.7*len(columnValues), 1.75*len(rowValues)), layout="constrained")
+    figure = Figure(figsize=(1.7 * len(columnValues), 1.75 * len(rowValues)), layout="constrained")
     panels = figure.subplots(len(rowValues), len(columnValues), squeeze=False)
     for axes in panels.flat:
         axes.set_axis_off()
@@ -105,7 +116,7 @@ def gallery(folder, table, rows, columns, title, file):
 
 
 kind, folder = sys.argv[1], Path(sys.argv[2])
-table = pandas.read_csv(folder/"summary.csv")
+table = pandas.read_csv(folder / "summary.csv")
 print(table.status.value_counts().to_string())
 table = table[table.status == "done"]
 if kind == "volume":
@@ -113,8 +124,21 @@ if kind == "volume":
     printCrossings(table)
     plotEnergies(table, f"{folder.name}_energies.png")
     shown = table[table.reduced_volume.isin([0.3, 0.45, 0.55, 0.62, 0.7, 0.8, 0.95])]
-    gallery(folder, shown, "variant", "reduced_volume", lambda row: f"{row.variant}, v = {row.reduced_volume}\n{row.shapeClass}, {row[ENERGY]:.3f}", f"{folder.name}_shapes.png")
+    gallery(
+        folder,
+        shown,
+        "variant",
+        "reduced_volume",
+        lambda row: f"{row.variant}, v = {row.reduced_volume}\n{row.shapeClass}, {row[ENERGY]:.3f}",
+        f"{folder.name}_shapes.png",
+    )
 else:
     print(table.pivot(index="target_area_difference", columns="reduced_volume", values=ENERGY).round(3).to_string())
-    gallery(folder, table, "reduced_volume", "target_area_difference",
-            lambda row: f"v = {row.reduced_volume}, Δa = {row.target_area_difference}\nE/8πκ = {row[ENERGY]:.3f}", f"{folder.name}_shapes.png")
+    gallery(
+        folder,
+        table,
+        "reduced_volume",
+        "target_area_difference",
+        lambda row: f"v = {row.reduced_volume}, Δa = {row.target_area_difference}\nE/8πκ = {row[ENERGY]:.3f}",
+        f"{folder.name}_shapes.png",
+    )

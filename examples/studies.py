@@ -1,4 +1,5 @@
 """A small study in Python: find the step size, deflate a vesicle and inflate it again, then cool it.  Prints the averages of each window."""
+
 import sys
 
 import openmm as mm
@@ -6,33 +7,45 @@ import openmmhelfrich as mh
 from openmm import app, unit
 
 subdivisions, steps = map(int, sys.argv[1:]) if len(sys.argv) > 1 else (3, 100)
-temperature = 300*unit.kelvin
-kT = temperature*unit.MOLAR_GAS_CONSTANT_R
+temperature = 300 * unit.kelvin
+kT = temperature * unit.MOLAR_GAS_CONSTANT_R
 
 mesh = mh.Mesh.icosphere(subdivisions)
 length = mesh.edgeLengths.mean()
 force = mh.HelfrichForce()
 force.setTriangles(mesh.triangles)
-force.setBendingModulus(20*kT)
-force.setAreaModulus(1e6*kT)
+force.setBendingModulus(20 * kT)
+force.setAreaModulus(1e6 * kT)
 force.setTargetArea(mesh.area)
-force.setVolumeModulus(1e6*kT)
-force.setTargetVolume(0.95*mesh.volume)
-force.setTether(1e4*kT, 0.75*length, 1.4*length, 2)
+force.setVolumeModulus(1e6 * kT)
+force.setTargetVolume(0.95 * mesh.volume)
+force.setTether(1e4 * kT, 0.75 * length, 1.4 * length, 2)
 system = mesh.createSystem()
 system.addForce(force)
-integrator = mh.HybridMonteCarloIntegrator(temperature, 1e-4*unit.picoseconds)
+integrator = mh.HybridMonteCarloIntegrator(temperature, 1e-4 * unit.picoseconds)
 integrator.setRandomNumberSeed(1)
 simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatformByName("CPU"))
 simulation.context.setPositions(mesh.vertices)
 
-adapted = mh.adaptStepSize(simulation, 2*steps)
+adapted = mh.adaptStepSize(simulation, 2 * steps)
 print(f"step size {adapted.stepSize:.3g} ps, accepted {adapted.acceptance:.0%}")
 
-path = mh.continueTo(simulation, force, {"reducedVolume": 0.8}, windows=4, equilibration=steps, steps=steps, interval=5, thereAndBack=True, temperature=temperature)
+path = mh.continueTo(
+    simulation,
+    force,
+    {"reducedVolume": 0.8},
+    windows=4,
+    equilibration=steps,
+    steps=steps,
+    interval=5,
+    thereAndBack=True,
+    temperature=temperature,
+)
 for i, progress in enumerate(path.windows["lambda"]):
-    print(f"lambda {progress:.2f}: reduced volume {path.windows['reducedVolume'][i]:.3f}, bending energy {path.windows['E_bending'][i]:.0f} kT")
+    print(
+        f"lambda {progress:.2f}: reduced volume {path.windows['reducedVolume'][i]:.3f}, bending energy {path.windows['E_bending'][i]:.0f} kT"
+    )
 
-cooled = mh.anneal(simulation, mh.ExponentialSchedule.over(5*steps, temperature, 3*unit.kelvin), 5*steps)
+cooled = mh.anneal(simulation, mh.ExponentialSchedule.over(5 * steps, temperature, 3 * unit.kelvin), 5 * steps)
 energy = force.getEnergyTermsInContext(simulation.context)["bending"]
-print(f"at {cooled.temperatures[-1]:.1f} K the bending energy is {energy/kT:.0f} kT")
+print(f"at {cooled.temperatures[-1]:.1f} K the bending energy is {energy / kT:.0f} kT")

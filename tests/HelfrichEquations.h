@@ -1,7 +1,8 @@
 #ifndef HELFRICHEQUATIONS_H_
 #define HELFRICHEQUATIONS_H_
 
-/* The energy of HelfrichForce straight from its equations, in any floating point type, and its exact gradient in extended precision.  It shares no line with what it tests. */
+/* The energy of HelfrichForce straight from its equations, in any floating point type, and its exact gradient in
+ * extended precision.  It shares no line with what it tests. */
 
 #include "Membranes.h"
 #include <map>
@@ -14,27 +15,27 @@ namespace HelfrichPlugin {
  */
 struct Dual {
     long double value, slope;
-    Dual(long double value=0, long double slope=0) : value(value), slope(slope) {
+    Dual(long double value = 0, long double slope = 0) : value(value), slope(slope) {
     }
     Dual& operator+=(const Dual& b) {
-        return *this = {value+b.value, slope+b.slope};
+        return *this = {value + b.value, slope + b.slope};
     }
 };
 
 inline Dual operator+(const Dual& a, const Dual& b) {
-    return {a.value+b.value, a.slope+b.slope};
+    return {a.value + b.value, a.slope + b.slope};
 }
 
 inline Dual operator-(const Dual& a, const Dual& b) {
-    return {a.value-b.value, a.slope-b.slope};
+    return {a.value - b.value, a.slope - b.slope};
 }
 
 inline Dual operator*(const Dual& a, const Dual& b) {
-    return {a.value*b.value, a.slope*b.value+a.value*b.slope};
+    return {a.value * b.value, a.slope * b.value + a.value * b.slope};
 }
 
 inline Dual operator/(const Dual& a, const Dual& b) {
-    return {a.value/b.value, (a.slope-a.value/b.value*b.slope)/b.value};
+    return {a.value / b.value, (a.slope - a.value / b.value * b.slope) / b.value};
 }
 
 inline bool operator<(const Dual& a, const Dual& b) {
@@ -43,21 +44,21 @@ inline bool operator<(const Dual& a, const Dual& b) {
 
 inline Dual sqrt(const Dual& a) {
     long double root = std::sqrt(a.value);
-    return {root, a.slope/(2*root)};
+    return {root, a.slope / (2 * root)};
 }
 
 inline Dual exp(const Dual& a) {
     long double value = std::exp(a.value);
-    return {value, a.slope*value};
+    return {value, a.slope * value};
 }
 
 inline Dual pow(const Dual& a, int n) {
-    return {std::pow(a.value, n), n*std::pow(a.value, n-1)*a.slope};
+    return {std::pow(a.value, n), n * std::pow(a.value, n - 1) * a.slope};
 }
 
 inline Dual atan2(const Dual& y, const Dual& x) {
-    long double square = x.value*x.value+y.value*y.value;
-    return {std::atan2(y.value, x.value), (y.slope*x.value-x.slope*y.value)/square};
+    long double square = x.value * x.value + y.value * y.value;
+    return {std::atan2(y.value, x.value), (y.slope * x.value - x.slope * y.value) / square};
 }
 
 template <class Real>
@@ -67,48 +68,50 @@ public:
     Real area = 0, volume = 0, curvature = 0;
     std::vector<Real> vertexAreas, vertexCurvatures;
     Real bending = 0, areaEnergy = 0, volumeEnergy = 0, areaDifference = 0, tether = 0, repulsion = 0;
-    HelfrichEquations(const std::vector<std::array<int, 3> >& triangles, const std::vector<Point>& x, const HelfrichParameters& p) :
-            vertexAreas(x.size(), Real(0)), vertexCurvatures(x.size(), Real(0)), triangles(triangles), x(x) {
+    HelfrichEquations(const std::vector<std::array<int, 3>>& triangles, const std::vector<Point>& x,
+                      const HelfrichParameters& p)
+            : vertexAreas(x.size(), Real(0)), vertexCurvatures(x.size(), Real(0)), triangles(triangles), x(x) {
         for (auto& t : triangles)
             for (int c = 0; c < 3; c++)
-                apexes[{t[c], t[(c+1)%3]}] = t[(c+2)%3];
+                apexes[{t[c], t[(c + 1) % 3]}] = t[(c + 2) % 3];
         addTriangles();
         addEdges(p);
         Real two = 2;
         for (size_t i = 0; i < x.size(); i++)
             if (p.bendingModulus != 0)
-                bending += two*Real(p.bendingModulus)*vertexCurvatures[i]*vertexCurvatures[i]/vertexAreas[i];
+                bending += two * Real(p.bendingModulus) * vertexCurvatures[i] * vertexCurvatures[i] / vertexAreas[i];
         areaEnergy = penalty(p.areaModulus, area, p.targetArea);
         volumeEnergy = penalty(p.volumeModulus, volume, p.targetVolume);
-        areaDifference = penalty(p.areaDifferenceModulus, two*Real(p.leafletSeparation)*curvature, p.targetAreaDifference);
+        areaDifference =
+                penalty(p.areaDifferenceModulus, two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
         if (p.repulsionModulus != 0)
             addRepulsion(p);
     }
     Real getTotal() const {
-        return bending+areaEnergy+volumeEnergy+areaDifference+tether+repulsion;
+        return bending + areaEnergy + volumeEnergy + areaDifference + tether + repulsion;
     }
 private:
     static Point subtract(const Point& a, const Point& b) {
-        return {a[0]-b[0], a[1]-b[1], a[2]-b[2]};
+        return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
     }
     static Real dot(const Point& a, const Point& b) {
-        return a[0]*b[0]+a[1]*b[1]+a[2]*b[2];
+        return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     }
     static Point cross(const Point& a, const Point& b) {
-        return {a[1]*b[2]-a[2]*b[1], a[2]*b[0]-a[0]*b[2], a[0]*b[1]-a[1]*b[0]};
+        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
     }
     static Real length(const Point& a) {
         using std::sqrt;
         return sqrt(dot(a, a));
     }
     static Real penalty(double modulus, Real value, double target) {
-        Real deviation = modulus == 0 ? Real(0) : value/Real(target)-Real(1);
-        return Real(modulus)*deviation*deviation;
+        Real deviation = modulus == 0 ? Real(0) : value / Real(target) - Real(1);
+        return Real(modulus) * deviation * deviation;
     }
     static Real contact(Real r, double onset, int exponent) {
         using std::exp;
         using std::pow;
-        return exp(r/(r-Real(onset)))*pow(r, -exponent);
+        return exp(r / (r - Real(onset))) * pow(r, -exponent);
     }
     Point normal(int a, int b, int c) const {
         return cross(subtract(x[b], x[a]), subtract(x[c], x[a]));
@@ -116,15 +119,15 @@ private:
     Point unitNormal(int a, int b, int c) const {
         Point n = normal(a, b, c);
         Real norm = length(n);
-        return {n[0]/norm, n[1]/norm, n[2]/norm};
+        return {n[0] / norm, n[1] / norm, n[2] / norm};
     }
     void addTriangles() {
         for (auto& t : triangles) {
-            Real triangleArea = length(normal(t[0], t[1], t[2]))/Real(2);
+            Real triangleArea = length(normal(t[0], t[1], t[2])) / Real(2);
             area += triangleArea;
-            volume += dot(x[t[0]], cross(x[t[1]], x[t[2]]))/Real(6);
+            volume += dot(x[t[0]], cross(x[t[1]], x[t[2]])) / Real(6);
             for (int i : t)
-                vertexAreas[i] += triangleArea/Real(3);
+                vertexAreas[i] += triangleArea / Real(3);
         }
     }
     void addEdges(const HelfrichParameters& p) {
@@ -133,11 +136,12 @@ private:
             int i = edge.first.first, j = edge.first.second;
             if (i > j)
                 continue;
-            Point e = subtract(x[j], x[i]), nf = unitNormal(i, j, edge.second), ng = unitNormal(j, i, apexes.at({j, i}));
-            Real l = length(e), angle = atan2(dot(cross(nf, ng), e)/l, dot(nf, ng)), quarter = l*angle/Real(4);
+            Point e = subtract(x[j], x[i]), nf = unitNormal(i, j, edge.second),
+                  ng = unitNormal(j, i, apexes.at({j, i}));
+            Real l = length(e), angle = atan2(dot(cross(nf, ng), e) / l, dot(nf, ng)), quarter = l * angle / Real(4);
             vertexCurvatures[i] += quarter;
             vertexCurvatures[j] += quarter;
-            curvature += quarter+quarter;
+            curvature += quarter + quarter;
             if (p.tetherModulus != 0)
                 addTether(l, p);
         }
@@ -146,12 +150,14 @@ private:
         using std::pow;
         Real scale = p.tetherLengthScale;
         if (l < Real(p.tetherMinLength))
-            tether += Real(p.tetherModulus)*contact(l, p.tetherMinLength, p.tetherExponent)*pow(scale, p.tetherExponent);
+            tether += Real(p.tetherModulus) * contact(l, p.tetherMinLength, p.tetherExponent) *
+                      pow(scale, p.tetherExponent);
         else if (Real(p.tetherMaxLength) < l)
-            tether += Real(p.tetherModulus)*pow(Real(p.tetherExponent), p.tetherExponent+1)*pow((l-Real(p.tetherMaxLength))/scale, p.tetherExponent);
+            tether += Real(p.tetherModulus) * pow(Real(p.tetherExponent), p.tetherExponent + 1) *
+                      pow((l - Real(p.tetherMaxLength)) / scale, p.tetherExponent);
     }
     void addRepulsion(const HelfrichParameters& p) {
-        std::vector<std::set<int> > bonded(x.size()), excluded(x.size());
+        std::vector<std::set<int>> bonded(x.size()), excluded(x.size());
         for (auto& edge : apexes)
             bonded[edge.first.first].insert(edge.first.second);
         for (size_t i = 0; i < x.size(); i++) {
@@ -165,10 +171,10 @@ private:
             for (size_t j = 0; j < x.size(); j++) {
                 Real r = i == j ? Real(0) : length(subtract(x[j], x[i]));
                 if (i != j && r < Real(p.repulsionOnset) && excluded[i].count(j) == 0)
-                    repulsion += Real(p.repulsionModulus)*contact(r, p.repulsionOnset, p.repulsionExponent);
+                    repulsion += Real(p.repulsionModulus) * contact(r, p.repulsionOnset, p.repulsionExponent);
             }
     }
-    const std::vector<std::array<int, 3> >& triangles;
+    const std::vector<std::array<int, 3>>& triangles;
     const std::vector<Point>& x;
     std::map<std::pair<int, int>, int> apexes;
 };
@@ -177,7 +183,7 @@ private:
  * The energy in extended precision.
  */
 inline HelfrichEquations<long double> computeExactly(const Membrane& membrane, const HelfrichParameters& p) {
-    std::vector<std::array<long double, 3> > x;
+    std::vector<std::array<long double, 3>> x;
     for (auto& point : membrane.positions)
         x.push_back({point[0], point[1], point[2]});
     return HelfrichEquations<long double>(membrane.triangles, x, p);
@@ -186,8 +192,9 @@ inline HelfrichEquations<long double> computeExactly(const Membrane& membrane, c
 /**
  * The forces on some of the vertices, by automatic differentiation in extended precision.
  */
-inline std::vector<OpenMM::Vec3> computeForcesExactly(const Membrane& membrane, const HelfrichParameters& p, const std::vector<int>& vertices) {
-    std::vector<std::array<Dual, 3> > x;
+inline std::vector<OpenMM::Vec3> computeForcesExactly(const Membrane& membrane, const HelfrichParameters& p,
+                                                      const std::vector<int>& vertices) {
+    std::vector<std::array<Dual, 3>> x;
     for (auto& point : membrane.positions)
         x.push_back({Dual(point[0]), Dual(point[1]), Dual(point[2])});
     std::vector<OpenMM::Vec3> forces;

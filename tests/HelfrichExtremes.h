@@ -1,26 +1,28 @@
-/* Tests at the extremes of geometry and parameters, which every platform must pass: docs/extremes.md lists them.  This is a part of TestHelfrichForce.h. */
+/* Tests at the extremes of geometry and parameters, which every platform must pass: docs/extremes.md lists them.  This
+ * is a part of TestHelfrichForce.h. */
 
 /**
- * Move a membrane so that its first vertex is at the origin.  In extended precision that rounds nothing, and energies far from the origin can be computed exactly.
+ * Move a membrane so that its first vertex is at the origin.  In extended precision that rounds nothing, and energies
+ * far from the origin can be computed exactly.
  */
-vector<array<long double, 3> > moveToOrigin(const vector<Vec3>& positions) {
-    vector<array<long double, 3> > x;
+vector<array<long double, 3>> moveToOrigin(const vector<Vec3>& positions) {
+    vector<array<long double, 3>> x;
     for (auto& point : positions) {
         x.push_back({});
         for (int i = 0; i < 3; i++)
-            x.back()[i] = (long double) point[i]-positions[0][i];
+            x.back()[i] = (long double) point[i] - positions[0][i];
     }
     return x;
 }
 
 HelfrichEquations<long double> computeExactlyAnywhere(const Membrane& membrane, const HelfrichParameters& p) {
-    static vector<array<long double, 3> > x;
+    static vector<array<long double, 3>> x;
     x = moveToOrigin(membrane.positions);
     return HelfrichEquations<long double>(membrane.triangles, x, p);
 }
 
 vector<Vec3> computeAllForcesExactly(const Membrane& membrane, const HelfrichParameters& p) {
-    vector<array<Dual, 3> > x;
+    vector<array<Dual, 3>> x;
     for (auto& point : moveToOrigin(membrane.positions))
         x.push_back({Dual(point[0]), Dual(point[1]), Dual(point[2])});
     vector<Vec3> forces;
@@ -39,12 +41,13 @@ vector<Vec3> computeAllForcesExactly(const Membrane& membrane, const HelfrichPar
 double getDifference(const vector<Vec3>& a, const vector<Vec3>& b) {
     vector<Vec3> difference;
     for (size_t i = 0; i < a.size(); i++)
-        difference.push_back(a[i]-b[i]);
-    return getNorm(difference)/getNorm(a);
+        difference.push_back(a[i] - b[i]);
+    return getNorm(difference) / getNorm(a);
 }
 
 /**
- * The relative change of the exact forces when every coordinate changes by at most half of its last bit: more than the digits that the positions hold nobody can know.
+ * The relative change of the exact forces when every coordinate changes by at most half of its last bit: more than the
+ * digits that the positions hold nobody can know.
  */
 double getConditionOfForces(const Membrane& membrane, const HelfrichParameters& p, const vector<Vec3>& exact) {
     TestRandom random(3);
@@ -53,7 +56,7 @@ double getConditionOfForces(const Membrane& membrane, const HelfrichParameters& 
         Membrane other = membrane;
         for (auto& x : other.positions)
             for (int i = 0; i < 3; i++)
-                x[i] *= 1+random.uniform(-1, 1)*1.2e-16*(1+trial);
+                x[i] *= 1 + random.uniform(-1, 1) * 1.2e-16 * (1 + trial);
         change = max(change, getDifference(exact, computeAllForcesExactly(other, p)));
     }
     return change;
@@ -76,7 +79,7 @@ void assertFails(MembraneContext& context, const string& words) {
         ASSERT(string(error.what()).find(words) != string::npos);
         return;
     }
-    throwException(__FILE__, __LINE__, "no error that says '"+words+"'");
+    throwException(__FILE__, __LINE__, "no error that says '" + words + "'");
 }
 
 /**
@@ -87,12 +90,13 @@ Membrane createThinTriangle(bool isNeedle, double thickness) {
     array<int, 3> t = blob.triangles[5];
     Vec3 a = blob.positions[t[0]], b = blob.positions[t[1]];
     Vec3& c = blob.positions[t[2]];
-    c = isNeedle ? a+(c-a)*thickness : a*0.6+b*0.4+(c-(a+b)*0.5)*thickness;
+    c = isNeedle ? a + (c - a) * thickness : a * 0.6 + b * 0.4 + (c - (a + b) * 0.5) * thickness;
     return blob;
 }
 
 void testThinTriangles() {
-    // The errors are less than those which the rounding of the positions alone makes; forces are good to 1e-6 down to areas of 1e-10 of the mean.
+    // The errors are less than those which the rounding of the positions alone makes; forces are good to 1e-6 down to
+    // areas of 1e-10 of the mean.
 
     for (bool isNeedle : {true, false})
         for (double thickness : {1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
@@ -101,8 +105,8 @@ void testThinTriangles() {
             vector<Vec3> exact = computeAllForcesExactly(blob, p);
             MembraneContext context(blob, p);
             double condition = getConditionOfForces(blob, p, exact), error = getDifference(exact, context.getForces());
-            double energyError = fabs(context.getEnergy()/computeExactly(blob, p).getTotal()-1);
-            ASSERT(error < 1e-15+condition && energyError < 1e-14+condition);
+            double energyError = fabs(context.getEnergy() / computeExactly(blob, p).getTotal() - 1);
+            ASSERT(error < 1e-15 + condition && energyError < 1e-14 + condition);
             ASSERT(error < 1e-6 || thickness < 1e-11);
         }
 }
@@ -113,7 +117,7 @@ void testThinTriangles() {
 Membrane createCube(int n) {
     Membrane cube;
     map<array<int, 3>, int> indices;
-    auto add = [&] (const array<int, 3>& x) {
+    auto add = [&](const array<int, 3>& x) {
         if (indices.insert({x, (int) indices.size()}).second)
             cube.positions.push_back(Vec3(x[0], x[1], x[2]));
         return indices[x];
@@ -122,11 +126,11 @@ Membrane createCube(int n) {
         for (int side : {0, n})
             for (int u = 0; u < n; u++)
                 for (int v = 0; v < n; v++) {
-                    auto corner = [&] (int du, int dv) {
+                    auto corner = [&](int du, int dv) {
                         array<int, 3> x;
                         x[axis] = side;
-                        x[(axis+1)%3] = u+du;
-                        x[(axis+2)%3] = v+dv;
+                        x[(axis + 1) % 3] = u + du;
+                        x[(axis + 2) % 3] = v + dv;
                         return add(x);
                     };
                     int a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
@@ -145,7 +149,7 @@ void testFlatFaces() {
     HelfrichGeometry geometry = MembraneContext(cube, p).getGeometry();
     ASSERT_EQUAL_TOL(96.0, geometry.area, 1e-14);
     ASSERT_EQUAL_TOL(64.0, geometry.volume, 1e-14);
-    ASSERT_EQUAL_TOL(48*M_PI/4, geometry.integratedMeanCurvature, 1e-15);
+    ASSERT_EQUAL_TOL(48 * M_PI / 4, geometry.integratedMeanCurvature, 1e-15);
     int numFlat = 0;
     for (size_t i = 0; i < cube.positions.size(); i++) {
         int numEnds = 0;
@@ -168,12 +172,12 @@ void testFoldedFlat() {
             x[2] *= sign;
         double rim = 0;
         for (int i = 0; i < 6; i++) {
-            Vec3 edge = pillow.positions[(i+1)%6]-pillow.positions[i];
+            Vec3 edge = pillow.positions[(i + 1) % 6] - pillow.positions[i];
             rim += sqrt(edge.dot(edge));
         }
         MembraneContext context(pillow, createParameters(pillow, Bending | AreaDifference));
         HelfrichGeometry geometry = context.getGeometry();
-        ASSERT_EQUAL_TOL(0.5*M_PI*rim, geometry.integratedMeanCurvature, 1e-15);
+        ASSERT_EQUAL_TOL(0.5 * M_PI * rim, geometry.integratedMeanCurvature, 1e-15);
         ASSERT_EQUAL(0.0, geometry.volume);
         ASSERT_EQUAL(0.0, geometry.vertexMeanCurvatures[6]);
         ASSERT(isfinite(context.getEnergy()) && isfinite(getNorm(context.getForces())));
@@ -202,25 +206,28 @@ void testCoincidentVertices() {
 }
 
 void testValences() {
-    // A tetrahedron; and a pyramid on either side of a polygon of 40 corners, one of whose triangles has a vertex of valence 3 in its middle.
+    // A tetrahedron; and a pyramid on either side of a polygon of 40 corners, one of whose triangles has a vertex of
+    // valence 3 in its middle.
 
     Membrane tetrahedron, pyramids;
     tetrahedron.positions = {{0, 0, 0}, {1.1, 0, 0.1}, {0.2, 0.9, 0}, {0.3, 0.1, 1}};
     tetrahedron.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
     TestRandom random(5);
     for (int i = 0; i < 40; i++)
-        pyramids.positions.push_back(Vec3(cos(i*M_PI/20), sin(i*M_PI/20), 0)+random.vector(0.02));
+        pyramids.positions.push_back(Vec3(cos(i * M_PI / 20), sin(i * M_PI / 20), 0) + random.vector(0.02));
     pyramids.positions.push_back(Vec3(0.1, 0, 0.7));
     pyramids.positions.push_back(Vec3(0, -0.1, -0.5));
     for (int i = 0; i < 40; i++) {
-        pyramids.triangles.push_back({i, (i+1)%40, 40});
-        pyramids.triangles.push_back({(i+1)%40, i, 41});
+        pyramids.triangles.push_back({i, (i + 1) % 40, 40});
+        pyramids.triangles.push_back({(i + 1) % 40, i, 41});
     }
     array<int, 3> t = pyramids.triangles.back();
     pyramids.triangles.pop_back();
-    pyramids.positions.push_back((pyramids.positions[t[0]]+pyramids.positions[t[1]]+pyramids.positions[t[2]])/3.0+random.vector(0.02));
+    pyramids.positions.push_back((pyramids.positions[t[0]] + pyramids.positions[t[1]] + pyramids.positions[t[2]]) /
+                                         3.0 +
+                                 random.vector(0.02));
     for (int c = 0; c < 3; c++)
-        pyramids.triangles.push_back({t[c], t[(c+1)%3], 42});
+        pyramids.triangles.push_back({t[c], t[(c + 1) % 3], 42});
     for (auto& membrane : {tetrahedron, pyramids})
         for (int level = 0; level < 3; level++)
             assertExact(membrane, createParameters(membrane, AllTerms, level), 1e-12, 1e-11);
@@ -235,11 +242,12 @@ void testScalesAndPlaces() {
         for (auto& x : scaled.positions)
             x *= scale;
         HelfrichParameters p = createParameters(blob, Bending | Area | Volume | AreaDifference);
-        p.targetArea *= scale*scale;
-        p.targetVolume *= scale*scale*scale;
+        p.targetArea *= scale * scale;
+        p.targetVolume *= scale * scale * scale;
         p.targetAreaDifference *= scale;
         assertExact(scaled, p, 1e-13, 1e-12);
-        assertEqualRelative(MembraneContext(blob, createParameters(blob, Bending)).getEnergy(), MembraneContext(scaled, createParameters(blob, Bending)).getEnergy(), 1e-12);
+        assertEqualRelative(MembraneContext(blob, createParameters(blob, Bending)).getEnergy(),
+                            MembraneContext(scaled, createParameters(blob, Bending)).getEnergy(), 1e-12);
     }
     Membrane far = blob;
     for (auto& x : far.positions)
@@ -254,17 +262,18 @@ void testScalesAndPlaces() {
 }
 
 void testThinVesicles() {
-    // A reduced volume of 0.05, and faces that touch but for the last digits: the repulsion holds them apart by energies of any size.
+    // A reduced volume of 0.05, and faces that touch but for the last digits: the repulsion holds them apart by
+    // energies of any size.
 
     for (double thickness : {0.02, 1e-6, 1e-12}) {
         Membrane thin = createSphere(1);
         TestRandom random(2);
         for (auto& x : thin.positions)
-            x = Vec3(x[0], x[1], x[2]*thickness)+Vec3(0.05, 0.05, 0.05*thickness)*random.uniform(0, 1);
+            x = Vec3(x[0], x[1], x[2] * thickness) + Vec3(0.05, 0.05, 0.05 * thickness) * random.uniform(0, 1);
         HelfrichParameters p = createParameters(thin, AllTerms, 1);
         if (thickness == 0.02) {
             HelfrichGeometry geometry = MembraneContext(thin, p).getGeometry();
-            double reducedVolume = 6*sqrt(M_PI)*geometry.volume/pow(geometry.area, 1.5);
+            double reducedVolume = 6 * sqrt(M_PI) * geometry.volume / pow(geometry.area, 1.5);
             ASSERT(reducedVolume < 0.05);
         }
         assertExact(thin, p, 1e-9, 1e-9);
@@ -277,17 +286,19 @@ void testRatiosOfModuli() {
     Membrane blob = createBlob(1);
     for (int large : {Bending, Area, Volume, AreaDifference, Tether, Repulsion}) {
         HelfrichParameters p = createParameters(blob, AllTerms);
-        for (double* modulus : {&p.bendingModulus, &p.areaModulus, &p.volumeModulus, &p.areaDifferenceModulus, &p.tetherModulus, &p.repulsionModulus})
+        for (double* modulus : {&p.bendingModulus, &p.areaModulus, &p.volumeModulus, &p.areaDifferenceModulus,
+                                &p.tetherModulus, &p.repulsionModulus})
             *modulus *= 1e-6;
-        double* moduli[] = {&p.bendingModulus, &p.areaModulus, &p.volumeModulus, &p.areaDifferenceModulus, &p.tetherModulus, &p.repulsionModulus};
+        double* moduli[] = {&p.bendingModulus,        &p.areaModulus,   &p.volumeModulus,
+                            &p.areaDifferenceModulus, &p.tetherModulus, &p.repulsionModulus};
         for (int i = 0; i < 6; i++)
-            *moduli[i] *= (large == 1<<i ? 1e12 : 1);
+            *moduli[i] *= (large == 1 << i ? 1e12 : 1);
         assertExact(blob, p, 1e-12, 1e-11);
         HelfrichEnergyTerms terms = MembraneContext(blob, p).getTerms();
         auto exact = computeExactly(blob, p);
         double found[] = {terms.bending, terms.area, terms.volume, terms.areaDifference, terms.tether, terms.repulsion};
-        double expected[] = {(double) exact.bending, (double) exact.areaEnergy, (double) exact.volumeEnergy, (double) exact.areaDifference, (double) exact.tether,
-                             (double) exact.repulsion};
+        double expected[] = {(double) exact.bending,        (double) exact.areaEnergy, (double) exact.volumeEnergy,
+                             (double) exact.areaDifference, (double) exact.tether,     (double) exact.repulsion};
         for (int i = 0; i < 6; i++)
             assertEqualRelative(expected[i], found[i], 1e-12);
     }
@@ -297,7 +308,7 @@ void testEndsOfTheTether() {
     // One bit to either side of its ends the tether is as good as slack; and every exponent is exact on both branches.
 
     Membrane blob = createBlob(1);
-    Vec3 edge = blob.positions[blob.triangles[3][1]]-blob.positions[blob.triangles[3][0]];
+    Vec3 edge = blob.positions[blob.triangles[3][1]] - blob.positions[blob.triangles[3][0]];
     double length = sqrt(edge.dot(edge));
     for (int exponent = 1; exponent <= 12; exponent++) {
         HelfrichParameters p = createParameters(blob, Tether | Repulsion);

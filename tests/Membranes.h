@@ -16,7 +16,7 @@ namespace HelfrichPlugin {
 
 struct Membrane {
     std::vector<OpenMM::Vec3> positions;
-    std::vector<std::array<int, 3> > triangles;
+    std::vector<std::array<int, 3>> triangles;
 };
 
 /**
@@ -27,7 +27,7 @@ public:
     explicit TestRandom(int seed) : engine(seed) {
     }
     double uniform(double low, double high) {
-        return low+(high-low)*(engine()/4294967296.0);
+        return low + (high - low) * (engine() / 4294967296.0);
     }
     int index(int n) {
         return (int) uniform(0, n);
@@ -46,20 +46,21 @@ private:
 inline void subdivide(Membrane& sphere, int times) {
     for (int i = 0; i < times; i++) {
         std::map<std::pair<int, int>, int> middles;
-        auto middle = [&] (int a, int b) {
+        auto middle = [&](int a, int b) {
             auto edge = std::make_pair(std::min(a, b), std::max(a, b));
             if (middles.count(edge) == 0) {
                 middles[edge] = sphere.positions.size();
-                OpenMM::Vec3 x = sphere.positions[a]+sphere.positions[b];
-                sphere.positions.push_back(x/std::sqrt(x.dot(x)));
+                OpenMM::Vec3 x = sphere.positions[a] + sphere.positions[b];
+                sphere.positions.push_back(x / std::sqrt(x.dot(x)));
             }
             return middles[edge];
         };
-        std::vector<std::array<int, 3> > coarse = sphere.triangles;
+        std::vector<std::array<int, 3>> coarse = sphere.triangles;
         sphere.triangles.clear();
         for (auto& t : coarse) {
             int ab = middle(t[0], t[1]), bc = middle(t[1], t[2]), ca = middle(t[2], t[0]);
-            for (std::array<int, 3> part : {std::array<int, 3>{t[0], ab, ca}, {ab, t[1], bc}, {ca, bc, t[2]}, {ab, bc, ca}})
+            for (std::array<int, 3> part :
+                 {std::array<int, 3>{t[0], ab, ca}, {ab, t[1], bc}, {ca, bc, t[2]}, {ab, bc, ca}})
                 sphere.triangles.push_back(part);
         }
     }
@@ -84,13 +85,14 @@ inline Membrane createIcosphere(int subdivisions) {
     // A pole, two rings of five and the other pole.
     sphere.positions.push_back({0, 0, 1});
     for (int n = 0; n < 10; n++) {
-        double angle = (2*(n%5)+n/5)*M_PI/5, height = (n < 5 ? 1 : -1)/std::sqrt(5.0), radius = 2/std::sqrt(5.0);
-        sphere.positions.push_back({radius*std::cos(angle), radius*std::sin(angle), height});
+        double angle = (2 * (n % 5) + n / 5) * M_PI / 5, height = (n < 5 ? 1 : -1) / std::sqrt(5.0),
+               radius = 2 / std::sqrt(5.0);
+        sphere.positions.push_back({radius * std::cos(angle), radius * std::sin(angle), height});
     }
     sphere.positions.push_back({0, 0, -1});
     for (int i = 1; i <= 5; i++) {
-        int j = i%5+1;
-        for (std::array<int, 3> t : {std::array<int, 3>{0, i, j}, {i, i+5, j}, {j, i+5, j+5}, {11, j+5, i+5}})
+        int j = i % 5 + 1;
+        for (std::array<int, 3> t : {std::array<int, 3>{0, i, j}, {i, i + 5, j}, {j, i + 5, j + 5}, {11, j + 5, i + 5}})
             sphere.triangles.push_back(t);
     }
     subdivide(sphere, subdivisions);
@@ -98,31 +100,34 @@ inline Membrane createIcosphere(int subdivisions) {
 }
 
 /**
- * Make a rough, flat ellipsoid away from the origin of a sphere, in which no two vertices, edges or angles are alike and the two faces are close enough to repel each other.
+ * Make a rough, flat ellipsoid away from the origin of a sphere, in which no two vertices, edges or angles are alike
+ * and the two faces are close enough to repel each other.
  */
-inline Membrane flatten(Membrane sphere, double noise, int seed=1) {
+inline Membrane flatten(Membrane sphere, double noise, int seed = 1) {
     TestRandom random(seed);
     for (auto& x : sphere.positions)
-        x = OpenMM::Vec3(x[0], 0.9*x[1]+0.1*x[2], 0.4*x[2]-0.1*x[0])+random.vector(noise)+OpenMM::Vec3(0.3, -0.2, 0.5);
+        x = OpenMM::Vec3(x[0], 0.9 * x[1] + 0.1 * x[2], 0.4 * x[2] - 0.1 * x[0]) + random.vector(noise) +
+            OpenMM::Vec3(0.3, -0.2, 0.5);
     return sphere;
 }
 
 /**
  * A rough, flat ellipsoid of 4^(n+1)+2 vertices.  The noise is relative to the length of the edges.
  */
-inline Membrane createBlob(int subdivisions, double noise=0.15, int seed=1) {
-    return flatten(createSphere(subdivisions), noise*1.3/(1<<subdivisions), seed);
+inline Membrane createBlob(int subdivisions, double noise = 0.15, int seed = 1) {
+    return flatten(createSphere(subdivisions), noise * 1.3 / (1 << subdivisions), seed);
 }
 
 /**
- * The same membrane with its particles and its triangles in another order, and each triangle starting from another corner.
+ * The same membrane with its particles and its triangles in another order, and each triangle starting from another
+ * corner.
  */
 inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, int seed) {
     TestRandom random(seed);
     int n = membrane.positions.size();
     newIndex.resize(n);
     for (int i = 0; i < n; i++) {
-        int j = random.index(i+1);
+        int j = random.index(i + 1);
         newIndex[i] = newIndex[j];
         newIndex[j] = i;
     }
@@ -132,13 +137,13 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
         result.positions[newIndex[i]] = membrane.positions[i];
     for (auto& t : membrane.triangles) {
         int shift = random.index(3);
-        result.triangles.push_back({newIndex[t[shift]], newIndex[t[(shift+1)%3]], newIndex[t[(shift+2)%3]]});
+        result.triangles.push_back({newIndex[t[shift]], newIndex[t[(shift + 1) % 3]], newIndex[t[(shift + 2) % 3]]});
         std::swap(result.triangles.back(), result.triangles[random.index(result.triangles.size())]);
     }
     return result;
 }
 
-enum Terms {Bending = 1, Area = 2, Volume = 4, AreaDifference = 8, Tether = 16, Repulsion = 32, AllTerms = 63};
+enum Terms { Bending = 1, Area = 2, Volume = 4, AreaDifference = 8, Tether = 16, Repulsion = 32, AllTerms = 63 };
 
 /**
  * The mean length of the edges.
@@ -147,20 +152,20 @@ inline double getMeanEdge(const Membrane& membrane) {
     double sum = 0;
     for (auto& t : membrane.triangles)
         for (int c = 0; c < 3; c++) {
-            OpenMM::Vec3 edge = membrane.positions[t[(c+1)%3]]-membrane.positions[t[c]];
+            OpenMM::Vec3 edge = membrane.positions[t[(c + 1) % 3]] - membrane.positions[t[c]];
             sum += std::sqrt(edge.dot(edge));
         }
-    return sum/(3*membrane.triangles.size());
+    return sum / (3 * membrane.triangles.size());
 }
 
 /**
- * Parameters with which the given terms are far from their minima, some edges are too long and some too short, and some vertices repel each other at
- * every exclusion level, on a surface of about the area and volume of a blob.
+ * Parameters with which the given terms are far from their minima, some edges are too long and some too short, and some
+ * vertices repel each other at every exclusion level, on a surface of about the area and volume of a blob.
  */
-inline HelfrichParameters createParameters(const Membrane& membrane, int terms, int exclusionLevel=1) {
+inline HelfrichParameters createParameters(const Membrane& membrane, int terms, int exclusionLevel = 1) {
     HelfrichParameters p;
     double edge = getMeanEdge(membrane);
-    auto ifOn = [&] (int term, double modulus) { return (terms&term) != 0 ? modulus : 0.0; };
+    auto ifOn = [&](int term, double modulus) { return (terms & term) != 0 ? modulus : 0.0; };
     p.bendingModulus = ifOn(Bending, 20);
     p.areaModulus = ifOn(Area, 3000);
     p.targetArea = 8;
@@ -170,12 +175,12 @@ inline HelfrichParameters createParameters(const Membrane& membrane, int terms, 
     p.targetAreaDifference = 2.7;
     p.leafletSeparation = 0.1;
     p.tetherModulus = ifOn(Tether, 7);
-    p.tetherMinLength = 0.9*edge;
-    p.tetherMaxLength = 1.1*edge;
-    p.tetherLengthScale = 0.8*edge;
+    p.tetherMinLength = 0.9 * edge;
+    p.tetherMaxLength = 1.1 * edge;
+    p.tetherLengthScale = 0.8 * edge;
     p.tetherExponent = 3;
     p.repulsionModulus = ifOn(Repulsion, 0.5);
-    p.repulsionOnset = 2.6*edge;
+    p.repulsionOnset = 2.6 * edge;
     p.repulsionExponent = 2;
     p.repulsionExclusionLevel = exclusionLevel;
     return p;

@@ -1,4 +1,5 @@
-/* Tests of HelfrichForce that every platform must pass.  A source that includes this defines initializeTests(), which returns the platform, and runPlatformTests(). */
+/* Tests of HelfrichForce that every platform must pass.  A source that includes this defines initializeTests(), which
+ * returns the platform, and runPlatformTests(). */
 
 #include "HelfrichEquations.h"
 #include "Membranes.h"
@@ -30,8 +31,9 @@ OpenMM::Platform* platform;
  */
 class MembraneContext {
 public:
-    MembraneContext(const vector<Vec3>& positions, const vector<HelfrichForce*>& forces, const map<string, string>& properties={}) :
-            forces(forces), integrator(0.001) {
+    MembraneContext(const vector<Vec3>& positions, const vector<HelfrichForce*>& forces,
+                    const map<string, string>& properties = {})
+            : forces(forces), integrator(0.001) {
         for (size_t i = 0; i < positions.size(); i++)
             system.addParticle(1);
         for (auto force : forces)
@@ -39,17 +41,17 @@ public:
         context.reset(new Context(system, integrator, *platform, properties));
         context->setPositions(positions);
     }
-    MembraneContext(const Membrane& membrane, const HelfrichParameters& p, const map<string, string>& properties={}) :
-            MembraneContext(membrane.positions, {createForce(membrane, p)}, properties) {
+    MembraneContext(const Membrane& membrane, const HelfrichParameters& p, const map<string, string>& properties = {})
+            : MembraneContext(membrane.positions, {createForce(membrane, p)}, properties) {
     }
-    double getEnergy(int groups=-1) {
+    double getEnergy(int groups = -1) {
         return context->getState(State::Energy, false, groups).getPotentialEnergy();
     }
     double getEnergy(const vector<Vec3>& positions) {
         context->setPositions(positions);
         return getEnergy();
     }
-    vector<Vec3> getForces(int groups=-1) {
+    vector<Vec3> getForces(int groups = -1) {
         return context->getState(State::Forces, false, groups).getForces();
     }
     HelfrichEnergyTerms getTerms() {
@@ -78,14 +80,14 @@ void assertEqualVectors(const vector<Vec3>& expected, const vector<Vec3>& found,
     ASSERT_EQUAL(expected.size(), found.size());
     vector<Vec3> difference;
     for (size_t i = 0; i < expected.size(); i++)
-        difference.push_back(found[i]-expected[i]);
+        difference.push_back(found[i] - expected[i]);
     ASSERT(getNorm(expected) > 0);
-    ASSERT_EQUAL_TOL(0, getNorm(difference)/getNorm(expected), tolerance);
+    ASSERT_EQUAL_TOL(0, getNorm(difference) / getNorm(expected), tolerance);
 }
 
 void assertEqualRelative(double expected, double found, double tolerance) {
     ASSERT(expected != 0);
-    ASSERT_EQUAL_TOL(1, found/expected, tolerance);
+    ASSERT_EQUAL_TOL(1, found / expected, tolerance);
 }
 
 /**
@@ -124,12 +126,13 @@ void testEveryTermIsAtWork() {
     vector<double> repulsion;
     for (int level = 0; level < 3; level++) {
         auto exact = computeExactly(blob, createParameters(blob, AllTerms, level));
-        for (long double term : {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion})
+        for (long double term :
+             {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion})
             ASSERT(term > 10);
         repulsion.push_back(exact.repulsion);
     }
-    ASSERT(repulsion[0] > 1.1*repulsion[1]);
-    ASSERT(repulsion[1] > 1.1*repulsion[2]);
+    ASSERT(repulsion[0] > 1.1 * repulsion[1]);
+    ASSERT(repulsion[1] > 1.1 * repulsion[2]);
 }
 
 void testGeometryAgainstEquations() {
@@ -140,7 +143,7 @@ void testGeometryAgainstEquations() {
     assertEqualRelative(exact.area, geometry.area, 1e-13);
     assertEqualRelative(exact.volume, geometry.volume, 1e-13);
     assertEqualRelative(exact.curvature, geometry.integratedMeanCurvature, 1e-13);
-    assertEqualRelative(2*0.1*exact.curvature, geometry.areaDifference, 1e-13);
+    assertEqualRelative(2 * 0.1 * exact.curvature, geometry.areaDifference, 1e-13);
     ASSERT_EQUAL(blob.positions.size(), geometry.vertexAreas.size());
     ASSERT_EQUAL(blob.positions.size(), geometry.vertexMeanCurvatures.size());
     for (size_t i = 0; i < blob.positions.size(); i++) {
@@ -163,14 +166,15 @@ void testForcesAgainstEquations() {
 /**
  * The derivative of the energy along a direction, by central differences of fourth order.
  */
-double differentiate(MembraneContext& context, const vector<Vec3>& positions, const vector<Vec3>& direction, double step) {
-    auto energyAt = [&] (double distance) {
+double differentiate(MembraneContext& context, const vector<Vec3>& positions, const vector<Vec3>& direction,
+                     double step) {
+    auto energyAt = [&](double distance) {
         vector<Vec3> moved = positions;
         for (size_t i = 0; i < moved.size(); i++)
-            moved[i] += direction[i]*distance;
+            moved[i] += direction[i] * distance;
         return context.getEnergy(moved);
     };
-    return (8*(energyAt(step)-energyAt(-step))-(energyAt(2*step)-energyAt(-2*step)))/(12*step);
+    return (8 * (energyAt(step) - energyAt(-step)) - (energyAt(2 * step) - energyAt(-2 * step))) / (12 * step);
 }
 
 void testForcesAgainstCentralDifferences() {
@@ -185,38 +189,43 @@ void testForcesAgainstCentralDifferences() {
             scale = max(scale, sqrt(force.dot(force)));
         for (int trial = 0; trial < 30; trial++) {
             vector<Vec3> direction(n);
-            direction[random.index(n)][trial%3] = 1;
-            if (trial%10 == 0)
+            direction[random.index(n)][trial % 3] = 1;
+            if (trial % 10 == 0)
                 for (auto& d : direction)
                     d = random.vector(1);
             double expected = 0;
             for (int i = 0; i < n; i++)
                 expected -= forces[i].dot(direction[i]);
-            ASSERT_EQUAL_TOL(0, (differentiate(context, blob.positions, direction, 2e-5)-expected)/max(scale, fabs(expected)), 1e-6);
+            ASSERT_EQUAL_TOL(0,
+                             (differentiate(context, blob.positions, direction, 2e-5) - expected) /
+                                     max(scale, fabs(expected)),
+                             1e-6);
         }
     }
 }
 
 /**
- * A flat closed surface: two pyramids of the same irregular base, whose edges to the tip have dihedral angles of about the slope of the faces.  In this
- * orientation double precision holds positions, normals and sines to the full relative accuracy.
+ * A flat closed surface: two pyramids of the same irregular base, whose edges to the tip have dihedral angles of about
+ * the slope of the faces.  In this orientation double precision holds positions, normals and sines to the full relative
+ * accuracy.
  */
 Membrane createPillow(double slope) {
     Membrane pillow;
     const double angles[] = {0, 0.9, 2.1, 3, 4.4, 5.3}, radii[] = {1, 1.1, 0.9, 1.2, 1, 0.95};
     for (int i = 0; i < 6; i++)
-        pillow.positions.push_back(Vec3(radii[i]*cos(angles[i]), radii[i]*sin(angles[i]), 0));
+        pillow.positions.push_back(Vec3(radii[i] * cos(angles[i]), radii[i] * sin(angles[i]), 0));
     pillow.positions.push_back(Vec3(0.0625, 0.03125, slope));
-    pillow.positions.push_back(Vec3(0.0625, 0.03125, -1.25*slope));
+    pillow.positions.push_back(Vec3(0.0625, 0.03125, -1.25 * slope));
     for (int i = 0; i < 6; i++) {
-        pillow.triangles.push_back({i, (i+1)%6, 6});
-        pillow.triangles.push_back({(i+1)%6, i, 7});
+        pillow.triangles.push_back({i, (i + 1) % 6, 6});
+        pillow.triangles.push_back({(i + 1) % 6, i, 7});
     }
     return pillow;
 }
 
 void testSmallAndLargeAngles() {
-    // Angles from about 1e-8 at the tips to that much less than pi at the rim, with no loss of relative accuracy in any vertex's curvature and force.
+    // Angles from about 1e-8 at the tips to that much less than pi at the rim, with no loss of relative accuracy in any
+    // vertex's curvature and force.
 
     for (double slope : {1e-8, 1e-4, 0.5e-4, 1.0, 100.0}) {
         Membrane pillow = createPillow(slope);
@@ -224,7 +233,7 @@ void testSmallAndLargeAngles() {
         MembraneContext context(pillow, p);
         auto exact = computeExactly(pillow, p);
         HelfrichGeometry geometry = context.getGeometry();
-        ASSERT(slope > 0.01 || exact.vertexCurvatures[6] < 4*slope);
+        ASSERT(slope > 0.01 || exact.vertexCurvatures[6] < 4 * slope);
         vector<Vec3> forces = context.getForces(), expected = computeForcesExactly(pillow, p, {0, 1, 2, 3, 4, 5, 6, 7});
         for (int i = 0; i < 8; i++) {
             assertEqualRelative(exact.vertexCurvatures[i], geometry.vertexMeanCurvatures[i], 1e-12);
@@ -244,22 +253,25 @@ double getVirial(const vector<Vec3>& positions, const vector<Vec3>& forces) {
 }
 
 void testScaling() {
-    // With a target far above the value, the slope of a penalty is -2 modulus/target to first order; here it is used exactly.
+    // With a target far above the value, the slope of a penalty is -2 modulus/target to first order; here it is used
+    // exactly.
 
     Membrane blob = createBlob(3);
     MembraneContext bending(blob, createParameters(blob, Bending));
     vector<Vec3> forces = bending.getForces();
-    ASSERT_EQUAL_TOL(0, getVirial(blob.positions, forces)/(getNorm(forces)*getNorm(blob.positions)), 1e-13);
-    auto getDegree = [&] (int term, double total, double target, double modulus) {
+    ASSERT_EQUAL_TOL(0, getVirial(blob.positions, forces) / (getNorm(forces) * getNorm(blob.positions)), 1e-13);
+    auto getDegree = [&](int term, double total, double target, double modulus) {
         MembraneContext context(blob, createParameters(blob, term));
-        double slope = 2*modulus*(total/target-1)/target;
-        return getVirial(blob.positions, context.getForces())/(slope*total);
+        double slope = 2 * modulus * (total / target - 1) / target;
+        return getVirial(blob.positions, context.getForces()) / (slope * total);
     };
     HelfrichGeometry geometry = bending.getGeometry();
     HelfrichParameters p = createParameters(blob, AllTerms);
     ASSERT_EQUAL_TOL(2, getDegree(Area, geometry.area, p.targetArea, p.areaModulus), 1e-11);
     ASSERT_EQUAL_TOL(3, getDegree(Volume, geometry.volume, p.targetVolume, p.volumeModulus), 1e-11);
-    ASSERT_EQUAL_TOL(1, getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.areaDifferenceModulus), 1e-11);
+    ASSERT_EQUAL_TOL(
+            1, getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.areaDifferenceModulus),
+            1e-11);
 }
 
 void testNoNetForceOrTorque() {
@@ -271,8 +283,8 @@ void testNoNetForceOrTorque() {
             force += forces[i];
             torque += blob.positions[i].cross(forces[i]);
         }
-        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), force/getNorm(forces), 1e-13);
-        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), torque/getNorm(forces), 1e-13);
+        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), force / getNorm(forces), 1e-13);
+        ASSERT_EQUAL_VEC(Vec3(0, 0, 0), torque / getNorm(forces), 1e-13);
     }
 }
 
@@ -300,8 +312,8 @@ void testTermsAddUp() {
 Vec3 rotate(const Vec3& x) {
     // By 36.87 degrees about x, then 67.38 degrees about z: 3-4-5 and 5-12-13.
 
-    Vec3 y(x[0], 0.8*x[1]-0.6*x[2], 0.6*x[1]+0.8*x[2]);
-    return Vec3((5*y[0]-12*y[1])/13, (12*y[0]+5*y[1])/13, y[2]);
+    Vec3 y(x[0], 0.8 * x[1] - 0.6 * x[2], 0.6 * x[1] + 0.8 * x[2]);
+    return Vec3((5 * y[0] - 12 * y[1]) / 13, (12 * y[0] + 5 * y[1]) / 13, y[2]);
 }
 
 void testInvariance() {
@@ -330,7 +342,8 @@ void testInvariance() {
 }
 
 void testTetherHasNoUnit() {
-    // In another unit of length, which is the tether's and the bounds' too, a tether has the same energy, though its two branches go as opposite powers of the length.
+    // In another unit of length, which is the tether's and the bounds' too, a tether has the same energy, though its
+    // two branches go as opposite powers of the length.
 
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, Tether);
@@ -350,12 +363,13 @@ void testTetherHasNoUnit() {
         assertEqualVectors(context.getForces(), forces, 1e-11);
         q.tetherLengthScale = p.tetherLengthScale;
         MembraneContext anotherTether(scaled, q);
-        ASSERT(fabs(anotherTether.getEnergy()/context.getEnergy()-1) > 0.5);
+        ASSERT(fabs(anotherTether.getEnergy() / context.getEnergy() - 1) > 0.5);
     }
 }
 
 void testSphere() {
-    // A sphere's curvature energy is 8 pi kappa whatever its size, and its curvature 4 pi R.  The values are of the surface, to which the mesh converges.
+    // A sphere's curvature energy is 8 pi kappa whatever its size, and its curvature 4 pi R.  The values are of the
+    // surface, to which the mesh converges.
 
     double previous = 1;
     for (int subdivisions : {3, 4, 5}) {
@@ -363,10 +377,10 @@ void testSphere() {
         for (auto& x : sphere.positions)
             x *= 50;
         MembraneContext context(sphere, createParameters(sphere, Bending));
-        double error = fabs(context.getEnergy()/(8*M_PI*20)-1);
-        ASSERT(error < 0.4*previous);
+        double error = fabs(context.getEnergy() / (8 * M_PI * 20) - 1);
+        ASSERT(error < 0.4 * previous);
         previous = error;
-        ASSERT_EQUAL_TOL(4*M_PI*50, context.getGeometry().integratedMeanCurvature, 0.01);
+        ASSERT_EQUAL_TOL(4 * M_PI * 50, context.getGeometry().integratedMeanCurvature, 0.01);
     }
     ASSERT_EQUAL_TOL(0, previous, 0.003);
 }
@@ -376,16 +390,16 @@ void testTwoMembranesAndOtherParticles() {
 
     Membrane first = createBlob(1, 0.15, 1), second = createBlob(1, 0.15, 2);
     int n = first.positions.size();
-    vector<Vec3> positions(3*n+1);
+    vector<Vec3> positions(3 * n + 1);
     Membrane a = first, b = second;
     for (int i = 0; i < n; i++) {
-        positions[3*i+1] = first.positions[i];
-        positions[3*(n-1-i)+2] = second.positions[i];
+        positions[3 * i + 1] = first.positions[i];
+        positions[3 * (n - 1 - i) + 2] = second.positions[i];
     }
     for (int t = 0; t < (int) a.triangles.size(); t++)
         for (int c = 0; c < 3; c++) {
-            a.triangles[t][c] = 3*first.triangles[t][c]+1;
-            b.triangles[t][c] = 3*(n-1-second.triangles[t][c])+2;
+            a.triangles[t][c] = 3 * first.triangles[t][c] + 1;
+            b.triangles[t][c] = 3 * (n - 1 - second.triangles[t][c]) + 2;
         }
     HelfrichParameters p = createParameters(first, AllTerms, 1), q = createParameters(second, AllTerms, 2);
     q.targetVolume *= 1.5;
@@ -401,22 +415,23 @@ void testTwoMembranesAndOtherParticles() {
     both.context->reinitialize(true);
 
     MembraneContext onlyFirst(first, p), onlySecond(second, q);
-    assertEqualRelative(onlyFirst.getEnergy(), both.getEnergy(1<<0), 1e-12);
-    assertEqualRelative(onlySecond.getEnergy(), both.getEnergy(1<<3), 1e-12);
-    assertEqualRelative(both.getEnergy(1<<0)+both.getEnergy(1<<3)+both.getEnergy(1<<5), both.getEnergy(), 1e-12);
+    assertEqualRelative(onlyFirst.getEnergy(), both.getEnergy(1 << 0), 1e-12);
+    assertEqualRelative(onlySecond.getEnergy(), both.getEnergy(1 << 3), 1e-12);
+    assertEqualRelative(both.getEnergy(1 << 0) + both.getEnergy(1 << 3) + both.getEnergy(1 << 5), both.getEnergy(),
+                        1e-12);
     vector<Vec3> forcesA = onlyFirst.getForces(), forcesB = onlySecond.getForces(), expected(positions.size());
     for (int i = 0; i < n; i++) {
-        expected[3*i+1] = forcesA[i];
-        expected[3*(n-1-i)+2] = forcesB[i];
+        expected[3 * i + 1] = forcesA[i];
+        expected[3 * (n - 1 - i) + 2] = forcesB[i];
     }
-    assertEqualVectors(expected, both.getForces(1<<0 | 1<<3), 1e-11);
+    assertEqualVectors(expected, both.getForces(1 << 0 | 1 << 3), 1e-11);
     for (auto& force : expected)
         force += Vec3(-1, -2, 0);
     assertEqualVectors(expected, both.getForces(), 1e-11);
     HelfrichGeometry geometry = forceB->getGeometryInContext(*both.context), alone = onlySecond.getGeometry();
     ASSERT_EQUAL(n, (int) geometry.vertexAreas.size());
     for (int i = 0; i < n; i++)
-        assertEqualRelative(alone.vertexAreas[i], geometry.vertexAreas[n-1-i], 1e-12);
+        assertEqualRelative(alone.vertexAreas[i], geometry.vertexAreas[n - 1 - i], 1e-12);
 }
 
 void testTargetsAreContextParameters() {
@@ -426,7 +441,7 @@ void testTargetsAreContextParameters() {
     changed.targetVolume = 1.1;
     changed.targetAreaDifference = -3;
     MembraneContext context(blob, p), other(blob, changed);
-    ASSERT(fabs(context.getEnergy()-other.getEnergy()) > 1);
+    ASSERT(fabs(context.getEnergy() - other.getEnergy()) > 1);
     const HelfrichForce& force = *context.forces[0];
     ASSERT_EQUAL(p.targetVolume, context.context->getParameter("HelfrichForceTargetVolume"));
     context.context->setParameter(force.getTargetAreaParameter(), 6);
@@ -480,7 +495,7 @@ void testChangingTriangles() {
         MembraneContext context(blob, p), fresh(flipped, p);
         double before = context.getEnergy();
         context.forces[0]->setTrianglesInContext(*context.context, flipped.triangles);
-        vector<array<int, 3> > live;
+        vector<array<int, 3>> live;
         context.forces[0]->getTrianglesInContext(*context.context, live);
         ASSERT_EQUAL_CONTAINERS(flipped.triangles, live);
         assertEqualRelative(fresh.getEnergy(), context.getEnergy(), 1e-12);
@@ -503,7 +518,8 @@ void checkRepulsion(MembraneContext& context, const Membrane& membrane, const He
 }
 
 void testRepulsionOfApproachingFaces() {
-    // A sphere that is slowly pressed flat and lets go again.  A platform's list of neighbors, made when the faces were far apart, must not miss them when they come close.
+    // A sphere that is slowly pressed flat and lets go again.  A platform's list of neighbors, made when the faces were
+    // far apart, must not miss them when they come close.
 
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, Repulsion, 2);
@@ -534,7 +550,7 @@ void testRepulsionOfMovingVertices() {
         for (int step = 0; step < 12; step++) {
             checkRepulsion(context, blob, p);
             for (auto& x : blob.positions)
-                x += random.vector(amplitude*p.repulsionOnset);
+                x += random.vector(amplitude * p.repulsionOnset);
         }
         blob.positions[7] += Vec3(1e3, 0, 0);
         checkRepulsion(context, blob, p);

@@ -26,11 +26,13 @@ def inFolder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def examples():
-    return ROOT/"examples"
+    return ROOT / "examples"
 
 
 def together(*meshes):
     """Return several meshes as one."""
-    start = np.cumsum([0]+[len(mesh.vertices) for mesh in meshes])
-    return mh.Mesh(np.concatenate([mesh.vertices for mesh in meshes]),
-                   np.concatenate([mesh.triangles+first for mesh, first in zip(meshes, start)]))
+    start = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    return mh.Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, start)]),
+    )

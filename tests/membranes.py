@@ -1,4 +1,5 @@
 """Membranes, forces and contexts for tests."""
+
 import numpy as np
 import openmm as mm
 from openmm import unit
@@ -14,7 +15,11 @@ def createBlob(subdivisions=2, noise=0.1, seed=1):
     mesh = mh.Mesh.icosphere(subdivisions)
     random = np.random.default_rng(seed)
     edge = mesh.edgeLengths.mean()
-    mesh.vertices = mesh.vertices*[1, 0.9, 0.4]+random.uniform(-noise*edge, noise*edge, mesh.vertices.shape)+[0.3, -0.2, 0.5]
+    mesh.vertices = (
+        mesh.vertices * [1, 0.9, 0.4]
+        + random.uniform(-noise * edge, noise * edge, mesh.vertices.shape)
+        + [0.3, -0.2, 0.5]
+    )
     return mesh
 
 
@@ -27,18 +32,18 @@ def createForce(mesh, terms=TERMS, exclusionLevel=1):
         force.setBendingModulus(20)
     if "area" in terms:
         force.setAreaModulus(3000)
-        force.setTargetArea(1.2*mesh.area)
+        force.setTargetArea(1.2 * mesh.area)
     if "volume" in terms:
         force.setVolumeModulus(2000)
-        force.setTargetVolume(1.3*mesh.volume)
+        force.setTargetVolume(1.3 * mesh.volume)
     if "areaDifference" in terms:
         force.setAreaDifferenceModulus(1500)
         force.setLeafletSeparation(0.1)
-        force.setTargetAreaDifference(0.17*mesh.vertexMeanCurvatures.sum())
+        force.setTargetAreaDifference(0.17 * mesh.vertexMeanCurvatures.sum())
     if "tether" in terms:
-        force.setTether(7, 0.9*edge, 1.1*edge, 3)
+        force.setTether(7, 0.9 * edge, 1.1 * edge, 3)
     if "repulsion" in terms:
-        force.setRepulsion(0.5, 2.6*edge, 2, exclusionLevel)
+        force.setRepulsion(0.5, 2.6 * edge, 2, exclusionLevel)
     return force
 
 
@@ -47,7 +52,9 @@ def createContext(mesh, force, platform="Reference", integrator=None, properties
     system = mesh.createSystem(mass)
     for f in force if isinstance(force, list) else [force]:
         system.addForce(f)
-    context = mm.Context(system, integrator or mm.VerletIntegrator(0.001), mm.Platform.getPlatform(platform), properties or {})
+    context = mm.Context(
+        system, integrator or mm.VerletIntegrator(0.001), mm.Platform.getPlatform(platform), properties or {}
+    )
     context.setPositions(mesh.vertices)
     return context
 
@@ -57,7 +64,11 @@ def energyOf(context, groups=-1):
 
 
 def forcesOf(context, groups=-1):
-    return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole/unit.nanometer)
+    return (
+        context.getState(forces=True, groups=groups)
+        .getForces(asNumpy=True)
+        .value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+    )
 
 
 def positionsOf(context):
@@ -65,9 +76,12 @@ def positionsOf(context):
 
 
 def termsOf(force, context):
-    return {term: energy.value_in_unit(unit.kilojoule_per_mole) for term, energy in force.getEnergyTermsInContext(context).items()}
+    return {
+        term: energy.value_in_unit(unit.kilojoule_per_mole)
+        for term, energy in force.getEnergyTermsInContext(context).items()
+    }
 
 
 def kelvin(kT):
     """Return the temperature at which kT is so many kJ/mol."""
-    return kT/unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
+    return kT / unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)

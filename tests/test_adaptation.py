@@ -1,4 +1,5 @@
 """Step sizes that adapt: to the acceptance that is asked for, from any start, and again after a restart; and temperatures that follow a schedule."""
+
 import json
 import math
 
@@ -16,7 +17,7 @@ KT = 2.5
 
 def acceptanceOf(stepSize):
     """The mean acceptance of a leapfrog trajectory, erfc(sqrt(<dH>/kT)/2) with <dH> as the fourth power of the step size."""
-    return math.erfc(min(stepSize, 1e3)**2)
+    return math.erfc(min(stepSize, 1e3) ** 2)
 
 
 def trajectories(adapter, count, seed=1):
@@ -24,7 +25,7 @@ def trajectories(adapter, count, seed=1):
     random, stepSizes = np.random.default_rng(seed), []
     for _ in range(count):
         mean = acceptanceOf(adapter.stepSize)
-        adapter.update(random.beta(3*mean, 3*(1-mean)) if 1e-6 < mean < 1-1e-6 else round(mean))
+        adapter.update(random.beta(3 * mean, 3 * (1 - mean)) if 1e-6 < mean < 1 - 1e-6 else round(mean))
         stepSizes.append(adapter.stepSize)
     return np.array(stepSizes)
 
@@ -34,10 +35,10 @@ def createSimulation(stepSize, engine="native", flipProbability=0.5, seed=4):
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(20*KT)
-    force.setVolumeModulus(1e4*KT)
-    force.setTargetVolume(0.9*mesh.volume)
-    force.setTether(1000*KT, 0.75*edge, 1.3*edge, 2)
+    force.setBendingModulus(20 * KT)
+    force.setVolumeModulus(1e4 * KT)
+    force.setTargetVolume(0.9 * mesh.volume)
+    force.setTether(1000 * KT, 0.75 * edge, 1.3 * edge, 2)
     system = mesh.createSystem()
     system.addForce(force)
     if isinstance(engine, str):
@@ -76,8 +77,8 @@ def test_tracker_follows():
     """The stiffness changes by a factor of 10 over 2000 trajectories, and with it the right step size."""
     tracker, random, probabilities = mh.StepSizeTracker(0.5), np.random.default_rng(2), []
     for n in range(2000):
-        mean = acceptanceOf(tracker.stepSize*10**(n/2000))
-        probabilities.append(random.beta(3*mean, 3*(1-mean)))
+        mean = acceptanceOf(tracker.stepSize * 10 ** (n / 2000))
+        probabilities.append(random.beta(3 * mean, 3 * (1 - mean)))
         tracker.update(probabilities[-1])
     for part in np.split(np.array(probabilities), 10):
         assert part.mean() == pytest.approx(0.75, abs=0.06)
@@ -95,10 +96,17 @@ def test_state_restores_every_bit(cls, count):
         restored.setState({"stepSize": 1})
 
 
-@pytest.mark.parametrize("create, problem", [
-    (lambda: mh.StepSizeAdapter(0), "step size is 0.0 ps"), (lambda: mh.StepSizeAdapter(math.nan), "step size is nan"),
-    (lambda: mh.StepSizeAdapter(1, 1), "acceptance is 1; it must be between 0 and 1"), (lambda: mh.StepSizeTracker(1, gain=0), "gain is 0"),
-    (lambda: mh.StepSizeAdapter(1).update(math.nan), "probability is nan"), (lambda: mh.StepSizeTracker(1).update(1.5), "probability is 1.5")])
+@pytest.mark.parametrize(
+    "create, problem",
+    [
+        (lambda: mh.StepSizeAdapter(0), "step size is 0.0 ps"),
+        (lambda: mh.StepSizeAdapter(math.nan), "step size is nan"),
+        (lambda: mh.StepSizeAdapter(1, 1), "acceptance is 1; it must be between 0 and 1"),
+        (lambda: mh.StepSizeTracker(1, gain=0), "gain is 0"),
+        (lambda: mh.StepSizeAdapter(1).update(math.nan), "probability is nan"),
+        (lambda: mh.StepSizeTracker(1).update(1.5), "probability is 1.5"),
+    ],
+)
 def test_what_is_refused(create, problem):
     with pytest.raises(ValueError, match=problem):
         create()
@@ -107,15 +115,15 @@ def test_what_is_refused(create, problem):
 @pytest.mark.parametrize("engine", ["native", "custom"])
 @pytest.mark.parametrize("factor", [1000, 0.001])
 def test_membrane(engine, factor):
-    simulation = createSimulation(0.005*factor, engine)
+    simulation = createSimulation(0.005 * factor, engine)
     result = mh.adaptStepSize(simulation, 400)
     integrator = simulation.integrator
-    assert result.stepSize == integrator.getStepSize()/unit.picosecond
+    assert result.stepSize == integrator.getStepSize() / unit.picosecond
     assert simulation.currentStep == 400 and len(result.probabilities) == integrator.getNumTrajectories()
-    assert 1/3 < result.stepSize/0.005 < 3
+    assert 1 / 3 < result.stepSize / 0.005 < 3
     before, accepted = integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories()
     simulation.step(800)
-    rate = (integrator.getNumAcceptedTrajectories()-accepted)/(integrator.getNumTrajectories()-before)
+    rate = (integrator.getNumAcceptedTrajectories() - accepted) / (integrator.getNumTrajectories() - before)
     assert rate == pytest.approx(0.75, abs=0.12)  # of which 3 standard errors of 400 trajectories are 0.065
 
 
@@ -123,14 +131,17 @@ def test_diverged_trajectories_have_probability_0():
     for engine in ("native", "custom"):
         simulation = createSimulation(1000, engine, flipProbability=0)
         assert stepAndAdapt(simulation, mh.StepSizeAdapter(1000)) == 0
-        assert simulation.integrator.getNumDivergedTrajectories() == 1 and simulation.integrator.getStepSize()/unit.picosecond == pytest.approx(500)
+        assert (
+            simulation.integrator.getNumDivergedTrajectories() == 1
+            and simulation.integrator.getStepSize() / unit.picosecond == pytest.approx(500)
+        )
 
 
 def test_too_short_a_burn_in_changes_nothing():
     simulation = createSimulation(5)
     with pytest.raises(ValueError, match="more trajectories are needed than the"):
         mh.adaptStepSize(simulation, 6)
-    assert simulation.integrator.getStepSize() == 5*unit.picosecond
+    assert simulation.integrator.getStepSize() == 5 * unit.picosecond
 
 
 def test_dynamics_have_nothing_to_adapt():
@@ -141,12 +152,14 @@ def test_dynamics_have_nothing_to_adapt():
 
 def test_annealing():
     simulation = createSimulation(0.005)
-    schedule = mh.ExponentialSchedule.over(500, kelvin(20*KT), kelvin(KT/5), firstStep=100)
+    schedule = mh.ExponentialSchedule.over(500, kelvin(20 * KT), kelvin(KT / 5), firstStep=100)
     result = mh.anneal(simulation, schedule, 800)
-    assert np.array_equal(result.steps, np.arange(800)) and np.array_equal(result.temperatures, [schedule(n) for n in range(800)])
+    assert np.array_equal(result.steps, np.arange(800)) and np.array_equal(
+        result.temperatures, [schedule(n) for n in range(800)]
+    )
     integrator = simulation.integrator
     for temperature in (integrator.getTemperature(), *(integrator.getIntegrator(i).getTemperature() for i in (0, 1))):
-        assert temperature/unit.kelvin == pytest.approx(kelvin(KT/5))
+        assert temperature / unit.kelvin == pytest.approx(kelvin(KT / 5))
     probabilities = result.probabilities[np.isfinite(result.probabilities)]
     assert len(probabilities) == integrator.getNumTrajectories()
     for part in np.array_split(probabilities[40:], 4):
@@ -159,9 +172,9 @@ def test_annealing_goes_on_after_a_restart(tmp_path):
     mh.anneal(whole, schedule, 60)
     tracker = mh.StepSizeTracker(0.005)
     mh.anneal(first, schedule, 25, tracker)
-    first.saveCheckpoint(str(tmp_path/"checkpoint"))
+    first.saveCheckpoint(str(tmp_path / "checkpoint"))
     second, restored = createSimulation(0.1), mh.StepSizeTracker(0.1)
-    second.loadCheckpoint(str(tmp_path/"checkpoint"))
+    second.loadCheckpoint(str(tmp_path / "checkpoint"))
     restored.setState(tracker.getState())
     mh.anneal(second, schedule, 35, restored)
     for a, b in zip(*(s.context.getState(positions=True).getPositions(asNumpy=True)._value for s in (whole, second))):

@@ -1,4 +1,5 @@
 """What the C++ classes refuse: each error names the item and what is allowed, and leaves everything as it was."""
+
 import math
 
 import numpy as np
@@ -18,12 +19,24 @@ def octahedron():
 
 
 SETTERS = [
-    *[(f"set{name}Modulus", (value,), [f"set{name}Modulus: the modulus is", str(value), "finite and not negative"])
-      for name in ("Bending", "Area", "Volume", "AreaDifference") for value in (-1, NAN, INF)],
-    *[(f"setTarget{name}", (value,), [f"setTarget{name}: the {item} is", "finite and not negative"])
-      for name, item in (("Area", "area"), ("Volume", "volume")) for value in (-1, NAN, INF)],
-    *[("setTargetAreaDifference", (value,), ["setTargetAreaDifference: the area difference is", "finite"]) for value in (NAN, INF, -INF)],
-    *[("setLeafletSeparation", (value,), ["setLeafletSeparation: the separation is", "finite and positive"]) for value in (0, -1, NAN, INF)],
+    *[
+        (f"set{name}Modulus", (value,), [f"set{name}Modulus: the modulus is", str(value), "finite and not negative"])
+        for name in ("Bending", "Area", "Volume", "AreaDifference")
+        for value in (-1, NAN, INF)
+    ],
+    *[
+        (f"setTarget{name}", (value,), [f"setTarget{name}: the {item} is", "finite and not negative"])
+        for name, item in (("Area", "area"), ("Volume", "volume"))
+        for value in (-1, NAN, INF)
+    ],
+    *[
+        ("setTargetAreaDifference", (value,), ["setTargetAreaDifference: the area difference is", "finite"])
+        for value in (NAN, INF, -INF)
+    ],
+    *[
+        ("setLeafletSeparation", (value,), ["setLeafletSeparation: the separation is", "finite and positive"])
+        for value in (0, -1, NAN, INF)
+    ],
     ("setTether", (-1, 1, 2, 2), ["setTether: the modulus is -1", "not negative"]),
     ("setTether", (NAN, 1, 2, 2), ["setTether: the modulus is nan", "finite"]),
     ("setTether", (1, -1, 2, 2), ["setTether: the minimum length is -1", "not negative"]),
@@ -33,13 +46,19 @@ SETTERS = [
     ("setTether", (1, 2, 2, 2), ["setTether: the minimum length 2 must be less than the maximum length 2"]),
     ("setTether", (1, 3, 2, 2), ["setTether: the minimum length 3 must be less than the maximum length 2"]),
     *[("setTether", (1, 1, 2, value), [f"setTether: the exponent is {value}", "from 1 to 100"]) for value in (0, 101)],
-    *[("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"]) for value in (0, -1, NAN, INF)],
+    *[
+        ("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"])
+        for value in (0, -1, NAN, INF)
+    ],
     ("setRepulsion", (-1, 1, 2, 1), ["setRepulsion: the modulus is -1", "not negative"]),
     ("setRepulsion", (NAN, 1, 2, 1), ["setRepulsion: the modulus is nan", "finite"]),
     ("setRepulsion", (1, 0, 2, 1), ["setRepulsion: the onset is 0", "positive"]),
     ("setRepulsion", (1, -1, 2, 1), ["setRepulsion: the onset is -1", "not negative"]),
     ("setRepulsion", (1, INF, 2, 1), ["setRepulsion: the onset is inf", "finite"]),
-    *[("setRepulsion", (1, 1, value, 1), [f"setRepulsion: the exponent is {value}", "from 1 to 100"]) for value in (0, 101)],
+    *[
+        ("setRepulsion", (1, 1, value, 1), [f"setRepulsion: the exponent is {value}", "from 1 to 100"])
+        for value in (0, 101)
+    ],
     ("setRepulsion", (1, 1, 2, 3), ["setRepulsion: the exclusion level is 3", "0, 1 or 2"]),
     ("setRepulsion", (1, 1, 2, -1), ["setRepulsion: the exclusion level is -1", "0, 1 or 2"]),
 ]
@@ -50,7 +69,9 @@ def assertSays(error, words):
         assert word in str(error.value)
 
 
-@pytest.mark.parametrize("setter, arguments, words", SETTERS, ids=[f"{setter}{arguments}" for setter, arguments, _ in SETTERS])
+@pytest.mark.parametrize(
+    "setter, arguments, words", SETTERS, ids=[f"{setter}{arguments}" for setter, arguments, _ in SETTERS]
+)
 def test_parameters(setter, arguments, words):
     force = createForce(createBlob(1))
     before = mm.XmlSerializer.serialize(force)
@@ -68,9 +89,11 @@ def test_arguments_of_the_wrong_type(arguments):
 
 def edited(**triangles):
     """Return a way to replace triangles of a mesh: t3=(0, 1, 2), or None to leave one out."""
+
     def edit(old):
         new = {f"t{i}": triangle for i, triangle in enumerate(old.tolist())} | triangles
         return [triangle for triangle in new.values() if triangle is not None]
+
     return edit
 
 
@@ -83,7 +106,11 @@ TRIANGLES = [
     ("three at an edge", edited(more=(1, 0, 4)), ["edge 0-", "3 triangles", "exactly two"]),
     ("orientation", edited(t6=(3, 4, 5)), ["the same way", " 6", "counter-clockwise seen from outside"]),
     ("open", edited(t7=None), ["edge", "only", "must be closed"]),
-    ("two fans", lambda old: [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0), (3, 4, 5)], ["edge", "only", "must be closed"]),
+    (
+        "two fans",
+        lambda old: [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0), (3, 4, 5)],
+        ["edge", "only", "must be closed"],
+    ),
 ]
 
 
@@ -126,14 +153,14 @@ def test_triangles_of_other_particles():
     system.addForce(force)
     context = mm.Context(system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference"))
     with pytest.raises(mm.OpenMMException, match="the same 6 particles"):
-        force.setTrianglesInContext(context, mesh.triangles+1)
+        force.setTrianglesInContext(context, mesh.triangles + 1)
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("term, item", [("area", "area"), ("volume", "volume"), ("areaDifference", "area difference")])
 def test_targets(platform, term, item):
     mesh = createBlob(1)
-    setter = "setTarget"+term[0].upper()+term[1:]
+    setter = "setTarget" + term[0].upper() + term[1:]
     force = createForce(mesh, [term])
     getattr(force, setter)(0)
     with pytest.raises(mm.OpenMMException) as error:
@@ -141,7 +168,7 @@ def test_targets(platform, term, item):
     assertSays(error, [f"the {item} term is on", "target is 0", setter, "parameter of the Context"])
     force = createForce(mesh, [term])
     context = createContext(mesh, force, platform)
-    energy, parameter = energyOf(context), force.getName()+setter[3:]
+    energy, parameter = energyOf(context), force.getName() + setter[3:]
     good = context.getParameter(parameter)
     for bad in (0, NAN, INF):
         context.setParameter(parameter, bad)
@@ -167,7 +194,7 @@ def test_inside_out(platform):
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("terms", [[term] for term in TERMS]+[TERMS], ids=TERMS+["all"])
+@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=TERMS + ["all"])
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e200])
 def test_positions(platform, terms, bad):
     """A coordinate that is no number or too large is an error; correct ones afterwards give what they gave before."""
@@ -184,7 +211,9 @@ def test_positions(platform, terms, bad):
         except mm.OpenMMException as error:
             assert "the energy is not finite" in str(error)
     else:
-        with pytest.raises(mm.OpenMMException, match="particle 9|coordinate is NaN" if bad != 1e200 else "the energy is not finite"):
+        with pytest.raises(
+            mm.OpenMMException, match="particle 9|coordinate is NaN" if bad != 1e200 else "the energy is not finite"
+        ):
             energyOf(context)
     context.setPositions(mesh.vertices)
     assert energyOf(context) == energy
@@ -214,7 +243,7 @@ def test_flat_triangles_have_a_finite_energy(platform):
     """A triangle without area has no normal; it must not spoil the rest."""
     mesh = createBlob(1)
     a, b, c = mesh.triangles[0]
-    mesh.vertices[c] = (mesh.vertices[a]+mesh.vertices[b])/2
+    mesh.vertices[c] = (mesh.vertices[a] + mesh.vertices[b]) / 2
     force = createForce(mesh, ["bending", "area", "areaDifference", "tether"])
     context = createContext(mesh, force, platform)
     assert math.isfinite(energyOf(context))
@@ -229,7 +258,11 @@ def test_no_positions():
     system.addForce(force)
     flips = mh.EdgeFlipIntegrator(300, 1)
     context = mm.Context(system, flips, mm.Platform.getPlatform("Reference"))
-    for call in (lambda: energyOf(context), lambda: termsOf(force, context), lambda: force.getGeometryInContext(context)):
+    for call in (
+        lambda: energyOf(context),
+        lambda: termsOf(force, context),
+        lambda: force.getGeometryInContext(context),
+    ):
         with pytest.raises(mm.OpenMMException, match="positions have not been set"):
             call()
 
@@ -264,8 +297,13 @@ def test_a_force_that_is_in_no_context():
     mesh = createBlob(1)
     context = createContext(mesh, createForce(mesh))
     other = createForce(mesh)
-    for call in (other.getTrianglesInContext, other.getEnergyTermsInContext, other.getGeometryInContext, other.updateParametersInContext,
-                 lambda context: other.setTrianglesInContext(context, mesh.triangles)):
+    for call in (
+        other.getTrianglesInContext,
+        other.getEnergyTermsInContext,
+        other.getGeometryInContext,
+        other.updateParametersInContext,
+        lambda context: other.setTrianglesInContext(context, mesh.triangles),
+    ):
         with pytest.raises(mm.OpenMMException, match="not found|not in|Context"):
             call(context)
 
@@ -279,29 +317,85 @@ def test_triangle_index(index):
 
 
 INTEGRATORS = [
-    *[(lambda value=value: mh.EdgeFlipIntegrator(value, 0.1), ["EdgeFlipIntegrator", "temperature"]) for value in (-1, NAN, INF)],
-    *[(lambda value=value: mh.EdgeFlipIntegrator(300, value), ["EdgeFlipIntegrator", "fraction"]) for value in (-1, NAN, INF)],
+    *[
+        (lambda value=value: mh.EdgeFlipIntegrator(value, 0.1), ["EdgeFlipIntegrator", "temperature"])
+        for value in (-1, NAN, INF)
+    ],
+    *[
+        (lambda value=value: mh.EdgeFlipIntegrator(300, value), ["EdgeFlipIntegrator", "fraction"])
+        for value in (-1, NAN, INF)
+    ],
     *[(lambda value=value: mh.HybridMonteCarloIntegrator(value, 0.1), ["temperature"]) for value in (0, -1, NAN, INF)],
     *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, value), ["step size"]) for value in (0, -1, NAN, INF)],
-    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1, value), ["number of steps per trajectory"]) for value in (0, -1)],
+    *[
+        (lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1, value), ["number of steps per trajectory"])
+        for value in (0, -1)
+    ],
     *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1, 10, value), ["fraction"]) for value in (-1, NAN)],
-    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1, 10, 0.1, value), ["flip probability", "between 0 and 1"]) for value in (-0.1, 1.1, NAN)],
+    *[
+        (
+            lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1, 10, 0.1, value),
+            ["flip probability", "between 0 and 1"],
+        )
+        for value in (-0.1, 1.1, NAN)
+    ],
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="fast"), ["engine is 'fast'", "'native' or 'custom'"]),
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(value, 0.1, 10), ["temperature"]) for value in (0, NAN)],
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(300, value, 10), ["step size"]) for value in (0, NAN)],
     (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
-    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setTrajectoryJitter(value), ["jitter", "from 0 to less than 1"]) for value in (-0.1, 1, NAN)],
-    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setMomentumRefreshment(value), ["refreshment of momenta", "from more than 0 to 1"]) for value in (0, 1.1, NAN)],
+    *[
+        (
+            lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setTrajectoryJitter(value),
+            ["jitter", "from 0 to less than 1"],
+        )
+        for value in (-0.1, 1, NAN)
+    ],
+    *[
+        (
+            lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setMomentumRefreshment(value),
+            ["refreshment of momenta", "from more than 0 to 1"],
+        )
+        for value in (0, 1.1, NAN)
+    ],
     (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setTetherSubsteps(0), ["number of substeps"]),
-    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setSplitting("verlet"), ["splitting is 'verlet'", "'leapfrog', 'bcss2' or 'bcss3'"]),
-    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setSplitting("bcss2"), ["must be a HamiltonianTrajectoryIntegrator"]),
-    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setMomentumRefreshment(0.1), ["must be a HamiltonianTrajectoryIntegrator"]),
-    (lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setTrajectoryJitter(0.1), ["must be a HamiltonianTrajectoryIntegrator"]),
-    *[(lambda i=i, value=value: mh.ShearWaveIntegrator(*[300, 0.1, 1, 2, 10][:i], value, *[300, 0.1, 1, 2, 10][i+1:]), [words]) for i, words in
-      enumerate(("temperature", "amplitude in nm", "least wave number", "greatest wave number", "number of moves per step")) for value in ((0, NAN) if i < 4 else (0,))],
+    (
+        lambda: mh.HybridMonteCarloIntegrator(300, 0.1).setSplitting("verlet"),
+        ["splitting is 'verlet'", "'leapfrog', 'bcss2' or 'bcss3'"],
+    ),
+    (
+        lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setSplitting("bcss2"),
+        ["must be a HamiltonianTrajectoryIntegrator"],
+    ),
+    (
+        lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setMomentumRefreshment(0.1),
+        ["must be a HamiltonianTrajectoryIntegrator"],
+    ),
+    (
+        lambda: mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").setTrajectoryJitter(0.1),
+        ["must be a HamiltonianTrajectoryIntegrator"],
+    ),
+    *[
+        (
+            lambda i=i, value=value: mh.ShearWaveIntegrator(
+                *[300, 0.1, 1, 2, 10][:i], value, *[300, 0.1, 1, 2, 10][i + 1 :]
+            ),
+            [words],
+        )
+        for i, words in enumerate(
+            ("temperature", "amplitude in nm", "least wave number", "greatest wave number", "number of moves per step")
+        )
+        for value in ((0, NAN) if i < 4 else (0,))
+    ],
     (lambda: mh.ShearWaveIntegrator(300, 0.1, 3, 2), ["least wave number is 3 and the greatest 2 1/nm"]),
-    *[(lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).addShearWaves(mh.ShearWaveIntegrator(300, 0.1, 1, 2), value), ["probability of shear waves"])
-      for value in (-0.1, 1.1, NAN)],
+    *[
+        (
+            lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).addShearWaves(
+                mh.ShearWaveIntegrator(300, 0.1, 1, 2), value
+            ),
+            ["probability of shear waves"],
+        )
+        for value in (-0.1, 1.1, NAN)
+    ],
 ]
 
 
@@ -314,26 +408,43 @@ def test_integrators(create, words):
 
 def test_integrator_setters():
     integrator = mh.HybridMonteCarloIntegrator(300, 0.1, 10, 0.2, 0.5)
-    for call in (lambda: integrator.setTemperature(-1), lambda: integrator.setStepSize(NAN), lambda: integrator.setStepsPerTrajectory(0),
-                 lambda: integrator.setFlipFraction(-1), lambda: integrator.setFlipProbability(2)):
+    for call in (
+        lambda: integrator.setTemperature(-1),
+        lambda: integrator.setStepSize(NAN),
+        lambda: integrator.setStepsPerTrajectory(0),
+        lambda: integrator.setFlipFraction(-1),
+        lambda: integrator.setFlipProbability(2),
+    ):
         with pytest.raises(mm.OpenMMException):
             call()
-    assert integrator.getTemperature() == 300*unit.kelvin
-    assert integrator.getStepSize() == 0.1*unit.picosecond
-    assert (integrator.getStepsPerTrajectory(), integrator.getFlipFraction(), integrator.getFlipProbability()) == (10, 0.2, 0.5)
+    assert integrator.getTemperature() == 300 * unit.kelvin
+    assert integrator.getStepSize() == 0.1 * unit.picosecond
+    assert (integrator.getStepsPerTrajectory(), integrator.getFlipFraction(), integrator.getFlipProbability()) == (
+        10,
+        0.2,
+        0.5,
+    )
 
 
 def test_an_integrator_without_a_context():
-    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
-                       mh.ShearWaveIntegrator(300, 0.01, 1, 2)):
+    for integrator in (
+        mh.EdgeFlipIntegrator(300, 0.1),
+        mh.HybridMonteCarloIntegrator(300, 0.1),
+        mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+        mh.ShearWaveIntegrator(300, 0.01, 1, 2),
+    ):
         with pytest.raises(mm.OpenMMException, match="not bound to a context"):
             integrator.step(1)
 
 
 def test_an_integrator_of_two_contexts():
     mesh = createBlob(1)
-    for integrator in (mh.EdgeFlipIntegrator(300, 0.1), mh.HybridMonteCarloIntegrator(300, 0.1), mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
-                       mh.ShearWaveIntegrator(300, 0.01, 1, 2)):
+    for integrator in (
+        mh.EdgeFlipIntegrator(300, 0.1),
+        mh.HybridMonteCarloIntegrator(300, 0.1),
+        mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+        mh.ShearWaveIntegrator(300, 0.01, 1, 2),
+    ):
         context = createContext(mesh, createForce(mesh), integrator=integrator)
         with pytest.raises(mm.OpenMMException, match="already bound to a context"):
             createContext(mesh, createForce(mesh), integrator=integrator)

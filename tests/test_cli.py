@@ -11,7 +11,17 @@ import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 from openmmhelfrich.config import STAGES, Config, sections
 
-OUTPUTS = ["run.checkpoint", "run.csv", "run.dcd", "run.ply", "run.psf", "run.resolved.toml", "run.vtkhdf", "run_observables.png", "run_shape.png"]
+OUTPUTS = [
+    "run.checkpoint",
+    "run.csv",
+    "run.dcd",
+    "run.ply",
+    "run.psf",
+    "run.resolved.toml",
+    "run.vtkhdf",
+    "run_observables.png",
+    "run_shape.png",
+]
 
 
 def invoke(*arguments):
@@ -32,7 +42,7 @@ def configure(mesh='file = "sphere.ply"', sampling="steps = 10\nseed = 1", other
 
 
 def results():
-    return sorted(set(os.listdir())-{"sphere.ply", "run.toml"})
+    return sorted(set(os.listdir()) - {"sphere.ply", "run.toml"})
 
 
 def testRun(folder):
@@ -45,11 +55,17 @@ def testRun(folder):
 
 def testTheCommandIsInstalled(folder):
     command = os.path.join(os.path.dirname(sys.executable), "openmm-helfrich")
-    done = subprocess.run([command, "run", "run.toml", "--quiet", "--output", "deep/folder/a"], capture_output=True, text=True)
+    done = subprocess.run(
+        [command, "run", "run.toml", "--quiet", "--output", "deep/folder/a"], capture_output=True, text=True
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert len(os.listdir("deep/folder")) == len(OUTPUTS)
     failed = subprocess.run([command, "run", "nothing.toml"], capture_output=True, text=True)
-    assert (failed.returncode, failed.stdout, failed.stderr) == (1, "", "openmm-helfrich: there is no configuration file nothing.toml\n")
+    assert (failed.returncode, failed.stdout, failed.stderr) == (
+        1,
+        "",
+        "openmm-helfrich: there is no configuration file nothing.toml\n",
+    )
 
 
 def testOptionsTakeThePlaceOfTheConfiguration(folder):
@@ -75,7 +91,7 @@ def testStagesAndTheirProgress(folder):
     result = invoke("run", "run.toml")
     assert result.exit_code == 0, result.output
     for stage in ("1/2 warm: step 6 of 6", "2/2 anneal: step 4 of 4"):
-        assert re.search(stage+r", .*steps/s, energy \d+ kT, accepted \d+%, flips \d+%", result.output)
+        assert re.search(stage + r", .*steps/s, energy \d+ kT, accepted \d+%, flips \d+%", result.output)
     result = invoke("run", "run.toml", "--steps", 3, "--output", "b")
     assert result.exit_code == 1 and "stages have steps of their own" in result.output
 
@@ -87,7 +103,15 @@ def testBarsOnATerminal(folder):
     def read(terminal):
         shown.append(os.read(terminal, 4096))
         return shown[-1]
-    pty.spawn([sys.executable, "-c", "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', 'run.toml'])"], read)
+
+    pty.spawn(
+        [
+            sys.executable,
+            "-c",
+            "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', 'run.toml'])",
+        ],
+        read,
+    )
     text = b"".join(shown).decode()
     for word in ("1/2 warm", "6/6", "2/2 anneal", "4/4", "\u2501", "steps/s", "kT", "accepted", "162 vertices"):
         assert word in text
@@ -96,7 +120,10 @@ def testBarsOnATerminal(folder):
 def testResume(folder):
     assert invoke("run", "run.toml", "-q").exit_code == 0
     result = invoke("resume", "run")
-    assert result.exit_code == 1 and "openmm-helfrich: the run run is complete, at step 10; ask for more steps to go on" in result.output
+    assert (
+        result.exit_code == 1
+        and "openmm-helfrich: the run run is complete, at step 10; ask for more steps to go on" in result.output
+    )
     result = invoke("resume", "run", "--steps", 5)
     assert result.exit_code == 0 and "15, of which the last 5 in" in result.output
     result = invoke("resume", "another")
@@ -106,7 +133,11 @@ def testResume(folder):
 
 def testConfig(folder):
     result = invoke("config")
-    assert result.exit_code == 0 and "bending_modulus = 20.0" in result.output and "kappa_B in kT; 20 is typical" in result.output
+    assert (
+        result.exit_code == 0
+        and "bending_modulus = 20.0" in result.output
+        and "kappa_B in kT; 20 is typical" in result.output
+    )
     result = invoke("config", "--from-trimem", "no.inp")
     assert result.exit_code == 1 and "there is no configuration file no.inp" in result.output
 
@@ -123,31 +154,46 @@ def testMeshIsRelativeToTheConfiguration(folder):
     assert sorted(os.listdir()) == OUTPUTS
 
 
-@pytest.mark.parametrize("text, message", [
-    (dict(other="[membrane]\nbending_modulos = 3"), "[membrane] has no key 'bending_modulos'; did you mean 'bending_modulus'?"),
-    (dict(other="[membrane]\nsteps = 3"), "[membrane] has no key 'steps'; it belongs in [sampling]"),
-    (dict(other="[membrain]\nbending_modulus = 3"), "there is no section or key 'membrain'; did you mean 'membrane'?"),
-    (dict(other="[output]\nxyzzy = 3"), "[output] has no key 'xyzzy'; it has prefix, trajectory_interval"),
-    (dict(mesh=""), "[mesh] file is missing"),
-    (dict(other="[membrane]\nbending_modulus = -3"), "[membrane] bending_modulus is -3"),
-    (dict(other='[membrane]\nbending_modulus = "20"'), "[membrane] bending_modulus is '20'; it must be a number"),
-    (dict(other="[membrane]\narea_modulus = nan"), "[membrane] area_modulus is nan; it must be a finite number"),
-    (dict(other="[membrane]\ntarget_volume = 0"), "[membrane] target_volume is 0"),
-    (dict(other="[membrane]\ntarget_volume = 1\nreduced_volume = 0.9"), "target_volume and reduced_volume are both given"),
-    (dict(other="[membrane]\nreduced_volume = 1.1"), "[membrane] reduced_volume is 1.1"),
-    (dict(other="[tether]\nmin_length = 0.3\nmax_length = 0.2"), "[tether] min_length is 0.3 and max_length 0.2"),
-    (dict(other="[repulsion]\nexclusion_level = 3"), "[repulsion] exclusion_level is 3; it must be 0, 1 or 2"),
-    (dict(sampling="steps = 0"), "[sampling] steps is 0"),
-    (dict(sampling="steps = 1.5"), "[sampling] steps is 1.5"),
-    (dict(sampling="temperature = 0"), "[sampling] temperature is 0"),
-    (dict(sampling="flip_probability = 1.5"), "[sampling] flip_probability is 1.5"),
-    (dict(sampling="steps = = 3"), "run.toml is not TOML"),
-    (dict(mesh='file = "nothing.stl"'), "there is no mesh file nothing.stl"),
-    (dict(mesh='file = "run.toml"'), "no mesh format has the suffix '.toml'"),
-    (dict(mesh='file = "sphere.ply"\nscale = 1000'), "the mean edge length is 2"),
-    (dict(other='[platform]\nname = "GPU"'), "[platform] name is 'GPU'; it must be one of Reference, CPU"),
-    (dict(other='[platform]\nname = "Reference"\nthreads = 2'), "[platform] threads is 2; only the CPU platform has threads"),
-])
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (
+            dict(other="[membrane]\nbending_modulos = 3"),
+            "[membrane] has no key 'bending_modulos'; did you mean 'bending_modulus'?",
+        ),
+        (dict(other="[membrane]\nsteps = 3"), "[membrane] has no key 'steps'; it belongs in [sampling]"),
+        (
+            dict(other="[membrain]\nbending_modulus = 3"),
+            "there is no section or key 'membrain'; did you mean 'membrane'?",
+        ),
+        (dict(other="[output]\nxyzzy = 3"), "[output] has no key 'xyzzy'; it has prefix, trajectory_interval"),
+        (dict(mesh=""), "[mesh] file is missing"),
+        (dict(other="[membrane]\nbending_modulus = -3"), "[membrane] bending_modulus is -3"),
+        (dict(other='[membrane]\nbending_modulus = "20"'), "[membrane] bending_modulus is '20'; it must be a number"),
+        (dict(other="[membrane]\narea_modulus = nan"), "[membrane] area_modulus is nan; it must be a finite number"),
+        (dict(other="[membrane]\ntarget_volume = 0"), "[membrane] target_volume is 0"),
+        (
+            dict(other="[membrane]\ntarget_volume = 1\nreduced_volume = 0.9"),
+            "target_volume and reduced_volume are both given",
+        ),
+        (dict(other="[membrane]\nreduced_volume = 1.1"), "[membrane] reduced_volume is 1.1"),
+        (dict(other="[tether]\nmin_length = 0.3\nmax_length = 0.2"), "[tether] min_length is 0.3 and max_length 0.2"),
+        (dict(other="[repulsion]\nexclusion_level = 3"), "[repulsion] exclusion_level is 3; it must be 0, 1 or 2"),
+        (dict(sampling="steps = 0"), "[sampling] steps is 0"),
+        (dict(sampling="steps = 1.5"), "[sampling] steps is 1.5"),
+        (dict(sampling="temperature = 0"), "[sampling] temperature is 0"),
+        (dict(sampling="flip_probability = 1.5"), "[sampling] flip_probability is 1.5"),
+        (dict(sampling="steps = = 3"), "run.toml is not TOML"),
+        (dict(mesh='file = "nothing.stl"'), "there is no mesh file nothing.stl"),
+        (dict(mesh='file = "run.toml"'), "no mesh format has the suffix '.toml'"),
+        (dict(mesh='file = "sphere.ply"\nscale = 1000'), "the mean edge length is 2"),
+        (dict(other='[platform]\nname = "GPU"'), "[platform] name is 'GPU'; it must be one of Reference, CPU"),
+        (
+            dict(other='[platform]\nname = "Reference"\nthreads = 2'),
+            "[platform] threads is 2; only the CPU platform has threads",
+        ),
+    ],
+)
 def testBadConfiguration(folder, text, message):
     configure(**text)
     result = invoke("run", "run.toml")
@@ -165,7 +211,11 @@ def testBadMesh(folder):
     sphere = mh.Mesh.icosphere(2)
     mh.Mesh(sphere.vertices, sphere.triangles[:, ::-1]).write("sphere.ply")
     result = invoke("run", "run.toml")
-    assert result.exit_code == 1 and "sphere.ply: the membrane of vertex 0 is inside out" in result.output and results() == []
+    assert (
+        result.exit_code == 1
+        and "sphere.ply: the membrane of vertex 0 is inside out" in result.output
+        and results() == []
+    )
 
 
 @pytest.mark.parametrize("existing", OUTPUTS)

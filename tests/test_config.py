@@ -1,4 +1,5 @@
 """Configurations: units, stages, defaults written out, and TriMem's converted."""
+
 import json
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from openmmhelfrich.configfile import defaultText, settingsText
 from openmmhelfrich.simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
 from openmmhelfrich.trimem import convertConfig
 
-PEER = {case["name"]: case for case in json.loads((Path(__file__).parent/"data/peer_values.json").read_text())["cases"]}
+PEER = {
+    case["name"]: case for case in json.loads((Path(__file__).parent / "data/peer_values.json").read_text())["cases"]
+}
 
 
 def parse(**sections):
@@ -28,68 +31,142 @@ def complaintOf(**sections):
 
 # --- numbers with units
 
-@pytest.mark.parametrize("text, kT", [("20 kT", 20), ("20kT", 20), ("1e-19 J", 24.0886), ("100 zJ", 24.0886), ("100 pN nm", 24.0886), ("60.2214 kJ/mol", 24.0886),
-                                      ("14.3933 kcal/mol", 24.0886), ("0.624151 eV", 24.0886), (60.2214*unit.kilojoule_per_mole, 24.0886)])
+
+@pytest.mark.parametrize(
+    "text, kT",
+    [
+        ("20 kT", 20),
+        ("20kT", 20),
+        ("1e-19 J", 24.0886),
+        ("100 zJ", 24.0886),
+        ("100 pN nm", 24.0886),
+        ("60.2214 kJ/mol", 24.0886),
+        ("14.3933 kcal/mol", 24.0886),
+        ("0.624151 eV", 24.0886),
+        (60.2214 * unit.kilojoule_per_mole, 24.0886),
+    ],
+)
 def testEnergies(text, kT):
     """At 300.679 K, kT is 2.5 kJ/mol."""
-    config = parse(membrane={"bending_modulus": text}, sampling={"temperature": 2.5/0.00831446261815324})
+    config = parse(membrane={"bending_modulus": text}, sampling={"temperature": 2.5 / 0.00831446261815324})
     assert config.membrane.bending_modulus == pytest.approx(kT, rel=1e-5)
 
 
 def testEnergiesFollowTheTemperature():
-    cold, warm = (parse(membrane={"bending_modulus": "80 kJ/mol"}, sampling={"temperature": t}).membrane.bending_modulus for t in ("300 K", "600 K"))
-    assert cold == pytest.approx(2*warm, rel=1e-12) and cold == pytest.approx(80/2.494339, rel=1e-6)
+    cold, warm = (
+        parse(membrane={"bending_modulus": "80 kJ/mol"}, sampling={"temperature": t}).membrane.bending_modulus
+        for t in ("300 K", "600 K")
+    )
+    assert cold == pytest.approx(2 * warm, rel=1e-12) and cold == pytest.approx(80 / 2.494339, rel=1e-6)
     assert parse(sampling={"temperature": "37 C"}).sampling.temperature == pytest.approx(310.15)
 
 
 def testLengths():
-    config = parseConfig({"mesh": {"icosphere": 2, "length_unit": "um"}, "membrane": {"target_area": "12 um^2", "target_volume": "4 fL", "leaflet_separation": "2 nm"},
-                          "tether": {"min_length": "100 nm", "max_length": "2000 Å"}, "sampling": {"step_size": "0.5 fs", "mass": "2 kDa"}})
-    assert (config.membrane.target_area, config.membrane.target_volume, config.membrane.leaflet_separation) == pytest.approx((12, 4, 0.002))
+    config = parseConfig(
+        {
+            "mesh": {"icosphere": 2, "length_unit": "um"},
+            "membrane": {"target_area": "12 um^2", "target_volume": "4 fL", "leaflet_separation": "2 nm"},
+            "tether": {"min_length": "100 nm", "max_length": "2000 Å"},
+            "sampling": {"step_size": "0.5 fs", "mass": "2 kDa"},
+        }
+    )
+    assert (
+        config.membrane.target_area,
+        config.membrane.target_volume,
+        config.membrane.leaflet_separation,
+    ) == pytest.approx((12, 4, 0.002))
     assert (config.tether.min_length, config.tether.max_length) == pytest.approx((0.1, 0.2))
     assert (config.sampling.step_size, config.sampling.mass) == pytest.approx((0.0005, 2000))
-    assert parse(stages=[{"kind": "sample", "target_area": 12*unit.angstrom**2}]).stages[0].target_area == pytest.approx(0.12)
+    assert parse(stages=[{"kind": "sample", "target_area": 12 * unit.angstrom**2}]).stages[
+        0
+    ].target_area == pytest.approx(0.12)
 
 
-@pytest.mark.parametrize("sections, message", [
-    (dict(membrane={"bending_modulus": "20 kN"}), "[membrane] bending_modulus is '20 kN'; 'kN' is not a unit of energy; write it like '80 kJ/mol'"),
-    (dict(membrane={"bending_modulus": "-1 kT"}), "[membrane] bending_modulus is -1.0; it must be greater than or equal to 0"),
-    (dict(tether={"min_length": "3 um^2"}), "[tether] min_length is '3 um^2'; 'um^2' is not a unit of length"),
-    (dict(membrane={"target_area": 3*unit.nanometer}), "[membrane] target_area is 3 nm; it must be an area"),
-    (dict(sampling={"step_size": "automatic"}), "[sampling] step_size is 'automatic'; it must be a number, or a number with a unit in quotes, like '1 fs'"),
-    (dict(sampling={"step_size": -1.0}), "[sampling] step_size is -1.0; it must be a positive number, in ps, or 'auto'"),
-    (dict(sampling={"trajectory_jitter": 1.0}), "[sampling] trajectory_jitter is 1.0"),
-    (dict(sampling={"momentum_refreshment": 0.0}), "[sampling] momentum_refreshment is 0.0"),
-    (dict(sampling={"target_acceptance": 1.0}), "[sampling] target_acceptance is 1.0"),
-    (dict(output={"checkpoint_interval": 0}), "[output] checkpoint_interval is 0"),
-    (dict(mesh={"icosphere": 2, "length_unit": "R0"}, tether={"min_length": "100 nm"}), "the mesh's length_unit, 'R0', is not a length"),
-    (dict(mesh={"icosphere": 2, "file": "a.stl"}), "[mesh] file and icosphere are both given"),
-])
+@pytest.mark.parametrize(
+    "sections, message",
+    [
+        (
+            dict(membrane={"bending_modulus": "20 kN"}),
+            "[membrane] bending_modulus is '20 kN'; 'kN' is not a unit of energy; write it like '80 kJ/mol'",
+        ),
+        (
+            dict(membrane={"bending_modulus": "-1 kT"}),
+            "[membrane] bending_modulus is -1.0; it must be greater than or equal to 0",
+        ),
+        (dict(tether={"min_length": "3 um^2"}), "[tether] min_length is '3 um^2'; 'um^2' is not a unit of length"),
+        (dict(membrane={"target_area": 3 * unit.nanometer}), "[membrane] target_area is 3 nm; it must be an area"),
+        (
+            dict(sampling={"step_size": "automatic"}),
+            "[sampling] step_size is 'automatic'; it must be a number, or a number with a unit in quotes, like '1 fs'",
+        ),
+        (
+            dict(sampling={"step_size": -1.0}),
+            "[sampling] step_size is -1.0; it must be a positive number, in ps, or 'auto'",
+        ),
+        (dict(sampling={"trajectory_jitter": 1.0}), "[sampling] trajectory_jitter is 1.0"),
+        (dict(sampling={"momentum_refreshment": 0.0}), "[sampling] momentum_refreshment is 0.0"),
+        (dict(sampling={"target_acceptance": 1.0}), "[sampling] target_acceptance is 1.0"),
+        (dict(output={"checkpoint_interval": 0}), "[output] checkpoint_interval is 0"),
+        (
+            dict(mesh={"icosphere": 2, "length_unit": "R0"}, tether={"min_length": "100 nm"}),
+            "the mesh's length_unit, 'R0', is not a length",
+        ),
+        (dict(mesh={"icosphere": 2, "file": "a.stl"}), "[mesh] file and icosphere are both given"),
+    ],
+)
 def testWrongNumbers(sections, message):
     assert message in complaintOf(**sections)
 
 
 # --- stages
 
-@pytest.mark.parametrize("stage, message", [
-    ({"steps": 3}, f"stage 1 has no kind; it must be one of {', '.join(STAGES)}"),
-    ({"kind": "aneal"}, "stage 1 has the kind 'aneal'; did you mean 'anneal'?"),
-    ({"kind": "sample", "stepz": 3}, "stage 1 (sample) has no key 'stepz'; did you mean 'steps'?"),
-    ({"kind": "sample", "flip_fraction": 3}, "stage 1 (sample) has no key 'flip_fraction'; it belongs in [sampling]"),
-    ({"kind": "sample", "steps": 0}, "stage 1 (sample) steps is 0"),
-    ({"kind": "sample", "reduced_volume": 1.1}, "stage 1 (sample) reduced_volume is 1.1"),
-    ({"kind": "anneal"}, "stage 1 (anneal) end_temperature is missing; give it or a table"),
-    ({"kind": "anneal", "end_temperature": 3, "rate": -1.0}, "stage 1 (anneal) rate is -1.0"),
-    ({"kind": "anneal", "end_temperature": 3, "cooling_start": 1000}, "stage 1 (anneal) cooling_start is 1000; it must be less than the number of steps, 1000"),
-    ({"kind": "anneal", "end_temperature": 3, "table": [[0, 300]]}, "stage 1 (anneal) table and end_temperature are both given"),
-    ({"kind": "anneal", "table": [[0, 300], [50, 30], [50, 3]]}, "stage 1 (anneal) table has step 50 after step 50; steps must ascend"),
-    ({"kind": "anneal", "table": [[0, 300], [50, 0]]}, "stage 1 (anneal) table has the temperature 0 K at step 50"),
-    ({"kind": "anneal", "table": [[0, 300, 1]]}, "stage 1 (anneal) table has the row [0.0, 300.0, 1.0]; each must be [step, temperature]"),
-    ({"kind": "continue"}, "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, target_area_difference"),
-    ({"kind": "continue", "target_area": 9.0, "windows": 0}, "stage 1 (continue) windows is 0"),
-    ({"kind": "continue", "target_area": 9.0, "windows": 2, "path": {"target_area": [0, 1]}}, "path of target_area has 2 values; windows = 2 asks for 3"),
-    ({"kind": "continue", "target_area": 9.0, "path": {"volume": [0, 1]}}, "path has 'volume'; it must be a target that the stage gives: target_area"),
-])
+
+@pytest.mark.parametrize(
+    "stage, message",
+    [
+        ({"steps": 3}, f"stage 1 has no kind; it must be one of {', '.join(STAGES)}"),
+        ({"kind": "aneal"}, "stage 1 has the kind 'aneal'; did you mean 'anneal'?"),
+        ({"kind": "sample", "stepz": 3}, "stage 1 (sample) has no key 'stepz'; did you mean 'steps'?"),
+        (
+            {"kind": "sample", "flip_fraction": 3},
+            "stage 1 (sample) has no key 'flip_fraction'; it belongs in [sampling]",
+        ),
+        ({"kind": "sample", "steps": 0}, "stage 1 (sample) steps is 0"),
+        ({"kind": "sample", "reduced_volume": 1.1}, "stage 1 (sample) reduced_volume is 1.1"),
+        ({"kind": "anneal"}, "stage 1 (anneal) end_temperature is missing; give it or a table"),
+        ({"kind": "anneal", "end_temperature": 3, "rate": -1.0}, "stage 1 (anneal) rate is -1.0"),
+        (
+            {"kind": "anneal", "end_temperature": 3, "cooling_start": 1000},
+            "stage 1 (anneal) cooling_start is 1000; it must be less than the number of steps, 1000",
+        ),
+        (
+            {"kind": "anneal", "end_temperature": 3, "table": [[0, 300]]},
+            "stage 1 (anneal) table and end_temperature are both given",
+        ),
+        (
+            {"kind": "anneal", "table": [[0, 300], [50, 30], [50, 3]]},
+            "stage 1 (anneal) table has step 50 after step 50; steps must ascend",
+        ),
+        ({"kind": "anneal", "table": [[0, 300], [50, 0]]}, "stage 1 (anneal) table has the temperature 0 K at step 50"),
+        (
+            {"kind": "anneal", "table": [[0, 300, 1]]},
+            "stage 1 (anneal) table has the row [0.0, 300.0, 1.0]; each must be [step, temperature]",
+        ),
+        (
+            {"kind": "continue"},
+            "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, target_area_difference",
+        ),
+        ({"kind": "continue", "target_area": 9.0, "windows": 0}, "stage 1 (continue) windows is 0"),
+        (
+            {"kind": "continue", "target_area": 9.0, "windows": 2, "path": {"target_area": [0, 1]}},
+            "path of target_area has 2 values; windows = 2 asks for 3",
+        ),
+        (
+            {"kind": "continue", "target_area": 9.0, "path": {"volume": [0, 1]}},
+            "path has 'volume'; it must be a target that the stage gives: target_area",
+        ),
+    ],
+)
 def testWrongStages(stage, message):
     assert message in complaintOf(stages=[stage])
 
@@ -102,9 +179,16 @@ def testStepsAndStages():
 
 # --- the tether
 
+
 def tetherOf(scale, **tether):
     """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its defaults filled in."""
-    config = parseConfig({"mesh": {"icosphere": 2, "scale": scale}, "tether": tether, "membrane": {f"{term}_modulus": 0.0 for term in ("bending", "area", "volume")}})
+    config = parseConfig(
+        {
+            "mesh": {"icosphere": 2, "scale": scale},
+            "tether": tether,
+            "membrane": {f"{term}_modulus": 0.0 for term in ("bending", "area", "volume")},
+        }
+    )
     mesh = loadMesh(config)
     return energyOf(createSimulation(config, mesh, createForce(config, mesh)).context), resolve(config, mesh)
 
@@ -112,13 +196,21 @@ def tetherOf(scale, **tether):
 @pytest.mark.parametrize("tether", [{}, {"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
 def testTetherHasNoUnit(tether):
     """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
+
     def scaled(factor):
-        lengths = {"min_length": 0.3, "max_length": 0.31, **{name: length for name, length in tether.items() if name != "modulus"}}
-        return tetherOf(factor, **{**tether, **{name: factor*length for name, length in lengths.items()}})
+        lengths = {
+            "min_length": 0.3,
+            "max_length": 0.31,
+            **{name: length for name, length in tether.items() if name != "modulus"},
+        }
+        return tetherOf(factor, **{**tether, **{name: factor * length for name, length in lengths.items()}})
+
     (energy, first), (other, second) = scaled(1.0), scaled(0.07)
     assert energy > 1 and other == pytest.approx(energy, rel=1e-12)
-    assert second.tether.length_scale == pytest.approx(0.07*first.tether.length_scale) and second.tether.modulus == pytest.approx(first.tether.modulus)
-    assert second.sampling.step_size == pytest.approx(0.07*first.sampling.step_size)
+    assert second.tether.length_scale == pytest.approx(
+        0.07 * first.tether.length_scale
+    ) and second.tether.modulus == pytest.approx(first.tether.modulus)
+    assert second.sampling.step_size == pytest.approx(0.07 * first.sampling.step_size)
     assert tetherOf(0.07, **second.tether.model_dump())[0] == other
 
 
@@ -126,44 +218,57 @@ def testTetherWithAModulusMeansWhatItMeant():
     """Lengths are in the mesh's unit where a modulus is given, as in files from before there was a length scale."""
     assert tetherOf(1.0, modulus=3.0)[1].tether.length_scale == 1
     default = tetherOf(1.0)[1].tether
-    assert default.length_scale == pytest.approx(loadMesh(parse()).edgeLengths.mean()) and default.modulus == pytest.approx(50)
-    assert tetherOf(1.0, length_scale=1.0)[1].tether.modulus == pytest.approx(default.modulus/default.length_scale**2)
+    assert default.length_scale == pytest.approx(
+        loadMesh(parse()).edgeLengths.mean()
+    ) and default.modulus == pytest.approx(50)
+    assert tetherOf(1.0, length_scale=1.0)[1].tether.modulus == pytest.approx(default.modulus / default.length_scale**2)
 
 
 def testUnevenMeshesStart(tmp_path):
     """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories that are accepted."""
     mesh = mh.Mesh.icosphere(2)
-    vertices = mesh.vertices+0.18*mesh.edgeLengths.mean()*np.random.default_rng(1).normal(size=mesh.vertices.shape)
-    mh.Mesh(vertices/np.linalg.norm(vertices, axis=1)[:, np.newaxis], mesh.triangles).write(tmp_path/"a.ply")
-    config = parseConfig({"mesh": {"file": str(tmp_path/"a.ply")}, "sampling": {"seed": 1}})
+    vertices = mesh.vertices + 0.18 * mesh.edgeLengths.mean() * np.random.default_rng(1).normal(
+        size=mesh.vertices.shape
+    )
+    mh.Mesh(vertices / np.linalg.norm(vertices, axis=1)[:, np.newaxis], mesh.triangles).write(tmp_path / "a.ply")
+    config = parseConfig({"mesh": {"file": str(tmp_path / "a.ply")}, "sampling": {"seed": 1}})
     mesh = loadMesh(config)
-    edges = mesh.edgeLengths/mesh.edgeLengths.mean()
+    edges = mesh.edgeLengths / mesh.edgeLengths.mean()
     assert edges.min() < 0.4 and edges.max() > 1.5
     force = createForce(config, mesh)
     simulation = createSimulation(config, mesh, force)
     simulation.step(60)
-    edges = currentMesh(simulation, force).edgeLengths/mesh.edgeLengths.mean()
+    edges = currentMesh(simulation, force).edgeLengths / mesh.edgeLengths.mean()
     assert simulation.integrator.getAcceptanceRate() > 0.5 and edges.min() > 0.5 and edges.max() < 1.5
 
 
 # --- files written
 
+
 def testDefaultsWrittenOut():
     """The commented file has every key with its default, also in the stages when they are uncommented."""
     text = defaultText().replace("# file =", 'file = "a.stl"', 1)
     assert parseConfig(tomllib.loads(text)) == parseConfig({"mesh": {"file": "a.stl"}})
-    start = text.index("# # "+next(iter(STAGES.values())).__doc__[:40])
-    stages = "\n".join(line.removeprefix("# ") for line in text[start:].splitlines()).replace("# end_temperature =", "end_temperature = 3.0")
+    start = text.index("# # " + next(iter(STAGES.values())).__doc__[:40])
+    stages = "\n".join(line.removeprefix("# ") for line in text[start:].splitlines()).replace(
+        "# end_temperature =", "end_temperature = 3.0"
+    )
     stages = stages.replace('kind = "continue"', 'kind = "continue"\ntarget_area = 9.0')
-    config = parseConfig(tomllib.loads(text[:start]+stages))
+    config = parseConfig(tomllib.loads(text[:start] + stages))
     assert [stage.kind for stage in config.stages] == list(STAGES)
     assert max(map(len, text.splitlines())) <= 122
 
 
 def testSettingsReadBack():
-    config = parse(sampling={"step_size": "auto", "seed": 3}, output={"prefix": "a"},
-                   stages=[{"kind": "sample", "steps": 4}, {"kind": "continue", "windows": 1, "target_area": 9.1, "path": {"target_area": [0.0, 1.0]}},
-                           {"kind": "anneal", "table": [[0, 300], [10, 30]]}])
+    config = parse(
+        sampling={"step_size": "auto", "seed": 3},
+        output={"prefix": "a"},
+        stages=[
+            {"kind": "sample", "steps": 4},
+            {"kind": "continue", "windows": 1, "target_area": 9.1, "path": {"target_area": [0.0, 1.0]}},
+            {"kind": "anneal", "table": [[0, 300], [10, 30]]},
+        ],
+    )
     resolved = resolve(config, loadMesh(config))
     again = parseConfig(tomllib.loads(settingsText(resolved, ["a comment"])))
     assert again == resolved and resolved.membrane.target_area == loadMesh(config).area
@@ -171,29 +276,49 @@ def testSettingsReadBack():
 
 # --- TriMem
 
+
 def trimemText(mesh, case, kT, **values):
     """Return a configuration of TriMem for a membrane of the table of its energies, at another unit of energy."""
-    targets = {"area_fraction": case["targets"]["area"]/case["area"], "volume_fraction": case["targets"]["volume"]/case["volume"],
-               "curvature_fraction": case["targets"]["integratedMeanCurvature"]/case["integratedMeanCurvature"]}
+    targets = {
+        "area_fraction": case["targets"]["area"] / case["area"],
+        "volume_fraction": case["targets"]["volume"] / case["volume"],
+        "curvature_fraction": case["targets"]["integratedMeanCurvature"] / case["integratedMeanCurvature"],
+    }
     kappas = dict(zip(("kappa_b", "kappa_a", "kappa_v", "kappa_c", "kappa_t", "kappa_r"), case["moduli"].values()))
     bonds = {"bond_type": "Edge", "r": 2, "lc1": case["tether"]["minLength"], "lc0": case["tether"]["maxLength"]}
     repulsion = {"n_search": "cell-list", "rlist": 0.2, "lc1": case["repulsion"]["onset"], "r": 2, "exclusion_level": 2}
-    sections = {"GENERAL": {"algorithm": "hmc", "input": mesh, "info": 5}, "BONDS": bonds, "SURFACEREPULSION": repulsion,
-                "ENERGY": {**kappas, **targets, "continuation_delta": 0.0, "continuation_lambda": 1.0},
-                "MINIMIZATION": {"maxiter": 10, "out_every": 0},
-                "HMC": {"num_steps": 100, "step_size": 1e-4, "traj_steps": 20, "momentum_variance": 2.0, "thin": 10, "flip_type": "parallel", "flip_ratio": 0.2,
-                        "initial_temperature": kT, "cooling_factor": 0.0}}
+    sections = {
+        "GENERAL": {"algorithm": "hmc", "input": mesh, "info": 5},
+        "BONDS": bonds,
+        "SURFACEREPULSION": repulsion,
+        "ENERGY": {**kappas, **targets, "continuation_delta": 0.0, "continuation_lambda": 1.0},
+        "MINIMIZATION": {"maxiter": 10, "out_every": 0},
+        "HMC": {
+            "num_steps": 100,
+            "step_size": 1e-4,
+            "traj_steps": 20,
+            "momentum_variance": 2.0,
+            "thin": 10,
+            "flip_type": "parallel",
+            "flip_ratio": 0.2,
+            "initial_temperature": kT,
+            "cooling_factor": 0.0,
+        },
+    }
     for name, value in values.items():
         next(section for section in sections.values() if name in section or section is sections["HMC"])[name] = value
-    return "".join(f"[{name}]\n"+"".join(f"{key} = {value}  # a comment\n" for key, value in section.items()) for name, section in sections.items())
+    return "".join(
+        f"[{name}]\n" + "".join(f"{key} = {value}  # a comment\n" for key, value in section.items())
+        for name, section in sections.items()
+    )
 
 
 def convert(folder, case="sphere", kT=2.0, **values):
     """Convert a file of TriMem and return the Config that it becomes, and its text."""
-    mh.Mesh(PEER[case]["vertices"], PEER[case]["triangles"]).write(folder/"cell.ply")
-    (folder/"a.inp").write_text(trimemText(folder/"cell.ply", PEER[case], kT, **values))
-    (folder/"a.toml").write_text(convertConfig(folder/"a.inp"))
-    return readConfig(folder/"a.toml"), (folder/"a.toml").read_text()
+    mh.Mesh(PEER[case]["vertices"], PEER[case]["triangles"]).write(folder / "cell.ply")
+    (folder / "a.inp").write_text(trimemText(folder / "cell.ply", PEER[case], kT, **values))
+    (folder / "a.toml").write_text(convertConfig(folder / "a.inp"))
+    return readConfig(folder / "a.toml"), (folder / "a.toml").read_text()
 
 
 @pytest.mark.parametrize("case", PEER)
@@ -203,18 +328,23 @@ def testEnergiesOfTriMem(tmp_path, case):
     mesh = loadMesh(config)
     force = createForce(config, mesh)
     context = createSimulation(config, mesh, force).context
-    kT = 300*unit.kelvin*unit.MOLAR_GAS_CONSTANT_R/unit.kilojoule_per_mole
-    assert energyOf(context)/kT == pytest.approx(PEER[case]["energy"]/2, rel=1e-9)
-    gradient = np.array(PEER[case]["gradient"])/2
-    assert np.abs(forcesOf(context)/kT+gradient).max() < 1e-9*np.abs(gradient).max()
+    kT = 300 * unit.kelvin * unit.MOLAR_GAS_CONSTANT_R / unit.kilojoule_per_mole
+    assert energyOf(context) / kT == pytest.approx(PEER[case]["energy"] / 2, rel=1e-9)
+    gradient = np.array(PEER[case]["gradient"]) / 2
+    assert np.abs(forcesOf(context) / kT + gradient).max() < 1e-9 * np.abs(gradient).max()
 
 
 def testStepsOfTriMem(tmp_path):
     """A free vertex with TriMem's thermal momentum goes as far in a step: sqrt(T/m) times the step size."""
     config, text = convert(tmp_path)
-    sampling, kT = config.sampling, 300*0.00831446261815324
-    assert sampling.step_size*np.sqrt(kT/sampling.mass) == pytest.approx(1e-4*np.sqrt(2.0/2.0), rel=1e-12)
-    assert (sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability, sampling.temperature) == (20, 0.2, 0.5, 300)
+    sampling, kT = config.sampling, 300 * 0.00831446261815324
+    assert sampling.step_size * np.sqrt(kT / sampling.mass) == pytest.approx(1e-4 * np.sqrt(2.0 / 2.0), rel=1e-12)
+    assert (sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability, sampling.temperature) == (
+        20,
+        0.2,
+        0.5,
+        300,
+    )
     assert (config.output.trajectory_interval, config.output.observables_interval) == (10, 5)
     assert [(stage.kind, stage.steps) for stage in config.stages] == [("sample", 100)]
     assert "not needed: n_search, rlist" in text
@@ -222,23 +352,42 @@ def testStepsOfTriMem(tmp_path):
 
 def testStagesOfTriMem(tmp_path):
     config, _ = convert(tmp_path, cooling_factor=0.01, start_cooling=30)
-    stage, = config.stages
-    assert (stage.kind, stage.steps, stage.rate, stage.cooling_start) == ("anneal", 100, 0.01, 30) and stage.end_temperature == pytest.approx(3e-4)
+    (stage,) = config.stages
+    assert (stage.kind, stage.steps, stage.rate, stage.cooling_start) == (
+        "anneal",
+        100,
+        0.01,
+        30,
+    ) and stage.end_temperature == pytest.approx(3e-4)
     config, text = convert(tmp_path, continuation_delta=0.025, continuation_lambda=0.0)
     move, sample = config.stages
     own, targets = PEER["sphere"], PEER["sphere"]["targets"]
-    assert (move.kind, move.windows, move.totalSteps, sample.steps) == ("continue", 20, 42, 60) and "lambda moves in 20 windows" in text
-    assert (config.membrane.target_area, config.membrane.target_volume) == pytest.approx((own["area"], own["volume"]), rel=1e-9)
+    assert (move.kind, move.windows, move.totalSteps, sample.steps) == (
+        "continue",
+        20,
+        42,
+        60,
+    ) and "lambda moves in 20 windows" in text
+    assert (config.membrane.target_area, config.membrane.target_volume) == pytest.approx(
+        (own["area"], own["volume"]), rel=1e-9
+    )
     assert (move.target_area, move.target_volume) == pytest.approx((targets["area"], targets["volume"]), rel=1e-9)
     config, _ = convert(tmp_path, algorithm="minimize", maxiter=7)
-    stage, = config.stages
+    (stage,) = config.stages
     assert (stage.kind, stage.fluid, stage.max_iterations) == ("minimize", False, 7)
     config, text = convert(tmp_path, flip_type="none", kappa_d=3)
     assert config.sampling.flip_fraction == 0 and "Unknown, and left out: [HMC] kappa_d." in text
 
 
-@pytest.mark.parametrize("values, message", [(dict(bond_type="Area"), "only tethers of edges"), (dict(kappa_b="x"), r"\[ENERGY\] kappa_b is 'x'; it must be a number"),
-                                             (dict(initial_temperature=0), "initial_temperature is 0; it must be positive"), (dict(input="no.stl"), "no mesh file no.stl")])
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        (dict(bond_type="Area"), "only tethers of edges"),
+        (dict(kappa_b="x"), r"\[ENERGY\] kappa_b is 'x'; it must be a number"),
+        (dict(initial_temperature=0), "initial_temperature is 0; it must be positive"),
+        (dict(input="no.stl"), "no mesh file no.stl"),
+    ],
+)
 def testWrongFilesOfTriMem(tmp_path, values, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         convert(tmp_path, **values)
@@ -246,7 +395,7 @@ def testWrongFilesOfTriMem(tmp_path, values, message):
 
 def testNoFileOfTriMem(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no configuration file"):
-        convertConfig(tmp_path/"a.inp")
-    (tmp_path/"a.inp").write_text("kappa_b = 3\n")
+        convertConfig(tmp_path / "a.inp")
+    (tmp_path / "a.inp").write_text("kappa_b = 3\n")
     with pytest.raises(ValueError, match="a.inp is not a configuration of TriMem"):
-        convertConfig(tmp_path/"a.inp")
+        convertConfig(tmp_path / "a.inp")

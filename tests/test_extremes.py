@@ -1,4 +1,5 @@
 """Integrators at the extremes of temperature, step size, targets and length; geometry and parameters are HelfrichExtremes.h's.  docs/extremes.md lists them all."""
+
 import math
 import os
 
@@ -8,7 +9,18 @@ import pytest
 from openmm import unit
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf, termsOf
+from membranes import (
+    PLATFORMS,
+    TERMS,
+    createBlob,
+    createContext,
+    createForce,
+    energyOf,
+    forcesOf,
+    kelvin,
+    positionsOf,
+    termsOf,
+)
 
 ENGINES = ["native", "custom"]
 GENTLE = 2e-4
@@ -32,8 +44,8 @@ def test_cold(platform, engine, temperature):
     for _ in range(30):
         integrator.step(1)
         before, energy = energy, energyOf(context)
-        assert energy <= before*(1+1e-13)
-    assert energy < 0.9*start
+        assert energy <= before * (1 + 1e-13)
+    assert energy < 0.9 * start
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
@@ -50,7 +62,7 @@ def test_hot(platform, engine):
 @pytest.mark.parametrize("factor", [1e3, 1e150])
 def test_step_sizes_too_large(platform, engine, factor):
     """Every trajectory is rejected, and leaves the positions as they were, to the last bit."""
-    force, integrator, context = createRun(300, GENTLE*factor, platform, engine, flipProbability=0)
+    force, integrator, context = createRun(300, GENTLE * factor, platform, engine, flipProbability=0)
     start, energy = positionsOf(context), energyOf(context)
     integrator.step(8)
     assert integrator.getAcceptanceRate() == 0
@@ -70,7 +82,7 @@ def test_targets_out_of_reach():
     force.setAreaModulus(1e5)
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(1e5)
-    force.setTargetVolume(10*mesh.volume)
+    force.setTargetVolume(10 * mesh.volume)
     before = mesh.reducedVolume
     integrator = mh.HybridMonteCarloIntegrator(1, 5e-4, 50, 0.1, 0.3)
     integrator.setRandomNumberSeed(3)
@@ -79,8 +91,8 @@ def test_targets_out_of_reach():
     integrator.step(150)
     mesh = mh.Mesh(positionsOf(context), force.getTrianglesInContext(context))
     terms = termsOf(force, context)
-    assert energyOf(context) < 0.97*energy
-    assert before+0.02 < mesh.reducedVolume < 1
+    assert energyOf(context) < 0.97 * energy
+    assert before + 0.02 < mesh.reducedVolume < 1
     assert mesh.area > force.getTargetArea()._value and mesh.volume < force.getTargetVolume()._value
     assert min(terms["area"], terms["volume"]) > 1e3
 
@@ -112,7 +124,7 @@ def test_forces_that_are_not_finite(platform):
     force = createForce(mesh, [])
     force.setTether(1e300, 1, 2, 1)
     context = createContext(mesh, force, platform)
-    context.setPositions(mesh.vertices*1e-5)
+    context.setPositions(mesh.vertices * 1e-5)
     assert 1e300 < termsOf(force, context)["tether"] < math.inf
     with pytest.raises(mm.OpenMMException, match="not finite"):
         context.getState(forces=True)
@@ -126,7 +138,12 @@ def test_geometry_that_is_not_finite(platform):
     force = createForce(mesh, ["area"])
     flips = mh.EdgeFlipIntegrator(300, 1)
     context = createContext(mesh, force, platform, flips)
-    for positions in (mesh.vertices*1e200, mesh.vertices[np.where(np.arange(len(mesh.vertices)) == mesh.edges[0, 0], mesh.edges[0, 1], np.arange(len(mesh.vertices)))]):
+    for positions in (
+        mesh.vertices * 1e200,
+        mesh.vertices[
+            np.where(np.arange(len(mesh.vertices)) == mesh.edges[0, 0], mesh.edges[0, 1], np.arange(len(mesh.vertices)))
+        ],
+    ):
         context.setPositions(positions)
         with pytest.raises(mm.OpenMMException, match="geometry is not finite"):
             force.getGeometryInContext(context)
@@ -136,20 +153,23 @@ def test_geometry_that_is_not_finite(platform):
 def test_a_vesicle_far_away():
     """The mesh's own volume and area lose no more than the positions have lost."""
     mesh = createBlob(2)
-    far = mh.Mesh(mesh.vertices+[1e6, -7e5, 3e5], mesh.triangles)
-    back = mh.Mesh(far.vertices-far.vertices[0], mesh.triangles)
+    far = mh.Mesh(mesh.vertices + [1e6, -7e5, 3e5], mesh.triangles)
+    back = mh.Mesh(far.vertices - far.vertices[0], mesh.triangles)
     assert (far.volume, far.area) == pytest.approx((back.volume, back.area), rel=1e-14)
     assert far.volume == pytest.approx(mesh.volume, rel=1e-8)
 
 
-@pytest.mark.skipif("OPENMM_HELFRICH_LARGE_TESTS" not in os.environ, reason="OPENMM_HELFRICH_LARGE_TESTS is not set; this takes some minutes")
+@pytest.mark.skipif(
+    "OPENMM_HELFRICH_LARGE_TESTS" not in os.environ,
+    reason="OPENMM_HELFRICH_LARGE_TESTS is not set; this takes some minutes",
+)
 def test_a_million_trajectories():
     """Positions, triangles and energies after a million trajectories and as many sweeps are those of a Context that has seen none of them."""
     mesh = mh.Mesh.icosphere(1)
     edge = mesh.edgeLengths.mean()
     force = createForce(mesh, TERMS[:4])
-    force.setTargetVolume(0.9*mesh.volume)
-    force.setTether(500, 0.75*edge, 1.4*edge, 2)
+    force.setTargetVolume(0.9 * mesh.volume)
+    force.setTether(500, 0.75 * edge, 1.4 * edge, 2)
     integrator = mh.HybridMonteCarloIntegrator(kelvin(1), 2e-3, 4, 0.1, 0.5)
     integrator.setRandomNumberSeed(3)
     context = createContext(mesh, force, "CPU", integrator)
@@ -158,12 +178,19 @@ def test_a_million_trajectories():
     geometry, terms = force.getGeometryInContext(context), termsOf(force, context)
     last = mh.Mesh(positionsOf(context), force.getTrianglesInContext(context))
     last.check()
-    x = last.vertices.astype(np.longdouble)-last.vertices[0]
-    normals = np.cross(x[last.triangles[:, 1]]-x[last.triangles[:, 0]], x[last.triangles[:, 2]]-x[last.triangles[:, 0]])
-    area, volume = np.sqrt((normals**2).sum(axis=1)).sum()/2, (x[last.triangles[:, 0]]*normals).sum()/6
-    found = [value.value_in_unit_system(unit.md_unit_system) for value in (geometry.area, geometry.volume, geometry.integratedMeanCurvature)]
-    drifts = [float(value/exact-1) for value, exact in zip(found, (area, volume, last.vertexMeanCurvatures.sum()))]
-    print(f"{integrator.getNumTrajectories()} trajectories, {integrator.getAcceptanceRate():.3f} accepted, A, V and M off by {drifts}")
+    x = last.vertices.astype(np.longdouble) - last.vertices[0]
+    normals = np.cross(
+        x[last.triangles[:, 1]] - x[last.triangles[:, 0]], x[last.triangles[:, 2]] - x[last.triangles[:, 0]]
+    )
+    area, volume = np.sqrt((normals**2).sum(axis=1)).sum() / 2, (x[last.triangles[:, 0]] * normals).sum() / 6
+    found = [
+        value.value_in_unit_system(unit.md_unit_system)
+        for value in (geometry.area, geometry.volume, geometry.integratedMeanCurvature)
+    ]
+    drifts = [float(value / exact - 1) for value, exact in zip(found, (area, volume, last.vertexMeanCurvatures.sum()))]
+    print(
+        f"{integrator.getNumTrajectories()} trajectories, {integrator.getAcceptanceRate():.3f} accepted, A, V and M off by {drifts}"
+    )
     assert max(map(abs, drifts)) < 1e-10
     fresh = createForce(mesh, TERMS[:4])
     fresh.setTriangles(last.triangles)

@@ -1,4 +1,5 @@
 """Edges that never flip."""
+
 import numpy as np
 import openmm as mm
 import pytest
@@ -19,7 +20,7 @@ def equatorOf(mesh):
 
 
 def edgesOf(triangles):
-    return {tuple(sorted((t[c], t[(c+1)%3]))) for t in np.asarray(triangles).tolist() for c in range(3)}
+    return {tuple(sorted((t[c], t[(c + 1) % 3]))) for t in np.asarray(triangles).tolist() for c in range(3)}
 
 
 def createFixed(mesh, edges, **options):
@@ -38,9 +39,13 @@ def testOneByOne():
     force.setFixedEdgeParameters(1, 2, 5)
     assert force.getNumFixedEdges() == 2 and force.getFixedEdgeParameters(1) == [2, 5]
     for index in (-1, 2):
-        with pytest.raises(mm.OpenMMException, match=f"getFixedEdgeParameters: there is no fixed edge {index}; there are 2"):
+        with pytest.raises(
+            mm.OpenMMException, match=f"getFixedEdgeParameters: there is no fixed edge {index}; there are 2"
+        ):
             force.getFixedEdgeParameters(index)
-        with pytest.raises(mm.OpenMMException, match=f"setFixedEdgeParameters: there is no fixed edge {index}; there are 2"):
+        with pytest.raises(
+            mm.OpenMMException, match=f"setFixedEdgeParameters: there is no fixed edge {index}; there are 2"
+        ):
             force.setFixedEdgeParameters(index, 0, 1)
     with pytest.raises(TypeError):
         force.addFixedEdge(0.5, 1)
@@ -49,9 +54,13 @@ def testOneByOne():
 def testBadEdges():
     mesh = createBlob(1)
     a, b = mesh.edges[0].tolist()
-    stranger = next(v for v in range(len(mesh.vertices)) if v != a and tuple(sorted((a, v))) not in edgesOf(mesh.triangles))
+    stranger = next(
+        v for v in range(len(mesh.vertices)) if v != a and tuple(sorted((a, v))) not in edgesOf(mesh.triangles)
+    )
     for edge in [(a, stranger), (a, a), (-1, b), (a, len(mesh.vertices))]:
-        with pytest.raises(mm.OpenMMException, match=rf"fixed edge 0 \({edge[0]}-{edge[1]}\) is not an edge of the triangles"):
+        with pytest.raises(
+            mm.OpenMMException, match=rf"fixed edge 0 \({edge[0]}-{edge[1]}\) is not an edge of the triangles"
+        ):
             createContext(mesh, createFixed(mesh, [edge]))
     with pytest.raises(mm.OpenMMException, match=rf"fixed edge 1 \({b}-{a}\) appears twice"):
         createContext(mesh, createFixed(mesh, [(a, b), (b, a)]))
@@ -77,7 +86,9 @@ def testRing(driver):
     def create():
         force = createFixed(mesh, ring.tolist(), terms=terms)
         hot = kelvin(1000) if driver == "flips" else kelvin(50)
-        integrator = mh.EdgeFlipIntegrator(hot, 1) if driver == "flips" else mh.HybridMonteCarloIntegrator(hot, 1e-4, 10, 1, 0.5)
+        integrator = (
+            mh.EdgeFlipIntegrator(hot, 1) if driver == "flips" else mh.HybridMonteCarloIntegrator(hot, 1e-4, 10, 1, 0.5)
+        )
         integrator.setRandomNumberSeed(3)
         return force, createContext(mesh, force, "CPU", integrator, {"Threads": "2"}), integrator
 
@@ -87,9 +98,9 @@ def testRing(driver):
     integrator.step(20)
     end = force.getTrianglesInContext(context)
     wanted = set(map(tuple, np.sort(ring).tolist()))
-    assert wanted <= edgesOf(end) and len(edgesOf(end) & edgesOf(mesh.triangles)-wanted) < len(mesh.edges)/2
+    assert wanted <= edgesOf(end) and len(edgesOf(end) & edgesOf(mesh.triangles) - wanted) < len(mesh.edges) / 2
     flips = integrator if driver == "flips" else integrator.getFlipIntegrator()
-    assert flips.getNumForbidden() > 0.8*flips.getNumAttempted()*len(ring)/len(mesh.edges)
+    assert flips.getNumForbidden() > 0.8 * flips.getNumAttempted() * len(ring) / len(mesh.edges)
 
     force, context, integrator = create()
     context.loadCheckpoint(checkpoint)
@@ -111,7 +122,12 @@ def testTrianglesWithoutAFixedEdge():
     triangles = free.getTrianglesInContext(other)
     assert tuple(ring[0]) not in edgesOf(triangles)
     context = createContext(mesh, fixed, integrator=mh.EdgeFlipIntegrator(300, 1))
-    for replace in (lambda: fixed.setTrianglesInContext(context, triangles), lambda: context.loadCheckpoint(other.createCheckpoint())):
-        with pytest.raises(mm.OpenMMException, match=rf"fixed edge 0 \({ring[0][0]}-{ring[0][1]}\) is not an edge of the triangles"):
+    for replace in (
+        lambda: fixed.setTrianglesInContext(context, triangles),
+        lambda: context.loadCheckpoint(other.createCheckpoint()),
+    ):
+        with pytest.raises(
+            mm.OpenMMException, match=rf"fixed edge 0 \({ring[0][0]}-{ring[0][1]}\) is not an edge of the triangles"
+        ):
             replace()
         assert np.array_equal(fixed.getTrianglesInContext(context), mesh.triangles)

@@ -1,4 +1,5 @@
 """Edge flips in a live Context: energies, connectivity, and the distribution that they sample."""
+
 import itertools
 import os
 
@@ -10,18 +11,31 @@ from openmm import unit
 from scipy import stats
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf, termsOf
+from membranes import (
+    PLATFORMS,
+    TERMS,
+    createBlob,
+    createContext,
+    createForce,
+    energyOf,
+    forcesOf,
+    kelvin,
+    positionsOf,
+    termsOf,
+)
 
 
 def oneAttempt(mesh, temperature):
     """Return an integrator that attempts a single flip a step."""
-    flips = mh.EdgeFlipIntegrator(temperature, 1/len(mesh.edges))
+    flips = mh.EdgeFlipIntegrator(temperature, 1 / len(mesh.edges))
     flips.setRandomNumberSeed(5)
     return flips
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("terms, exclusionLevel", [([term], 1) for term in TERMS]+[(TERMS, level) for level in (0, 1, 2)])
+@pytest.mark.parametrize(
+    "terms, exclusionLevel", [([term], 1) for term in TERMS] + [(TERMS, level) for level in (0, 1, 2)]
+)
 def test_each_flip(platform, terms, exclusionLevel):
     """After each flip the mesh is a closed manifold, and energy and forces are those of a new Context with its triangles."""
     mesh = createBlob(1)
@@ -36,13 +50,13 @@ def test_each_flip(platform, terms, exclusionLevel):
         if flips.getNumAccepted() == accepted:
             continue
         live = mh.Mesh(mesh.vertices, force.getTrianglesInContext(context))
-        assert len(live.vertices)-len(live.edges)+len(live.triangles) == 2
+        assert len(live.vertices) - len(live.edges) + len(live.triangles) == 2
         assert np.bincount(live.edges.ravel()).min() >= 3
         fresh = createForce(mesh, terms, exclusionLevel)
         fresh.setTriangles(live.triangles)
         other = createContext(mesh, fresh, platform)
         assert energyOf(context) == pytest.approx(energyOf(other), rel=1e-12)
-        assert np.abs(forcesOf(context)-forcesOf(other)).max() < 1e-11*np.abs(forcesOf(other)).max()
+        assert np.abs(forcesOf(context) - forcesOf(other)).max() < 1e-11 * np.abs(forcesOf(other)).max()
         energies.add(energyOf(context))
     assert flips.getNumAccepted() > 20
     assert len(energies) > 15
@@ -57,7 +71,7 @@ def test_at_zero_temperature_the_energy_only_falls(platform):
     energy = start = energyOf(context)
     for _ in range(300):
         flips.step(1)
-        assert energyOf(context) <= energy*(1+1e-14)
+        assert energyOf(context) <= energy * (1 + 1e-14)
         energy = energyOf(context)
     assert flips.getNumAccepted() > 10
     assert energy < start
@@ -85,18 +99,18 @@ def test_threads_that_share_a_membrane():
     results = []
     for threads in ("1", "2", "4"):
         force = createForce(mesh)
-        force.setRepulsion(0.5, 1.3*edge, 2, 2)
+        force.setRepulsion(0.5, 1.3 * edge, 2, 2)
         flips = mh.EdgeFlipIntegrator(kelvin(3000), 0.2)
         flips.setRandomNumberSeed(3)
         context = createContext(mesh, force, "CPU", flips, {"Threads": threads})
         flips.step(1)
         middle = context.createCheckpoint()
-        context.setPositions(1.01*mesh.vertices)
+        context.setPositions(1.01 * mesh.vertices)
         flips.step(1)
         context.loadCheckpoint(middle)
         flips.step(1)
         results.append((force.getTrianglesInContext(context), flips.getNumAccepted(), flips.getNumForbidden()))
-    assert results[0][1] > len(mesh.edges)/20
+    assert results[0][1] > len(mesh.edges) / 20
     for triangles, accepted, forbidden in results[1:]:
         assert np.array_equal(triangles, results[0][0])
         assert (accepted, forbidden) == results[0][1:]
@@ -124,9 +138,9 @@ def test_counters():
     context = createContext(mesh, createForce(mesh), integrator=flips)
     flips.step(7)
     assert flips.getNumSweeps() == 7
-    assert flips.getNumAttempted() == 7*round(0.25*len(mesh.edges))
-    assert 0 < flips.getNumAccepted() < flips.getNumAttempted()-flips.getNumForbidden()
-    assert flips.getFlipRate() == flips.getNumAccepted()/(7*len(mesh.edges))
+    assert flips.getNumAttempted() == 7 * round(0.25 * len(mesh.edges))
+    assert 0 < flips.getNumAccepted() < flips.getNumAttempted() - flips.getNumForbidden()
+    assert flips.getFlipRate() == flips.getNumAccepted() / (7 * len(mesh.edges))
     assert context.getStepCount() == 7
 
 
@@ -143,7 +157,12 @@ def test_flip_rate():
     integrator.step(20)
     flips = integrator.getFlipIntegrator()
     assert 0 < flips.getNumSweeps() < 20
-    assert integrator.getFlipRate() == flips.getFlipRate() == flips.getNumAccepted()/(2*len(mesh.edges)*flips.getNumSweeps()) > 0
+    assert (
+        integrator.getFlipRate()
+        == flips.getFlipRate()
+        == flips.getNumAccepted() / (2 * len(mesh.edges) * flips.getNumSweeps())
+        > 0
+    )
     context.reinitialize()
     assert integrator.getFlipRate() == 0
 
@@ -177,7 +196,7 @@ def test_flips_with_dynamics():
     force.setBendingModulus(50)
     force.setVolumeModulus(500)
     force.setTargetVolume(mesh.volume)
-    force.setTether(20, 0.5*edge, 1.5*edge, 2)
+    force.setTether(20, 0.5 * edge, 1.5 * edge, 2)
     force.setRepulsion(1, edge, 2, 1)
     # Dynamics of a surface that folds now and then meets forces for which no step is short enough, and Hybrid Monte Carlo would reject: a strong friction takes the heat away,
     # and gives the mean an error of 0.3%.
@@ -192,8 +211,8 @@ def test_flips_with_dynamics():
     kinetic = []
     for _ in range(800):
         integrator.step(10)
-        kinetic.append(context.getState(energy=True).getKineticEnergy()/unit.kilojoule_per_mole)
-    assert np.mean(kinetic) == pytest.approx(1.5*len(mesh.vertices)*300/kelvin(1), rel=0.03)
+        kinetic.append(context.getState(energy=True).getKineticEnergy() / unit.kilojoule_per_mole)
+    assert np.mean(kinetic) == pytest.approx(1.5 * len(mesh.vertices) * 300 / kelvin(1), rel=0.03)
     assert flips.getNumAccepted() > 1000
     mh.Mesh(positionsOf(context), force.getTrianglesInContext(context)).check()
 
@@ -207,7 +226,9 @@ def test_flips_with_brownian_dynamics():
     force.setVolumeModulus(500)
     force.setTargetVolume(mesh.volume)
     edge = mesh.edgeLengths.mean()
-    force.setTether(20, 0.7*edge, 1.4*edge, 2)  # with wider bounds a needle-shaped triangle, now and then, is too stiff for the step
+    force.setTether(
+        20, 0.7 * edge, 1.4 * edge, 2
+    )  # with wider bounds a needle-shaped triangle, now and then, is too stiff for the step
     brownian, flips = mm.BrownianIntegrator(300, 1000, 0.01), mh.EdgeFlipIntegrator(300, 0.1)
     brownian.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
@@ -218,16 +239,16 @@ def test_flips_with_brownian_dynamics():
     for _ in range(6000):
         integrator.step(20)
         x = positionsOf(context)
-        virials.append(-np.sum((x-x.mean(axis=0))*forcesOf(context)))
+        virials.append(-np.sum((x - x.mean(axis=0)) * forcesOf(context)))
     # Eight runs with other random numbers came to 311 with a standard deviation of 15, where 307 is to be expected.
-    assert np.mean(virials) == pytest.approx(3*(len(mesh.vertices)-1)*300/kelvin(1), rel=0.2)
+    assert np.mean(virials) == pytest.approx(3 * (len(mesh.vertices) - 1) * 300 / kelvin(1), rel=0.2)
     assert flips.getNumAccepted() > 10000
     mh.Mesh(positionsOf(context), force.getTrianglesInContext(context)).check()
 
 
 # Ten million attempts take some minutes, and are made where the environment variable OPENMM_HELFRICH_LARGE_TESTS is set.
 STRESS_EXAMPLES = 25
-STRESS_ATTEMPTS = (10**7 if "OPENMM_HELFRICH_LARGE_TESTS" in os.environ else 5*10**5)//STRESS_EXAMPLES
+STRESS_ATTEMPTS = (10**7 if "OPENMM_HELFRICH_LARGE_TESTS" in os.environ else 5 * 10**5) // STRESS_EXAMPLES
 
 
 def logUniform(low, high):
@@ -247,14 +268,20 @@ def flippedMembranes(draw):
     def create(triangles):
         force = createForce(mesh, terms, level)
         force.setTriangles(triangles)
-        for term, setModulus, modulus in (("bending", force.setBendingModulus, bending), ("area", force.setAreaModulus, area),
-                                          ("volume", force.setVolumeModulus, volume), ("areaDifference", force.setAreaDifferenceModulus, areaDifference)):
+        for term, setModulus, modulus in (
+            ("bending", force.setBendingModulus, bending),
+            ("area", force.setAreaModulus, area),
+            ("volume", force.setVolumeModulus, volume),
+            ("areaDifference", force.setAreaDifferenceModulus, areaDifference),
+        ):
             if term in terms:
                 setModulus(modulus)
         return force
 
-    flips = mh.EdgeFlipIntegrator(draw(st.one_of(st.just(0), logUniform(0.01, 100).map(kelvin))), draw(st.floats(0.1, 1)))
-    flips.setRandomNumberSeed(draw(st.integers(1, 2**31-1)))
+    flips = mh.EdgeFlipIntegrator(
+        draw(st.one_of(st.just(0), logUniform(0.01, 100).map(kelvin))), draw(st.floats(0.1, 1))
+    )
+    flips.setRandomNumberSeed(draw(st.integers(1, 2**31 - 1)))
     return mesh, create, flips
 
 
@@ -266,25 +293,26 @@ def test_stress(membrane, threads):
     force = create(mesh.triangles)
     context = createContext(mesh, force, "CPU", flips, {"Threads": threads})
     numBlocks = 5
-    attemptsPerSweep = round(flips.getFraction()*len(mesh.edges))
+    attemptsPerSweep = round(flips.getFraction() * len(mesh.edges))
     for _ in range(numBlocks):
-        flips.step(-(-STRESS_ATTEMPTS//(numBlocks*attemptsPerSweep)))
+        flips.step(-(-STRESS_ATTEMPTS // (numBlocks * attemptsPerSweep)))
         live = force.getTrianglesInContext(context)
         first, second = mh.connectivity.pairHalfedges(live, len(mesh.vertices))
         origin, _ = mh.connectivity.halfedges(live)
         assert np.all(origin[first] != origin[second])
-        assert len(mesh.vertices)-len(first)+len(live) == 2
+        assert len(mesh.vertices) - len(first) + len(live) == 2
         assert np.bincount(live.ravel(), minlength=len(mesh.vertices)).min() >= 3
         # A new Context does not take triangles that are not a closed manifold.
         fresh = create(live)
         other = termsOf(fresh, createContext(mesh, fresh))
         scale = sum(abs(energy) for energy in other.values())
         for term, energy in termsOf(force, context).items():
-            assert energy == pytest.approx(other[term], rel=1e-9, abs=1e-13*scale), term
+            assert energy == pytest.approx(other[term], rel=1e-9, abs=1e-13 * scale), term
     assert flips.getNumAttempted() >= STRESS_ATTEMPTS
 
 
 # Detailed balance, seen: all triangulations of a few frozen vertices, and how often a run visits each.
+
 
 def stateOf(triangles):
     """Return what tells two triangulations apart: the triangles, each from its first vertex."""
@@ -293,13 +321,13 @@ def stateOf(triangles):
 
 def flipped(state):
     """Return the triangulations that one flip makes."""
-    apex = {(t[n], t[(n+1)%3]): t[(n+2)%3] for t in state for n in range(3)}
+    apex = {(t[n], t[(n + 1) % 3]): t[(n + 2) % 3] for t in state for n in range(3)}
     valence = {v: sum(v in t for t in state) for v in range(6)}
     for (i, j), k in apex.items():
         l = apex[j, i]
         if i < j and (k, l) not in apex and min(valence[i], valence[j]) > 3:
             old = {t for t in state if i in t and j in t}
-            yield (state-old) | stateOf(np.array([(l, j, k), (k, i, l)]))
+            yield (state - old) | stateOf(np.array([(l, j, k), (k, i, l)]))
 
 
 def enumerateStates(start):
@@ -323,17 +351,17 @@ def softForce(mesh, hasRepulsion):
     force.setVolumeModulus(0.15)
     force.setTargetVolume(mesh.volume)
     force.setAreaDifferenceModulus(0.15)
-    force.setTargetAreaDifference(2*mesh.vertexMeanCurvatures.sum())
-    force.setTether(0.01, 0.8*edge, 1.2*edge, 2)
+    force.setTargetAreaDifference(2 * mesh.vertexMeanCurvatures.sum())
+    force.setTether(0.01, 0.8 * edge, 1.2 * edge, 2)
     if hasRepulsion:
-        force.setRepulsion(0.5, 3*edge, 2, 1)
+        force.setRepulsion(0.5, 3 * edge, 2, 1)
     return force
 
 
 def octahedron():
-    vertices = np.concatenate((np.eye(3), -np.eye(3)))*[1, 0.9, 0.8]
+    vertices = np.concatenate((np.eye(3), -np.eye(3))) * [1, 0.9, 0.8]
     triangles = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
-    return mh.Mesh(vertices+np.random.default_rng(1).uniform(-0.1, 0.1, (6, 3)), triangles)
+    return mh.Mesh(vertices + np.random.default_rng(1).uniform(-0.1, 0.1, (6, 3)), triangles)
 
 
 def energiesOf(mesh, states, hasRepulsion):
@@ -345,7 +373,7 @@ def energiesOf(mesh, states, hasRepulsion):
     for state in states:
         force.setTrianglesInContext(context, sorted(state))
         volume = mh.Mesh(mesh.vertices, sorted(state)).volume
-        energies.append(energyOf(context)+0.15*(volume/mesh.volume-1)**2)
+        energies.append(energyOf(context) + 0.15 * (volume / mesh.volume - 1) ** 2)
     return np.array(energies)
 
 
@@ -354,8 +382,8 @@ ATTEMPTS_PER_SAMPLE = 250
 
 def pOf(counts, energies, kT):
     """Return the p value of chi square for counts of Boltzmann distributed states, the rare ones in one bin."""
-    weights = np.exp((energies.min()-energies)/kT)
-    expected = counts.sum()*weights/weights.sum()
+    weights = np.exp((energies.min() - energies) / kT)
+    expected = counts.sum() * weights / weights.sum()
     rare = expected < 10
     bins = np.append(expected[~rare], expected[rare].sum()), np.append(counts[~rare], counts[rare].sum())
     return stats.chisquare(bins[1], bins[0]).pvalue
@@ -364,7 +392,7 @@ def pOf(counts, energies, kT):
 def test_enumeration():
     """The 195 triangulations of six labelled vertices (OEIS A000109, labelled), each of either orientation."""
     states = enumerateStates(stateOf(octahedron().triangles))
-    assert len(states) == 2*195
+    assert len(states) == 2 * 195
 
 
 @pytest.mark.parametrize("kT, hasRepulsion", list(itertools.product([1, 0.5], [False, True])))
@@ -374,7 +402,7 @@ def test_detailed_balance(kT, hasRepulsion):
     states = enumerateStates(stateOf(mesh.triangles))
     energies = {repulsion: energiesOf(mesh, states, repulsion) for repulsion in (False, True)}
     force = softForce(mesh, hasRepulsion)
-    flips = mh.EdgeFlipIntegrator(kelvin(kT), ATTEMPTS_PER_SAMPLE/len(mesh.edges))
+    flips = mh.EdgeFlipIntegrator(kelvin(kT), ATTEMPTS_PER_SAMPLE / len(mesh.edges))
     flips.setRandomNumberSeed(9)
     context = createContext(mesh, force, "CPU", flips)
     counts = np.zeros(len(states))
@@ -383,7 +411,7 @@ def test_detailed_balance(kT, hasRepulsion):
         counts[states[stateOf(force.getTrianglesInContext(context))]] += 1
     assert np.count_nonzero(counts) > 150
     assert pOf(counts, energies[hasRepulsion], kT) > 0.01
-    assert pOf(counts, energies[hasRepulsion], 1.5-kT) < 1e-9
+    assert pOf(counts, energies[hasRepulsion], 1.5 - kT) < 1e-9
     assert pOf(counts, energies[not hasRepulsion], kT) < 1e-9
 
 
@@ -397,9 +425,9 @@ def test_samples_are_independent(kT, hasRepulsion):
     for state, a in states.items():
         for other in flipped(state):
             b = states[other]
-            matrix[a, b] = min(1, np.exp((energies[a]-energies[b])/kT))/len(mesh.edges)
-        matrix[a, a] = 1-matrix[a].sum()
-    root = np.exp((energies.min()-energies)/(2*kT))
-    eigenvalues = np.linalg.eigvalsh(matrix*root[:, None]/root[None, :])
+            matrix[a, b] = min(1, np.exp((energies[a] - energies[b]) / kT)) / len(mesh.edges)
+        matrix[a, a] = 1 - matrix[a].sum()
+    root = np.exp((energies.min() - energies) / (2 * kT))
+    eigenvalues = np.linalg.eigvalsh(matrix * root[:, None] / root[None, :])
     assert eigenvalues[-1] == pytest.approx(1)
-    assert eigenvalues[-2]**ATTEMPTS_PER_SAMPLE < 0.05
+    assert eigenvalues[-2] ** ATTEMPTS_PER_SAMPLE < 0.05

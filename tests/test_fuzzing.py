@@ -1,4 +1,5 @@
 """Files and texts that are damaged: errors, never a crash, a hang or a simulation that cannot go on.  The C++ side of this is tests/fuzz."""
+
 import math
 import zipfile
 from xml.etree import ElementTree
@@ -15,8 +16,14 @@ from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.configfile import defaultText
 from openmmhelfrich.studies import run
 
-few = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
-numbers = st.one_of(st.integers().map(str), st.floats().map(repr), st.sampled_from(["", " ", "nan", "-inf", "1e999", "0x10", "1 2 3", "--1", "9"*40, "true"]))
+few = settings(
+    max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+numbers = st.one_of(
+    st.integers().map(str),
+    st.floats().map(repr),
+    st.sampled_from(["", " ", "nan", "-inf", "1e999", "0x10", "1 2 3", "--1", "9" * 40, "true"]),
+)
 values = st.one_of(numbers, st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF), max_size=20))
 
 
@@ -24,9 +31,9 @@ def damage(data, content):
     """Return bytes with some changed, or without their end, but not as they were."""
     edited = bytearray(content)
     for _ in range(data.draw(st.integers(0, 4))):
-        edited[data.draw(st.integers(0, len(edited)-1))] = data.draw(st.integers(0, 255))
+        edited[data.draw(st.integers(0, len(edited) - 1))] = data.draw(st.integers(0, 255))
     if edited == content:
-        del edited[data.draw(st.integers(0, len(edited)-1)):]
+        del edited[data.draw(st.integers(0, len(edited) - 1)) :]
     return bytes(edited)
 
 
@@ -39,7 +46,9 @@ def damageNode(data, root):
     elif node.attrib:
         name = data.draw(st.sampled_from(sorted(node.attrib)))
         whole, start = node.attrib[name], data.draw(st.integers(0, len(node.attrib[name])))
-        node.attrib[name] = data.draw(st.one_of(values, numbers.map(lambda text: whole[:start]+text+whole[start+len(text):])))
+        node.attrib[name] = data.draw(
+            st.one_of(values, numbers.map(lambda text: whole[:start] + text + whole[start + len(text) :]))
+        )
 
 
 def assertGoesOn(context):
@@ -104,9 +113,9 @@ def testCheckpoints(platform, data):
     """What OpenMM writes before it, and reads without looking, is left alone: only the integrators' part is damaged."""
     context = createRunningContext(platform)
     checkpoint = context.createCheckpoint()
-    ours = 80+3*4*80+4*42
+    ours = 80 + 3 * 4 * 80 + 4 * 42
     try:
-        context.loadCheckpoint(checkpoint[:-ours]+damage(data, checkpoint[-ours:]))
+        context.loadCheckpoint(checkpoint[:-ours] + damage(data, checkpoint[-ours:]))
     except mm.OpenMMException:
         pass
     assertGoesOn(context)
@@ -118,22 +127,31 @@ def testCheckpointsWithoutTheirEnd(data):
     context = createRunningContext("Reference")
     checkpoint = context.createCheckpoint()
     with pytest.raises(mm.OpenMMException):
-        context.loadCheckpoint(checkpoint[:data.draw(st.integers(0, len(checkpoint)-1))])
+        context.loadCheckpoint(checkpoint[: data.draw(st.integers(0, len(checkpoint) - 1))])
     context.loadCheckpoint(checkpoint)
     assertGoesOn(context)
 
 
 @pytest.fixture(scope="module")
 def checkpointOfARun(tmp_path_factory):
-    prefix = tmp_path_factory.mktemp("fuzzed")/"a"
-    run(parseConfig({"mesh": {"icosphere": 1}, "platform": {"threads": 1}, "sampling": {"steps": 4, "seed": 1, "step_size": 1e-4}, "output": {"prefix": str(prefix)}}))
-    return (prefix.parent/"a.checkpoint").read_bytes()
+    prefix = tmp_path_factory.mktemp("fuzzed") / "a"
+    run(
+        parseConfig(
+            {
+                "mesh": {"icosphere": 1},
+                "platform": {"threads": 1},
+                "sampling": {"steps": 4, "seed": 1, "step_size": 1e-4},
+                "output": {"prefix": str(prefix)},
+            }
+        )
+    )
+    return (prefix.parent / "a.checkpoint").read_bytes()
 
 
 @given(data=st.data())
 @few
 def testCheckpointsOfRuns(tmp_path, checkpointOfARun, data):
-    file = tmp_path/"b.checkpoint"
+    file = tmp_path / "b.checkpoint"
     file.write_bytes(damage(data, checkpointOfARun))
     try:
         state = loadRunState(file)
@@ -145,10 +163,16 @@ def testCheckpointsOfRuns(tmp_path, checkpointOfARun, data):
     assert state.step == simulation.currentStep == 4
 
 
-@given(text=st.one_of(st.text(max_size=40), st.dictionaries(st.text(max_size=8), st.integers()).map(repr), st.sampled_from(["[]", "null", '{"format": 1}', '{"format": 2}'])))
+@given(
+    text=st.one_of(
+        st.text(max_size=40),
+        st.dictionaries(st.text(max_size=8), st.integers()).map(repr),
+        st.sampled_from(["[]", "null", '{"format": 1}', '{"format": 2}']),
+    )
+)
 @few
 def testRunStatesOfOtherContent(tmp_path, text):
-    file = tmp_path/"b.checkpoint"
+    file = tmp_path / "b.checkpoint"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("run.json", text)
     with pytest.raises(ValueError, match="b.checkpoint is (not )?a checkpoint of"):
@@ -159,16 +183,29 @@ DEFAULTS = [line for line in defaultText().splitlines() if not line.startswith("
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=200, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 def testConfigurations(tmp_path, data):
     lines = [line.removeprefix("# ") for line in DEFAULTS]
     keys = [i for i, line in enumerate(lines) if " =" in line]
-    literals = st.one_of(st.integers(), st.floats(), st.booleans(), st.lists(st.integers(), max_size=3), st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=8))
+    literals = st.one_of(
+        st.integers(),
+        st.floats(),
+        st.booleans(),
+        st.lists(st.integers(), max_size=3),
+        st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=8),
+    )
     for i in data.draw(st.lists(st.sampled_from(keys), min_size=1, max_size=3)):
-        value = data.draw(st.one_of(literals.map(lambda literal: str(literal).lower() if isinstance(literal, bool) else repr(literal)), values))
+        value = data.draw(
+            st.one_of(
+                literals.map(lambda literal: str(literal).lower() if isinstance(literal, bool) else repr(literal)),
+                values,
+            )
+        )
         lines[i] = f"{lines[i].split(' =')[0]} = {value}"
     kept = [line for line in lines if not line.rstrip().endswith("=")]
-    file = tmp_path/"a.toml"
+    file = tmp_path / "a.toml"
     file.write_text("\n".join(kept), encoding="utf-8")
     try:
         readConfig(file)
@@ -183,9 +220,12 @@ def testMeshTooLarge():
         mesh.check()
 
 
-@pytest.mark.parametrize("text", ["a = "+"["*100000, "["*100000, '"'*3+"a"*10, "a = 1\na = 2", "\ufeff[mesh]", "[mesh]\nfile = 1e999"])
+@pytest.mark.parametrize(
+    "text",
+    ["a = " + "[" * 100000, "[" * 100000, '"' * 3 + "a" * 10, "a = 1\na = 2", "\ufeff[mesh]", "[mesh]\nfile = 1e999"],
+)
 def testConfigurationsOfOtherShapes(tmp_path, text):
-    file = tmp_path/"a.toml"
+    file = tmp_path / "a.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match="a.toml"):
         readConfig(file)
@@ -194,7 +234,10 @@ def testConfigurationsOfOtherShapes(tmp_path, text):
 @given(data=st.data())
 @settings(max_examples=120, deadline=None, derandomize=True)
 def testDamagedMeshes(tmp_path_factory, data):
-    file = tmp_path_factory.mktemp("mesh")/f"a.{data.draw(st.sampled_from(['stl', 'ply', 'obj', 'off', 'vtu', 'vtk', 'msh']))}"
+    file = (
+        tmp_path_factory.mktemp("mesh")
+        / f"a.{data.draw(st.sampled_from(['stl', 'ply', 'obj', 'off', 'vtu', 'vtk', 'msh']))}"
+    )
     whole = mh.Mesh.icosphere(1)
     whole.write(file)
     file.write_bytes(damage(data, file.read_bytes()))

@@ -1,4 +1,5 @@
 """Hybrid Monte Carlo: what a trajectory must conserve, sample, and survive."""
+
 import numpy as np
 import openmm as mm
 import pytest
@@ -16,14 +17,14 @@ def softForce(mesh):
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(30*KT)
+    force.setBendingModulus(30 * KT)
     force.setAreaModulus(300)
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(300)
     force.setTargetVolume(mesh.volume)
     # No triangle can become a needle: two shortest edges are longer than a longest.
-    force.setTether(100*KT, 0.8*edge, 1.25*edge, 2)
-    force.setRepulsion(KT, 0.8*edge, 2, 1)
+    force.setTether(100 * KT, 0.8 * edge, 1.25 * edge, 2)
+    force.setRepulsion(KT, 0.8 * edge, 2, 1)
     return force
 
 
@@ -42,20 +43,20 @@ def velocitiesOf(context):
 def energyChangeOf(integrator):
     trajectory = integrator.getIntegrator(0)
     if isinstance(trajectory, mh.HamiltonianTrajectoryIntegrator):
-        return trajectory.getLastEnergyChange()/unit.kilojoule_per_mole
-    return trajectory.getGlobalVariableByName("endEnergy")-trajectory.getGlobalVariableByName("startEnergy")
+        return trajectory.getLastEnergyChange() / unit.kilojoule_per_mole
+    return trajectory.getGlobalVariableByName("endEnergy") - trajectory.getGlobalVariableByName("startEnergy")
 
 
 def assertMean(samples, expected):
     """Assert that the mean of correlated samples is within three standard errors, by batches, and that these are small."""
     batches = np.array(samples).reshape(25, -1).mean(axis=1)
-    error = batches.std(ddof=1)/5
-    assert error < 0.03*abs(expected)
-    assert abs(batches.mean()-expected) < 3*error
+    error = batches.std(ddof=1) / 5
+    assert error < 0.03 * abs(expected)
+    assert abs(batches.mean() - expected) < 3 * error
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("kT", [KT, KT/2])
+@pytest.mark.parametrize("kT", [KT, KT / 2])
 def test_energy_changes_and_kinetic_energy(engine, kT):
     """<exp(-dH/kT)> = 1, and <KE> = 3NkT/2, at the temperature that was set last."""
     mesh, force, integrator, context = createRun(engine)
@@ -64,11 +65,11 @@ def test_energy_changes_and_kinetic_energy(engine, kT):
     factors, kinetic = [], []
     for _ in range(4000):
         integrator.step(1)
-        factors.append(np.exp(-energyChangeOf(integrator)/kT))
-        kinetic.append(context.getState(energy=True).getKineticEnergy()/unit.kilojoule_per_mole)
+        factors.append(np.exp(-energyChangeOf(integrator) / kT))
+        kinetic.append(context.getState(energy=True).getKineticEnergy() / unit.kilojoule_per_mole)
     assert 0.6 < integrator.getAcceptanceRate() < 0.99
     assertMean(factors, 1)
-    assertMean(np.array(kinetic)/(1.5*len(mesh.vertices)*kT), 1)
+    assertMean(np.array(kinetic) / (1.5 * len(mesh.vertices) * kT), 1)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -79,12 +80,12 @@ def test_acceptance_probability(engine):
     expected, variance, accepted = 0, 0, -integrator.getNumAcceptedTrajectories()
     for _ in range(8000):
         integrator.step(1)
-        probability = min(1, np.exp(-energyChangeOf(integrator)/KT))
+        probability = min(1, np.exp(-energyChangeOf(integrator) / KT))
         expected += probability
-        variance += probability*(1-probability)
+        variance += probability * (1 - probability)
     accepted += integrator.getNumAcceptedTrajectories()
-    assert 0.4*8000 < accepted < 0.8*8000
-    assert abs(accepted-expected) < 3*variance**0.5
+    assert 0.4 * 8000 < accepted < 0.8 * 8000
+    assert abs(accepted - expected) < 3 * variance**0.5
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -97,8 +98,8 @@ def test_virial(engine, flipProbability):
     for _ in range(4000):
         integrator.step(4)
         x = positionsOf(context)
-        virial.append(-np.sum((x-x.mean(axis=0))*forcesOf(context)))
-    assertMean(virial, (3*len(mesh.vertices)-3)*KT)
+        virial.append(-np.sum((x - x.mean(axis=0)) * forcesOf(context)))
+    assertMean(virial, (3 * len(mesh.vertices) - 3) * KT)
 
 
 def test_engines_sample_the_same_energy():
@@ -112,9 +113,9 @@ def test_engines_sample_the_same_energy():
             energies.append(energyOf(context))
         batches = np.reshape(energies, (25, -1)).mean(axis=1)
         means.append(batches.mean())
-        errors.append(batches.std(ddof=1)/5)
-    assert max(errors) < 0.02*means[0]
-    assert abs(means[0]-means[1]) < 3*np.hypot(*errors)
+        errors.append(batches.std(ddof=1) / 5)
+    assert max(errors) < 0.02 * means[0]
+    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -125,16 +126,16 @@ def test_a_reversed_trajectory_returns_to_its_start(engine, platform):
     start = positionsOf(context)
     accepted = integrator.getNumAcceptedTrajectories()
     integrator.step(1)
-    assert integrator.getNumAcceptedTrajectories() == accepted+1
+    assert integrator.getNumAcceptedTrajectories() == accepted + 1
     x, v = positionsOf(context), -velocitiesOf(context)
-    assert np.abs(x-start).max() > 0.01
+    assert np.abs(x - start).max() > 0.01
     dt = 0.002
-    v += dt/2*forcesOf(context)
+    v += dt / 2 * forcesOf(context)
     for n in range(100):
-        x += dt*v
+        x += dt * v
         context.setPositions(x)
-        v += (dt if n < 99 else dt/2)*forcesOf(context)
-    assert np.abs(x-start).max() < 1e-10
+        v += (dt if n < 99 else dt / 2) * forcesOf(context)
+    assert np.abs(x - start).max() < 1e-10
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -206,11 +207,11 @@ def test_frozen_vertices(engine, platform):
     kinetic = []
     for _ in range(300):
         integrator.step(1)
-        kinetic.append(context.getState(energy=True).getKineticEnergy()/unit.kilojoule_per_mole)
+        kinetic.append(context.getState(energy=True).getKineticEnergy() / unit.kilojoule_per_mole)
     moved = np.any(positionsOf(context) != mesh.vertices, axis=1)
     assert np.array_equal(np.flatnonzero(~moved), frozen)
     assert np.all(velocitiesOf(context)[frozen] == 0)
-    assert np.mean(kinetic) == pytest.approx(1.5*(len(mesh.vertices)-len(frozen))*300/kelvin(1), rel=0.1)
+    assert np.mean(kinetic) == pytest.approx(1.5 * (len(mesh.vertices) - len(frozen)) * 300 / kelvin(1), rel=0.1)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -220,21 +221,21 @@ def test_share_of_sweeps(engine):
         integrator.step(200)
         sweeps = integrator.getFlipIntegrator().getNumSweeps()
         assert low <= sweeps <= high
-        assert integrator.getNumTrajectories() == 200-sweeps
+        assert integrator.getNumTrajectories() == 200 - sweeps
         assert context.getStepCount() == 200
-        assert integrator.getFlipIntegrator().getNumAttempted() == 24*sweeps
+        assert integrator.getFlipIntegrator().getNumAttempted() == 24 * sweeps
 
 
 def test_annealing_reaches_the_flips():
     """Peers have flipped at T = 1 whatever the temperature of the rest."""
     rates = []
-    for kT in (1000*KT, 100*KT, 10*KT):
+    for kT in (1000 * KT, 100 * KT, 10 * KT):
         mesh, force, integrator, context = createRun("native", flipProbability=1)
         integrator.setTemperature(kelvin(kT))
-        assert integrator.getIntegrator(1).getTemperature()/unit.kelvin == pytest.approx(kelvin(kT))
+        assert integrator.getIntegrator(1).getTemperature() / unit.kelvin == pytest.approx(kelvin(kT))
         integrator.step(50)
         rates.append(integrator.getFlipAcceptanceRate())
-    assert rates[0] > 1.5*rates[1] > 1.5*1.5*rates[2] > 0
+    assert rates[0] > 1.5 * rates[1] > 1.5 * 1.5 * rates[2] > 0
 
 
 def test_threads_make_no_difference():
@@ -259,22 +260,36 @@ def test_simulation_and_reporters(tmp_path):
     integrator = mh.HybridMonteCarloIntegrator(300, 0.004, 8)
     simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
     simulation.context.setPositions(mesh.vertices)
-    simulation.reporters.append(app.DCDReporter(str(tmp_path/"run.dcd"), 5))
-    simulation.reporters.append(app.StateDataReporter(str(tmp_path/"run.csv"), 5, step=True, potentialEnergy=True, kineticEnergy=True))
+    simulation.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 5))
+    simulation.reporters.append(
+        app.StateDataReporter(str(tmp_path / "run.csv"), 5, step=True, potentialEnergy=True, kineticEnergy=True)
+    )
     simulation.step(23)
     assert simulation.currentStep == simulation.context.getStepCount() == 23
-    lines = (tmp_path/"run.csv").read_text().splitlines()
+    lines = (tmp_path / "run.csv").read_text().splitlines()
     assert [line.split(",")[0] for line in lines[1:]] == ["5", "10", "15", "20"]
-    assert (tmp_path/"run.dcd").stat().st_size > 4*12*len(mesh.vertices)
+    assert (tmp_path / "run.dcd").stat().st_size > 4 * 12 * len(mesh.vertices)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_constraints_and_virtual_sites_are_refused(engine):
     mesh = mh.Mesh.icosphere(1)
-    for spoil, problem in ((lambda system: system.addConstraint(0, 1, 1), "constraint"),
-                           (lambda system: (system.setParticleMass(3, 0), system.setVirtualSite(3, mm.TwoParticleAverageSite(0, 1, 0.5, 0.5))), "particle 3.*virtual site")):
+    for spoil, problem in (
+        (lambda system: system.addConstraint(0, 1, 1), "constraint"),
+        (
+            lambda system: (
+                system.setParticleMass(3, 0),
+                system.setVirtualSite(3, mm.TwoParticleAverageSite(0, 1, 0.5, 0.5)),
+            ),
+            "particle 3.*virtual site",
+        ),
+    ):
         system = mesh.createSystem()
         system.addForce(softForce(mesh))
         spoil(system)
         with pytest.raises(mm.OpenMMException, match=problem):
-            mm.Context(system, mh.HybridMonteCarloIntegrator(300, 0.01, 10, engine=engine), mm.Platform.getPlatform("Reference"))
+            mm.Context(
+                system,
+                mh.HybridMonteCarloIntegrator(300, 0.01, 10, engine=engine),
+                mm.Platform.getPlatform("Reference"),
+            )

@@ -15,9 +15,13 @@ import openmmhelfrich as mh
 FORMATS = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh"]
 
 # vertices, E_B/(8 pi kappa), A/(4 pi), V/(4 pi/3), M/(4 pi) of icospheres of radius 1
-ICOSPHERES = [(162, 1.007489, 0.981178, 0.966161, 0.993699), (642, 1.001897, 0.995235, 0.991394, 0.998410),
-              (2562, 1.000476, 0.998805, 0.997839, 0.999602), (10242, 1.000119, 0.999701, 0.999459, 0.999900),
-              (40962, 1.000030, 0.999925, 0.999865, 0.999975)]
+ICOSPHERES = [
+    (162, 1.007489, 0.981178, 0.966161, 0.993699),
+    (642, 1.001897, 0.995235, 0.991394, 0.998410),
+    (2562, 1.000476, 0.998805, 0.997839, 0.999602),
+    (10242, 1.000119, 0.999701, 0.999459, 0.999900),
+    (40962, 1.000030, 0.999925, 0.999865, 0.999975),
+]
 
 
 @pytest.mark.parametrize("subdivisions, expected", list(enumerate(ICOSPHERES, start=2)))
@@ -25,10 +29,16 @@ def testIcosphere(subdivisions, expected):
     mesh = mh.Mesh.icosphere(subdivisions)
     mesh.check()
     curvatures = mesh.vertexMeanCurvatures
-    values = (len(mesh.vertices), 2*np.sum(curvatures**2/mesh.vertexAreas)/(8*np.pi), mesh.area/(4*np.pi), mesh.volume/(4*np.pi/3), curvatures.sum()/(4*np.pi))
+    values = (
+        len(mesh.vertices),
+        2 * np.sum(curvatures**2 / mesh.vertexAreas) / (8 * np.pi),
+        mesh.area / (4 * np.pi),
+        mesh.volume / (4 * np.pi / 3),
+        curvatures.sum() / (4 * np.pi),
+    )
     assert values == pytest.approx(expected, rel=1e-5)
     assert mesh.vertices.dtype == np.float64 and mesh.triangles.dtype == np.int32
-    assert len(mesh.vertices)-len(mesh.edges)+len(mesh.triangles) == 2
+    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 2
 
 
 @given(radius=st.floats(1e-3, 1e5), shift=st.floats(-10, 10), seed=st.integers(0, 1000))
@@ -36,16 +46,17 @@ def testIcosphere(subdivisions, expected):
 def testGeometryOfScaledRotatedAndShiftedMesh(radius, shift, seed):
     one = mh.Mesh.icosphere(2)
     one.vertices *= [1, 0.8, 0.5]
-    other = mh.Mesh(radius*(Rotation.random(rng=seed).apply(one.vertices)+shift), one.triangles)
-    assert other.area == pytest.approx(radius**2*one.area, rel=1e-9)
-    assert other.volume == pytest.approx(radius**3*one.volume, rel=1e-9)
+    other = mh.Mesh(radius * (Rotation.random(rng=seed).apply(one.vertices) + shift), one.triangles)
+    assert other.area == pytest.approx(radius**2 * one.area, rel=1e-9)
+    assert other.volume == pytest.approx(radius**3 * one.volume, rel=1e-9)
     assert other.reducedVolume == pytest.approx(one.reducedVolume, rel=1e-9)
-    assert other.vertexMeanCurvatures == pytest.approx(radius*one.vertexMeanCurvatures, rel=1e-6, abs=1e-9*radius)
+    assert other.vertexMeanCurvatures == pytest.approx(radius * one.vertexMeanCurvatures, rel=1e-6, abs=1e-9 * radius)
     assert other.vertexAreas.sum() == pytest.approx(other.area, rel=1e-12)
 
 
 def testGeometryIsThatOfTheForce(sphere):
     import openmm as mm
+
     sphere.vertices += np.random.default_rng(1).normal(0, 0.02, sphere.vertices.shape)
     force = mh.HelfrichForce()
     force.setTriangles(sphere.triangles)
@@ -57,14 +68,17 @@ def testGeometryIsThatOfTheForce(sphere):
     geometry = force.getGeometryInContext(context)
     assert sphere.area == pytest.approx(geometry.area._value, rel=1e-12)
     assert sphere.volume == pytest.approx(geometry.volume._value, rel=1e-12)
-    assert sphere.vertexMeanCurvatures == pytest.approx(np.asarray(geometry.vertexMeanCurvatures._value), rel=1e-9, abs=1e-12)
+    assert sphere.vertexMeanCurvatures == pytest.approx(
+        np.asarray(geometry.vertexMeanCurvatures._value), rel=1e-9, abs=1e-12
+    )
 
 
 # --- files
 
+
 @pytest.mark.parametrize("suffix", FORMATS)
 def testRoundTrip(tmp_path, sphere, suffix):
-    file = tmp_path/f"mesh.{suffix}"
+    file = tmp_path / f"mesh.{suffix}"
     sphere.write(file)
     again = mh.Mesh.read(file)
     if suffix == "stl":  # single precision, vertices in order of first appearance
@@ -84,56 +98,70 @@ def inOrderOfAppearance(vertices, triangles):
 
 @pytest.mark.parametrize("binary", [False, True])
 def testStlCornersAreMergedInOrderOfAppearance(tmp_path, binary):
-    vertices, triangles = np.array([(5., 0, 0), (0, 0, 3), (0, 4, 0), (0, 0, 0)]), np.array([(3, 2, 0), (3, 0, 1), (3, 1, 2), (0, 2, 1)])
-    meshio.write(tmp_path/"a.stl", meshio.Mesh(vertices, [("triangle", triangles)]), binary=binary)
-    mesh = mh.Mesh.read(tmp_path/"a.stl")
+    vertices, triangles = (
+        np.array([(5.0, 0, 0), (0, 0, 3), (0, 4, 0), (0, 0, 0)]),
+        np.array([(3, 2, 0), (3, 0, 1), (3, 1, 2), (0, 2, 1)]),
+    )
+    meshio.write(tmp_path / "a.stl", meshio.Mesh(vertices, [("triangle", triangles)]), binary=binary)
+    mesh = mh.Mesh.read(tmp_path / "a.stl")
     mesh.check()
     assert np.array_equal(mesh.vertices, vertices[[3, 2, 0, 1]])
     assert np.array_equal(mesh.triangles, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (2, 1, 3)])
 
 
 def testUnits(tmp_path, sphere):
-    sphere.write(tmp_path/"um.ply", unit=unit.micrometer)
-    assert np.allclose(mh.Mesh.read(tmp_path/"um.ply").vertices, sphere.vertices/1000, rtol=1e-15)
-    for length in (unit.micrometer, 1000, 10000*unit.angstrom):
-        assert np.allclose(mh.Mesh.read(tmp_path/"um.ply", unit=length).vertices, sphere.vertices, rtol=1e-14)
+    sphere.write(tmp_path / "um.ply", unit=unit.micrometer)
+    assert np.allclose(mh.Mesh.read(tmp_path / "um.ply").vertices, sphere.vertices / 1000, rtol=1e-15)
+    for length in (unit.micrometer, 1000, 10000 * unit.angstrom):
+        assert np.allclose(mh.Mesh.read(tmp_path / "um.ply", unit=length).vertices, sphere.vertices, rtol=1e-14)
     for wrong in (0, -1, float("nan"), unit.kelvin, "um"):
         with pytest.raises(ValueError, match="unit is"):
-            mh.Mesh.read(tmp_path/"um.ply", unit=wrong)
+            mh.Mesh.read(tmp_path / "um.ply", unit=wrong)
 
 
 def testUnusedVerticesPointsAndLinesAreLeftOut(tmp_path, sphere):
-    points = np.concatenate(([(9., 9, 9)], sphere.vertices, [(8., 8, 8)]))
-    cells = [("vertex", [[0]]), ("line", [[0, 1]]), ("triangle", sphere.triangles+1)]
-    meshio.write(tmp_path/"a.vtu", meshio.Mesh(points, cells))
-    mesh = mh.Mesh.read(tmp_path/"a.vtu")
+    points = np.concatenate(([(9.0, 9, 9)], sphere.vertices, [(8.0, 8, 8)]))
+    cells = [("vertex", [[0]]), ("line", [[0, 1]]), ("triangle", sphere.triangles + 1)]
+    meshio.write(tmp_path / "a.vtu", meshio.Mesh(points, cells))
+    mesh = mh.Mesh.read(tmp_path / "a.vtu")
     assert np.array_equal(mesh.vertices, sphere.vertices) and np.array_equal(mesh.triangles, sphere.triangles)
 
 
 def testWriteFailsCleanly(tmp_path, sphere):
     with pytest.raises(ValueError, match="no mesh format has the suffix '.xyzzy'"):
-        sphere.write(tmp_path/"a.xyzzy")
+        sphere.write(tmp_path / "a.xyzzy")
     with pytest.raises(OSError):
-        sphere.write(tmp_path/"nowhere"/"a.ply")
+        sphere.write(tmp_path / "nowhere" / "a.ply")
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name, content, message", [
-    ("missing.stl", None, "there is no mesh file .*missing.stl"),
-    ("empty.stl", b"", "empty.stl is empty"),
-    ("text.stl", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.stl: "),
-    ("text.ply", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.ply: this is not a complete PLY file"),
-    ("text.msh", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.msh: this is not a complete MSH file"),
-    ("mesh.docx", b"PK", "no mesh format has the suffix '.docx'; use one of .stl"),
-    ("nan.off", b"OFF\n4 4 0\n0 0 0\n1 0 nan\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n", "position of vertex 1 is \\(1, 0, nan\\)"),
-    ("range.off", b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 4\n", "triangle 3 has the vertex 4; it must be from 0 to 3"),
-    ("points.obj", b"v 0 0 0\nv 1 0 0\n", "no triangles"),
-])
+@pytest.mark.parametrize(
+    "name, content, message",
+    [
+        ("missing.stl", None, "there is no mesh file .*missing.stl"),
+        ("empty.stl", b"", "empty.stl is empty"),
+        ("text.stl", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.stl: "),
+        ("text.ply", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.ply: this is not a complete PLY file"),
+        ("text.msh", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.msh: this is not a complete MSH file"),
+        ("mesh.docx", b"PK", "no mesh format has the suffix '.docx'; use one of .stl"),
+        (
+            "nan.off",
+            b"OFF\n4 4 0\n0 0 0\n1 0 nan\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n",
+            "position of vertex 1 is \\(1, 0, nan\\)",
+        ),
+        (
+            "range.off",
+            b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 4\n",
+            "triangle 3 has the vertex 4; it must be from 0 to 3",
+        ),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\n", "no triangles"),
+    ],
+)
 def testUnreadableFiles(tmp_path, capfd, name, content, message):
     if content is not None:
-        (tmp_path/name).write_bytes(content)
+        (tmp_path / name).write_bytes(content)
     with pytest.raises(FileNotFoundError if content is None else ValueError, match=message):
-        mh.Mesh.read(tmp_path/name)
+        mh.Mesh.read(tmp_path / name)
     assert capfd.readouterr() == ("", "")
 
 
@@ -143,10 +171,10 @@ def testFolderIsNoMesh(tmp_path):
 
 
 def testQuadsAreRefused(tmp_path):
-    cube = np.array([(x, y, z) for x in (0., 1) for y in (0, 1) for z in (0, 1)])
-    meshio.write(tmp_path/"cube.vtu", meshio.Mesh(cube, [("quad", [(0, 1, 3, 2), (4, 6, 7, 5)])]))
+    cube = np.array([(x, y, z) for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
+    meshio.write(tmp_path / "cube.vtu", meshio.Mesh(cube, [("quad", [(0, 1, 3, 2), (4, 6, 7, 5)])]))
     with pytest.raises(ValueError, match="cells of type quad; all must be triangles"):
-        mh.Mesh.read(tmp_path/"cube.vtu")
+        mh.Mesh.read(tmp_path / "cube.vtu")
 
 
 @given(data=st.data())
@@ -155,10 +183,10 @@ def testTruncatedFileIsAnErrorOrComplete(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("cut")
     whole = mh.Mesh.icosphere(1)
     suffix = data.draw(st.sampled_from(FORMATS))
-    file = folder/f"a.{suffix}"
+    file = folder / f"a.{suffix}"
     whole.write(file)
     content = file.read_bytes()
-    file.write_bytes(content[:data.draw(st.integers(0, len(content)-1))])
+    file.write_bytes(content[: data.draw(st.integers(0, len(content) - 1))])
     try:
         mesh = mh.Mesh.read(file)
         mesh.check()
@@ -170,7 +198,7 @@ def testTruncatedFileIsAnErrorOrComplete(tmp_path_factory, data):
 @given(content=st.binary(max_size=300), suffix=st.sampled_from(FORMATS))
 @settings(max_examples=60, deadline=None)
 def testArbitraryBytesAreAnError(tmp_path_factory, content, suffix):
-    file = tmp_path_factory.mktemp("junk")/f"a.{suffix}"
+    file = tmp_path_factory.mktemp("junk") / f"a.{suffix}"
     file.write_bytes(content)
     with pytest.raises(ValueError):
         mh.Mesh.read(file).check()
@@ -179,7 +207,7 @@ def testArbitraryBytesAreAnError(tmp_path_factory, content, suffix):
 # --- what a membrane must be
 
 TETRAHEDRON = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-CORNERS = np.array([(0., 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
+CORNERS = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
 
 
 def without(sphere):
@@ -201,7 +229,7 @@ def insideOut(sphere):
 
 def flat(sphere):
     a, b, c = sphere.triangles[4]
-    sphere.vertices[c] = (sphere.vertices[a]+sphere.vertices[b])/2
+    sphere.vertices[c] = (sphere.vertices[a] + sphere.vertices[b]) / 2
     return sphere
 
 
@@ -212,12 +240,18 @@ def repeatedVertex(sphere):
 
 def fin(sphere):
     a, b, _ = sphere.triangles[0]
-    return mh.Mesh(np.concatenate((sphere.vertices, [(2, 2, 2)])), np.concatenate((sphere.triangles, [(a, b, len(sphere.vertices))])))
+    return mh.Mesh(
+        np.concatenate((sphere.vertices, [(2, 2, 2)])),
+        np.concatenate((sphere.triangles, [(a, b, len(sphere.vertices))])),
+    )
 
 
 def touching(sphere):
     """Two tetrahedra that share a vertex."""
-    return mh.Mesh(np.concatenate((CORNERS, CORNERS[1:]+5)), np.concatenate((TETRAHEDRON, np.where(TETRAHEDRON == 0, 0, TETRAHEDRON+3))))
+    return mh.Mesh(
+        np.concatenate((CORNERS, CORNERS[1:] + 5)),
+        np.concatenate((TETRAHEDRON, np.where(TETRAHEDRON == 0, 0, TETRAHEDRON + 3))),
+    )
 
 
 def twoSided(sphere):
@@ -229,23 +263,26 @@ def loose(sphere):
 
 
 def secondInsideOut(sphere):
-    other = mh.Mesh(0.5*sphere.vertices+3, sphere.triangles[:, ::-1])
+    other = mh.Mesh(0.5 * sphere.vertices + 3, sphere.triangles[:, ::-1])
     return together(sphere, other)
 
 
-@pytest.mark.parametrize("spoil, message", [
-    (without, r"the surface is open: edge \(\d+, \d+\) belongs to triangle \d+ only \(3 such edges\)"),
-    (reversedTriangle, r"triangles \d+ and \d+ run along edge \(\d+, \d+\) in the same direction"),
-    (repeatedTriangle, r"triangle 320 \(.*\) has the same three vertices as triangle 5"),
-    (insideOut, r"the membrane of vertex 0 is inside out"),
-    (secondInsideOut, r"the membrane of vertex 162 is inside out"),
-    (flat, r"triangle \d+ \(.*\) has no area"),
-    (repeatedVertex, r"triangle 3 \(.*\) has the same vertex twice"),
-    (fin, r"edge \(\d+, \d+\) belongs to 3 triangles \(0, \d+, 320\)"),
-    (touching, r"the surface touches itself at vertex 0"),
-    (twoSided, r"triangle 1 \(0, 2, 1\) has the same three vertices as triangle 0"),
-    (loose, r"vertex 162 belongs to no triangle"),
-])
+@pytest.mark.parametrize(
+    "spoil, message",
+    [
+        (without, r"the surface is open: edge \(\d+, \d+\) belongs to triangle \d+ only \(3 such edges\)"),
+        (reversedTriangle, r"triangles \d+ and \d+ run along edge \(\d+, \d+\) in the same direction"),
+        (repeatedTriangle, r"triangle 320 \(.*\) has the same three vertices as triangle 5"),
+        (insideOut, r"the membrane of vertex 0 is inside out"),
+        (secondInsideOut, r"the membrane of vertex 162 is inside out"),
+        (flat, r"triangle \d+ \(.*\) has no area"),
+        (repeatedVertex, r"triangle 3 \(.*\) has the same vertex twice"),
+        (fin, r"edge \(\d+, \d+\) belongs to 3 triangles \(0, \d+, 320\)"),
+        (touching, r"the surface touches itself at vertex 0"),
+        (twoSided, r"triangle 1 \(0, 2, 1\) has the same three vertices as triangle 0"),
+        (loose, r"vertex 162 belongs to no triangle"),
+    ],
+)
 def testCheckNamesWhatIsWrong(sphere, spoil, message):
     with pytest.raises(ValueError, match=message):
         spoil(sphere).check()
@@ -258,18 +295,23 @@ def testCheckSeesCoordinatesThatWereChanged(sphere):
 
 
 def testSeveralMembranesPass(sphere):
-    together(sphere, mh.Mesh(0.5*sphere.vertices, sphere.triangles), mh.Mesh(sphere.vertices+3, sphere.triangles)).check()
+    together(
+        sphere, mh.Mesh(0.5 * sphere.vertices, sphere.triangles), mh.Mesh(sphere.vertices + 3, sphere.triangles)
+    ).check()
 
 
-@pytest.mark.parametrize("vertices, triangles, message", [
-    (CORNERS[:, :2], TETRAHEDRON, r"the vertices have the shape \(4, 2\)"),
-    (CORNERS, TETRAHEDRON.ravel(), r"the triangles have the shape \(12,\)"),
-    (CORNERS, TETRAHEDRON.astype(float), "the triangles are of type float64"),
-    (CORNERS, [(0, 1), (0, 1, 2)], r"the triangles must be an array of integers"),
-    (CORNERS, TETRAHEDRON-1, r"triangle 0 has the vertex -1; it must be from 0 to 3"),
-    ("abc", TETRAHEDRON, "array of numbers"),
-    (CORNERS*np.nan, TETRAHEDRON, "position of vertex 0"),
-])
+@pytest.mark.parametrize(
+    "vertices, triangles, message",
+    [
+        (CORNERS[:, :2], TETRAHEDRON, r"the vertices have the shape \(4, 2\)"),
+        (CORNERS, TETRAHEDRON.ravel(), r"the triangles have the shape \(12,\)"),
+        (CORNERS, TETRAHEDRON.astype(float), "the triangles are of type float64"),
+        (CORNERS, [(0, 1), (0, 1, 2)], r"the triangles must be an array of integers"),
+        (CORNERS, TETRAHEDRON - 1, r"triangle 0 has the vertex -1; it must be from 0 to 3"),
+        ("abc", TETRAHEDRON, "array of numbers"),
+        (CORNERS * np.nan, TETRAHEDRON, "position of vertex 0"),
+    ],
+)
 def testArraysOfTheWrongKind(vertices, triangles, message):
     with pytest.raises(ValueError, match=message):
         mh.Mesh(vertices, triangles)
@@ -283,18 +325,23 @@ def testIcosphereOfTheWrongKind(arguments):
 
 # --- to OpenMM
 
+
 def testTopologyAndSystem(sphere):
     topology = sphere.topology()
     assert (topology.getNumAtoms(), topology.getNumResidues(), topology.getNumBonds()) == (162, 1, 480)
     assert [(a.index, b.index) for a, b in topology.bonds()] == list(map(tuple, sphere.edges))
-    system = sphere.createSystem(mass=2*unit.gram/unit.mole)
-    assert system.getNumParticles() == 162 and system.getNumForces() == 0 and system.getParticleMass(3) == 2*unit.dalton
+    system = sphere.createSystem(mass=2 * unit.gram / unit.mole)
+    assert (
+        system.getNumParticles() == 162 and system.getNumForces() == 0 and system.getParticleMass(3) == 2 * unit.dalton
+    )
 
 
 def testTopologyHasAResidueAMembrane(sphere):
-    mesh = together(sphere, mh.Mesh(sphere.vertices+3, sphere.triangles))
+    mesh = together(sphere, mh.Mesh(sphere.vertices + 3, sphere.triangles))
     assert [len(list(residue.atoms())) for residue in mesh.topology().residues()] == [162, 162]
-    order = np.random.default_rng(1).permutation(324)  # membranes whose vertices alternate keep the order of their vertices
+    order = np.random.default_rng(1).permutation(
+        324
+    )  # membranes whose vertices alternate keep the order of their vertices
     mixed = mh.Mesh(mesh.vertices[np.argsort(order)], order[mesh.triangles])
     topology = mixed.topology()
     assert [atom.index for atom in topology.atoms()] == list(range(324))
@@ -303,26 +350,27 @@ def testTopologyHasAResidueAMembrane(sphere):
 
 
 def testLargeTopologyAndLargeCoordinates(tmp_path):
-    one = mh.Mesh.icosphere(5, radius=1*unit.micrometer)
-    mesh = together(*(mh.Mesh(one.vertices+3000*i, one.triangles) for i in range(10)))  # 102,420 vertices
+    one = mh.Mesh.icosphere(5, radius=1 * unit.micrometer)
+    mesh = together(*(mh.Mesh(one.vertices + 3000 * i, one.triangles) for i in range(10)))  # 102,420 vertices
     topology = mesh.topology()
-    mh.writePSF(tmp_path/"a.psf", topology)
-    with open(tmp_path/"a.dcd", "wb") as file:
-        app.DCDFile(file, topology, 1).writeModel(mesh.vertices*unit.nanometer)
-    trajectory = mdtraj.load_dcd(str(tmp_path/"a.dcd"), top=str(tmp_path/"a.psf"))
+    mh.writePSF(tmp_path / "a.psf", topology)
+    with open(tmp_path / "a.dcd", "wb") as file:
+        app.DCDFile(file, topology, 1).writeModel(mesh.vertices * unit.nanometer)
+    trajectory = mdtraj.load_dcd(str(tmp_path / "a.dcd"), top=str(tmp_path / "a.psf"))
     assert trajectory.n_residues == 10
     assert np.array_equal([(a.index, b.index) for a, b in trajectory.topology.bonds], mesh.edges)
-    assert np.abs(trajectory.xyz[0]-mesh.vertices).max() < 5e-3  # nm, in single precision of 27 um
+    assert np.abs(trajectory.xyz[0] - mesh.vertices).max() < 5e-3  # nm, in single precision of 27 um
 
 
 def testOpenMMReadsThePsf(tmp_path, sphere):
-    mh.writePSF(tmp_path/"a.psf", sphere.topology(), mass=12.5)
-    psf = app.CharmmPsfFile(str(tmp_path/"a.psf"))
-    assert [atom.mass for atom in psf.atom_list] == [12.5*unit.dalton]*162
+    mh.writePSF(tmp_path / "a.psf", sphere.topology(), mass=12.5)
+    psf = app.CharmmPsfFile(str(tmp_path / "a.psf"))
+    assert [atom.mass for atom in psf.atom_list] == [12.5 * unit.dalton] * 162
     assert sorted((bond.atom1.idx, bond.atom2.idx) for bond in psf.bond_list) == list(map(tuple, sphere.edges))
 
 
 # --- the red blood cell
+
 
 def loadScript(path):
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -333,7 +381,7 @@ def loadScript(path):
 
 def testNodeWithAnAbsurdNumber(tmp_path):
     """The mesh library would make a table of 8 TiB."""
-    file = tmp_path/"a.msh"
+    file = tmp_path / "a.msh"
     mh.Mesh.icosphere(1).write(file)
     whole = file.read_bytes()
     file.write_bytes(whole.replace(struct.pack("<QQ", 41, 42), struct.pack("<QQ", 41, 2**40)))
@@ -343,19 +391,19 @@ def testNodeWithAnAbsurdNumber(tmp_path):
 
 
 def testRedBloodCell(examples):
-    cell = mh.Mesh.read(examples/"red_blood_cell.stl")
+    cell = mh.Mesh.read(examples / "red_blood_cell.stl")
     cell.check()
     assert len(cell.vertices) == 2562
     assert 134 < cell.area < 136 and 93 < cell.volume < 96
     assert np.ptp(cell.vertices, axis=0) == pytest.approx([7.82, 7.82, 2.565], rel=0.003)
     lengths, angles = cell.edgeLengths, anglesOf(cell)
-    assert lengths.max() < 1.6*lengths.min() and angles.min() > 40 and angles.max() < 90
+    assert lengths.max() < 1.6 * lengths.min() and angles.min() > 40 and angles.max() < 90
 
 
 def testRedBloodCellIsWhatItsScriptMakes(examples):
-    made = loadScript(examples/"red_blood_cell.py").makeCell()
+    made = loadScript(examples / "red_blood_cell.py").makeCell()
     made.vertices[:] = made.vertices.astype(np.float32)
-    stored = mh.Mesh.read(examples/"red_blood_cell.stl")
+    stored = mh.Mesh.read(examples / "red_blood_cell.stl")
     assert np.sort(stored.vertices.ravel()) == pytest.approx(np.sort(made.vertices.ravel()), abs=1e-4)
     assert stored.area == pytest.approx(made.area, rel=1e-5)
 
@@ -363,5 +411,5 @@ def testRedBloodCellIsWhatItsScriptMakes(examples):
 def anglesOf(mesh):
     """Return the angles of all triangles, in degrees."""
     x = mesh.vertices[mesh.triangles]
-    a, b = np.roll(x, -1, axis=1)-x, np.roll(x, 1, axis=1)-x
-    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a*b, axis=-1)))
+    a, b = np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))

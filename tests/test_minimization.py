@@ -1,4 +1,5 @@
 """Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the way."""
+
 import csv
 import math
 from pathlib import Path
@@ -22,11 +23,11 @@ def createSimulation(mesh, reducedVolume, stiffness=1e6, tether=(10, 0.8, 1.25),
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(KAPPA)
-    force.setAreaModulus(stiffness*KAPPA)
+    force.setAreaModulus(stiffness * KAPPA)
     force.setTargetArea(mesh.area)
-    force.setVolumeModulus(stiffness*KAPPA)
-    force.setTargetVolume(reducedVolume*mesh.area**1.5/(6*math.sqrt(math.pi)))
-    force.setTether(tether[0]*KAPPA, tether[1]*edge, tether[2]*edge, 2)
+    force.setVolumeModulus(stiffness * KAPPA)
+    force.setTargetVolume(reducedVolume * mesh.area**1.5 / (6 * math.sqrt(math.pi)))
+    force.setTether(tether[0] * KAPPA, tether[1] * edge, tether[2] * edge, 2)
     system = mesh.createSystem()
     for f in (force, *extra):
         system.addForce(f)
@@ -38,7 +39,7 @@ def createSimulation(mesh, reducedVolume, stiffness=1e6, tether=(10, 0.8, 1.25),
 
 
 def axisymmetricMinima():
-    with open(Path(__file__).parent/"data"/"axisymmetric_minima.csv", newline="") as file:
+    with open(Path(__file__).parent / "data" / "axisymmetric_minima.csv", newline="") as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
         return {(row["branch"], float(row["v"])): float(row["energy_over_8pi_kappa"]) for row in rows}
 
@@ -49,7 +50,9 @@ def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
     force, simulation = createSimulation(mh.spheroid(642, mh.spheroidAspectRatio(reducedVolume, kind)), reducedVolume)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and not result.warnings
-    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(axisymmetricMinima()[kind, reducedVolume], rel=0.01)
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
+        axisymmetricMinima()[kind, reducedVolume], rel=0.01
+    )
     geometry = force.getGeometryInContext(simulation.context)
     assert mh.reducedVolume(geometry.area._value, geometry.volume._value) == pytest.approx(reducedVolume, rel=2e-4)
     mh.Mesh(positionsOf(simulation.context), force.getTrianglesInContext(simulation.context)).check()
@@ -58,11 +61,13 @@ def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
 def test_stomatocyte():
     """From two spheres and a rim, with the firm tether that its narrow mouth needs."""
     mesh = mh.surfaceOfRevolution(invaginatedSphere(inner=0.515, opening=0.35), 642)
-    mesh.vertices *= math.sqrt(4*math.pi/mesh.area)
+    mesh.vertices *= math.sqrt(4 * math.pi / mesh.area)
     force, simulation = createSimulation(mesh, 0.6, tether=(100, 0.88, 1.17))
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and not result.warnings
-    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(axisymmetricMinima()["stomatocyte", 0.6], rel=0.01)
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
+        axisymmetricMinima()["stomatocyte", 0.6], rel=0.01
+    )
     shape = describeShape(mh.Mesh(positionsOf(simulation.context), force.getTrianglesInContext(simulation.context)))
     assert shape.shapeClass == "stomatocyte" and 0.4 < shape.reducedAreaDifference < 0.55
 
@@ -72,7 +77,9 @@ def test_a_sphere_without_symmetry_falls():
     force, simulation = createSimulation(mesh, 0.95, tether=(100, 0.8, 1.25))
     result = mh.minimizeFluid(simulation, force)
     assert result.converged
-    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx(mh.axisymmetricMinimum("prolate", 0.95).energy, rel=0.01)
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
+        mh.axisymmetricMinimum("prolate", 0.95).energy, rel=0.01
+    )
 
 
 def test_stiff_penalties_from_far():
@@ -81,10 +88,12 @@ def test_stiff_penalties_from_far():
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and result.flips > 0
     geometry = force.getGeometryInContext(simulation.context)
-    assert geometry.volume/force.getTargetVolume() == pytest.approx(1, abs=2e-4)
-    assert geometry.area/force.getTargetArea() == pytest.approx(1, abs=2e-4)
-    assert result.energies["bending"]/KJ/(8*math.pi*KAPPA) == pytest.approx((1.18964+1.38744)/2, rel=0.02)  # the branch between v = 0.9 and 0.8
-    assert force.getAreaModulus()/KJ == force.getVolumeModulus()/KJ == 1e6*KAPPA
+    assert geometry.volume / force.getTargetVolume() == pytest.approx(1, abs=2e-4)
+    assert geometry.area / force.getTargetArea() == pytest.approx(1, abs=2e-4)
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
+        (1.18964 + 1.38744) / 2, rel=0.02
+    )  # the branch between v = 0.9 and 0.8
+    assert force.getAreaModulus() / KJ == force.getVolumeModulus() / KJ == 1e6 * KAPPA
 
 
 def test_result_is_what_the_context_holds():
@@ -93,11 +102,15 @@ def test_result_is_what_the_context_holds():
     calls = []
     result = mh.minimize(simulation, force, progress=lambda iteration, energy: calls.append((iteration, energy)))
     context = simulation.context
-    assert result.converged and result.iterations == len(result.history) == len(calls) and calls[-1] == (result.iterations, result.history[-1])
-    assert result.history[-1] == pytest.approx(result.energy/KJ, rel=1e-12)
-    assert sum(termsOf(force, context).values()) == pytest.approx(result.energy/KJ, rel=1e-12)
+    assert (
+        result.converged
+        and result.iterations == len(result.history) == len(calls)
+        and calls[-1] == (result.iterations, result.history[-1])
+    )
+    assert result.history[-1] == pytest.approx(result.energy / KJ, rel=1e-12)
+    assert sum(termsOf(force, context).values()) == pytest.approx(result.energy / KJ, rel=1e-12)
     assert np.all(np.diff(result.history) <= 0)
-    assert np.sqrt(np.mean(forcesOf(context)**2)) == pytest.approx(result.rmsForce._value)
+    assert np.sqrt(np.mean(forcesOf(context) ** 2)) == pytest.approx(result.rmsForce._value)
     assert np.array_equal(force.getTrianglesInContext(context), mesh.triangles)
     again = mh.minimize(simulation, force)
     assert again.converged and again.iterations == 0
@@ -107,7 +120,7 @@ def test_result_is_what_the_context_holds():
 
 def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
     mesh = mh.Mesh.icosphere(2)
-    mesh.vertices = mesh.vertices*[1, 1, 1.4]
+    mesh.vertices = mesh.vertices * [1, 1, 1.4]
     results = []
     for function in (mh.minimize, mh.minimizeFluid):
         force, simulation = createSimulation(mesh, 0.97, 1e3, tether=(10, 0.6, 1.5))
@@ -117,9 +130,9 @@ def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
         simulation.context.setStepCount(7)
         results.append(function(simulation, force))
     fixed, fluid = results
-    assert fixed.flips == 0 < fluid.flips and fluid.energy < 0.95*fixed.energy
+    assert fixed.flips == 0 < fluid.flips and fluid.energy < 0.95 * fixed.energy
     flips = simulation.integrator.getIntegrator(1)
-    assert flips.getTemperature()/unit.kelvin == 123 and flips.getFraction() == 0.1
+    assert flips.getTemperature() / unit.kelvin == 123 and flips.getFraction() == 0.1
     assert simulation.currentStep == 7
 
 
@@ -129,7 +142,10 @@ def test_limits_and_the_callers_wish():
         start = force.getEnergyTermsInContext(simulation.context)["volume"]
         limited = function(simulation, force, maxIterations=20)
         assert limited.iterations == 20 and not limited.converged and "greatest number of iterations" in limited.reason
-        assert force.getVolumeModulus()/KJ == 1e6*KAPPA and force.getEnergyTermsInContext(simulation.context)["volume"] < start
+        assert (
+            force.getVolumeModulus() / KJ == 1e6 * KAPPA
+            and force.getEnergyTermsInContext(simulation.context)["volume"] < start
+        )
         stopped = function(simulation, force, progress=lambda iteration, energy: iteration == 5)
         assert stopped.iterations == 5 and not stopped.converged and stopped.reason == "the caller ended it"
 
@@ -137,7 +153,7 @@ def test_limits_and_the_callers_wish():
 def test_a_tether_that_bends_the_shape_is_told():
     mesh = mh.spheroid(162, 1.5)
     force, simulation = createSimulation(mesh, 0.9, tether=(1000, 0.99, 1.0))
-    warning, = mh.minimizeFluid(simulation, force, maxIterations=200).warnings
+    (warning,) = mh.minimizeFluid(simulation, force, maxIterations=200).warnings
     assert "the tether holds" in warning and "of the bending energy" in warning
 
 
@@ -150,7 +166,11 @@ def test_a_wall_of_infinite_energy_is_no_end():
     force, simulation = createSimulation(mesh, 0.9, 10, extra=[wall])
     before = simulation.context.getState(energy=True).getPotentialEnergy()
     result = mh.minimize(simulation, force, maxIterations=100)
-    assert result.energy <= before and np.all(np.isfinite(positionsOf(simulation.context))) and positionsOf(simulation.context)[:, 0].max() <= 1.5
+    assert (
+        result.energy <= before
+        and np.all(np.isfinite(positionsOf(simulation.context)))
+        and positionsOf(simulation.context)[:, 0].max() <= 1.5
+    )
 
 
 @pytest.mark.parametrize("function", [mh.minimize, mh.minimizeFluid])
@@ -164,15 +184,22 @@ def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
         function(simulation, force)
     assert np.array_equal(positionsOf(simulation.context), mesh.vertices)
     assert np.array_equal(force.getTrianglesInContext(simulation.context), mesh.triangles)
-    assert force.getVolumeModulus()/KJ == 1e6*KAPPA and simulation.integrator.getTemperature()/unit.kelvin == 300
+    assert force.getVolumeModulus() / KJ == 1e6 * KAPPA and simulation.integrator.getTemperature() / unit.kelvin == 300
 
 
-@pytest.mark.parametrize("call, problem", [
-    (lambda s, f: mh.minimize(s, f, tolerance=0), "tolerance is 0.0 kJ/mol/nm; it must be positive"),
-    (lambda s, f: mh.minimize(s, f, tolerance=math.nan), "tolerance is nan"),
-    (lambda s, f: mh.minimize(s, f, maxIterations=-1), "maxIterations is -1"),
-    (lambda s, f: mh.minimizeFluid(s, f, maxIterations=0), "maxIterations is 0 and iterationsPerRound 50; both must be at least 1"),
-    (lambda s, f: mh.minimizeFluid(s, f), "has a VerletIntegrator, which flips no edges")])
+@pytest.mark.parametrize(
+    "call, problem",
+    [
+        (lambda s, f: mh.minimize(s, f, tolerance=0), "tolerance is 0.0 kJ/mol/nm; it must be positive"),
+        (lambda s, f: mh.minimize(s, f, tolerance=math.nan), "tolerance is nan"),
+        (lambda s, f: mh.minimize(s, f, maxIterations=-1), "maxIterations is -1"),
+        (
+            lambda s, f: mh.minimizeFluid(s, f, maxIterations=0),
+            "maxIterations is 0 and iterationsPerRound 50; both must be at least 1",
+        ),
+        (lambda s, f: mh.minimizeFluid(s, f), "has a VerletIntegrator, which flips no edges"),
+    ],
+)
 def test_what_is_refused(call, problem):
     mesh = mh.Mesh.icosphere(1)
     force = mh.HelfrichForce()
@@ -180,7 +207,9 @@ def test_what_is_refused(call, problem):
     force.setBendingModulus(1)
     system = mesh.createSystem()
     system.addForce(force)
-    simulation = app.Simulation(mesh.topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference"))
+    simulation = app.Simulation(
+        mesh.topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference")
+    )
     simulation.context.setPositions(mesh.vertices)
     with pytest.raises(ValueError, match=problem):
         call(simulation, force)
@@ -203,17 +232,24 @@ def test_spheroids(kind, low, high):
         assert low < ratio < high and mesh.area == pytest.approx(7)
         assert mesh.reducedVolume == pytest.approx(reducedVolume, rel=0.02)
         extent = np.ptp(mesh.vertices, axis=0)
-        assert extent[2]/extent[0] == pytest.approx(ratio, rel=0.03)
-        lengths = mesh.edgeLengths/mesh.edgeLengths.mean()
+        assert extent[2] / extent[0] == pytest.approx(ratio, rel=0.03)
+        lengths = mesh.edgeLengths / mesh.edgeLengths.mean()
         assert lengths.min() > 0.7 and lengths.max() < 1.35
     assert mh.spheroidAspectRatio(1, kind) == 1
 
 
-@pytest.mark.parametrize("create, problem", [
-    (lambda: mh.spheroid(5, 1), "numVertices is 5"), (lambda: mh.spheroid(100, 0), "aspectRatio is 0"), (lambda: mh.spheroid(100, 1, math.nan), "area nan"),
-    (lambda: mh.spheroidAspectRatio(0.9, "pear"), "kind is 'pear'"), (lambda: mh.spheroidAspectRatio(1.1, "prolate"), "reducedVolume is 1.1"),
-    (lambda: mh.surfaceOfRevolution([[0, 1], [1, 0], [1, -1]], 100), "begin and end on the axis"),
-    (lambda: mh.surfaceOfRevolution([[0, 1, 0]], 100), r"shape \(1, 3\)")])
+@pytest.mark.parametrize(
+    "create, problem",
+    [
+        (lambda: mh.spheroid(5, 1), "numVertices is 5"),
+        (lambda: mh.spheroid(100, 0), "aspectRatio is 0"),
+        (lambda: mh.spheroid(100, 1, math.nan), "area nan"),
+        (lambda: mh.spheroidAspectRatio(0.9, "pear"), "kind is 'pear'"),
+        (lambda: mh.spheroidAspectRatio(1.1, "prolate"), "reducedVolume is 1.1"),
+        (lambda: mh.surfaceOfRevolution([[0, 1], [1, 0], [1, -1]], 100), "begin and end on the axis"),
+        (lambda: mh.surfaceOfRevolution([[0, 1, 0]], 100), r"shape \(1, 3\)"),
+    ],
+)
 def test_shapes_that_are_refused(create, problem):
     with pytest.raises(ValueError, match=problem):
         create()

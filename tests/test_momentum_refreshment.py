@@ -1,4 +1,5 @@
 """Trajectories that keep a part of their velocities: how motions go on, how they turn back, and that what is sampled stays the same."""
+
 import numpy as np
 import openmm as mm
 import pytest
@@ -34,12 +35,12 @@ def test_velocities_fade(platform):
     velocities = []
     for _ in range(4):
         integrator.step(1)
-        velocities.append(velocitiesOf(context)*np.sqrt(masses/KT)[:, None])
+        velocities.append(velocitiesOf(context) * np.sqrt(masses / KT)[:, None])
     assert integrator.getNumAccepted() == 4
     for n, v in enumerate(velocities):
         for half in (v[:2000], v[2000:]):
-            assert np.mean(half**2) == pytest.approx(1, abs=4*(2/half.size)**0.5)
-        assert np.mean(v*velocities[0]) == pytest.approx(0.8**n, abs=4*(2/v.size)**0.5)
+            assert np.mean(half**2) == pytest.approx(1, abs=4 * (2 / half.size) ** 0.5)
+        assert np.mean(v * velocities[0]) == pytest.approx(0.8**n, abs=4 * (2 / v.size) ** 0.5)
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
@@ -51,8 +52,8 @@ def test_motions_go_on(platform):
         integrator.step(number)
         assert integrator.getNumAcceptedTrajectories() == number
         ends.append(positionsOf(context))
-    assert np.abs(ends[0]-mesh.vertices).max() > 0.01
-    assert np.abs(ends[0]-ends[1]).max() < 1e-6
+    assert np.abs(ends[0] - mesh.vertices).max() > 0.01
+    assert np.abs(ends[0] - ends[1]).max() < 1e-6
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
@@ -63,15 +64,15 @@ def test_rejections_turn_back(platform):
     start, accepted = positionsOf(context), integrator.getNumAcceptedTrajectories()
     integrator.step(1)
     x, v = positionsOf(context), velocitiesOf(context)
-    assert integrator.getNumAcceptedTrajectories() == accepted+1 and np.abs(x-start).max() > 0.01
+    assert integrator.getNumAcceptedTrajectories() == accepted + 1 and np.abs(x - start).max() > 0.01
     integrator.setStepSize(4)
     integrator.step(1)
-    assert integrator.getNumAcceptedTrajectories() == accepted+1
-    assert np.array_equal(positionsOf(context), x) and np.abs(velocitiesOf(context)+v).max() < 1e-7
+    assert integrator.getNumAcceptedTrajectories() == accepted + 1
+    assert np.array_equal(positionsOf(context), x) and np.abs(velocitiesOf(context) + v).max() < 1e-7
     integrator.setStepSize(0.002)
     integrator.step(1)
-    assert integrator.getNumAcceptedTrajectories() == accepted+2
-    assert np.abs(positionsOf(context)-start).max() < 1e-6
+    assert integrator.getNumAcceptedTrajectories() == accepted + 2
+    assert np.abs(positionsOf(context) - start).max() < 1e-6
 
 
 def test_sampling_stays_exact():
@@ -82,17 +83,19 @@ def test_sampling_stays_exact():
     for _ in range(4000):
         integrator.step(4)
         x, v = positionsOf(context), velocitiesOf(context)
-        factors.append(np.exp(-energyChangeOf(integrator)/KT))
-        kinetic.append(np.sum(v**2)/2)
-        virial.append(-np.sum((x-x.mean(axis=0))*forcesOf(context)))
+        factors.append(np.exp(-energyChangeOf(integrator) / KT))
+        kinetic.append(np.sum(v**2) / 2)
+        virial.append(-np.sum((x - x.mean(axis=0)) * forcesOf(context)))
     assert 0.6 < integrator.getAcceptanceRate() < 0.95
     assertMean(factors, 1)
-    assertMean(kinetic, 1.5*len(mesh.vertices)*KT)
-    assertMean(virial, (3*len(mesh.vertices)-3)*KT)
+    assertMean(kinetic, 1.5 * len(mesh.vertices) * KT)
+    assertMean(virial, (3 * len(mesh.vertices) - 3) * KT)
 
 
 def test_configuration():
-    config = parseConfig({"mesh": {"icosphere": 1}, "sampling": {"momentum_refreshment": 0.4}, "platform": {"name": "Reference"}})
+    config = parseConfig(
+        {"mesh": {"icosphere": 1}, "sampling": {"momentum_refreshment": 0.4}, "platform": {"name": "Reference"}}
+    )
     mesh = mh.Mesh.icosphere(1)
     integrator = createSimulation(config, mesh, createForce(config, mesh)).integrator
     assert integrator.getMomentumRefreshment() == integrator.getIntegrator(0).getMomentumRefreshment() == 0.4

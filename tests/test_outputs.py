@@ -18,13 +18,15 @@ def configure(folder, prefix, **sections):
     """Return a Config of a short run with every term on."""
     mesh = mh.Mesh.icosphere(2)
     mesh.vertices *= [1, 1, 0.7]
-    mesh.write(folder/"start.ply")
-    config = {"mesh": {"file": str(folder/"start.ply")},
-              "membrane": {"area_modulus": 1e5, "volume_modulus": 1e5, "area_difference_modulus": 1e4},
-              "repulsion": {"modulus": 10.0},
-              "sampling": {"steps": 60, "seed": 5},
-              "platform": {"threads": 1},
-              "output": {"prefix": str(folder/prefix), "trajectory_interval": 20, "observables_interval": 10}}
+    mesh.write(folder / "start.ply")
+    config = {
+        "mesh": {"file": str(folder / "start.ply")},
+        "membrane": {"area_modulus": 1e5, "volume_modulus": 1e5, "area_difference_modulus": 1e4},
+        "repulsion": {"modulus": 10.0},
+        "sampling": {"steps": 60, "seed": 5},
+        "platform": {"threads": 1},
+        "output": {"prefix": str(folder / prefix), "trajectory_interval": 20, "observables_interval": 10},
+    }
     for name, values in sections.items():
         config.setdefault(name, {}).update(values)
     return parseConfig(config)
@@ -37,7 +39,17 @@ def done(tmp_path_factory):
 
 
 def testEverythingIsWritten(done):
-    names = ["a.checkpoint", "a.csv", "a.dcd", "a.ply", "a.psf", "a.resolved.toml", "a.vtkhdf", "a_observables.png", "a_shape.png"]
+    names = [
+        "a.checkpoint",
+        "a.csv",
+        "a.dcd",
+        "a.ply",
+        "a.psf",
+        "a.resolved.toml",
+        "a.vtkhdf",
+        "a_observables.png",
+        "a_shape.png",
+    ]
     assert sorted(path.name for path in done.outputs.table.parent.iterdir()) == names
     assert done.steps == 60 and done.numVertices == 162 and 0 < done.acceptance <= 1 and 0 < done.flipAcceptance < 1
 
@@ -46,9 +58,11 @@ def testTotalIsTheSumOfItsParts(done):
     table = done.table
     assert np.array_equal(table["step"], np.arange(0, 61, 10))
     assert table["energy"] == pytest.approx(sum(table[name] for name in TERMS), rel=1e-14)
-    assert np.all(table["E_bending"] > 8*np.pi*20*0.99) and np.all(table["E_area"][1:] > 0)
-    assert table["reducedVolume"] == pytest.approx(6*np.sqrt(np.pi)*table["volume"]/table["area"]**1.5, rel=1e-14)
-    assert table["areaDifference"] == pytest.approx(2*table["meanCurvature"], rel=1e-14)
+    assert np.all(table["E_bending"] > 8 * np.pi * 20 * 0.99) and np.all(table["E_area"][1:] > 0)
+    assert table["reducedVolume"] == pytest.approx(
+        6 * np.sqrt(np.pi) * table["volume"] / table["area"] ** 1.5, rel=1e-14
+    )
+    assert table["areaDifference"] == pytest.approx(2 * table["meanCurvature"], rel=1e-14)
 
 
 def testTrajectoryHasItsTopology(done):
@@ -57,7 +71,7 @@ def testTrajectoryHasItsTopology(done):
     assert trajectory.xyz.shape == (3, 162, 3)
     assert [(a.index, b.index) for a, b in trajectory.topology.bonds] == list(map(tuple, start.edges))
     final = mh.Mesh.read(done.outputs.mesh)
-    assert np.abs(trajectory.xyz[-1]-final.vertices).max() < 1e-6
+    assert np.abs(trajectory.xyz[-1] - final.vertices).max() < 1e-6
 
 
 def testFinalMeshIsTheLastState(done):
@@ -65,7 +79,7 @@ def testFinalMeshIsTheLastState(done):
     final.check()
     assert not np.array_equal(final.edges, mh.Mesh.read(done.config.mesh.file).edges), "edges should have flipped"
     assert (final.area, final.volume) == pytest.approx((done.table["area"][-1], done.table["volume"][-1]), rel=1e-12)
-    bending = 2*20*np.sum(final.vertexMeanCurvatures**2/final.vertexAreas)
+    bending = 2 * 20 * np.sum(final.vertexMeanCurvatures**2 / final.vertexAreas)
     assert bending == pytest.approx(done.table["E_bending"][-1], rel=1e-9)
 
 
@@ -77,11 +91,22 @@ def testPicturesShowSomething(done):
 
 def testSummaryTellsWhatWasDone(done):
     text = "\n".join(" ".join(line) for line in done.lines())
-    for word in ("162 vertices", "60 in", "seed 5", "area", "volume", "reduced volume", "trajectories", "flips", "E_B/8 pi kappa", "a.dcd"):
+    for word in (
+        "162 vertices",
+        "60 in",
+        "seed 5",
+        "area",
+        "volume",
+        "reduced volume",
+        "trajectories",
+        "flips",
+        "E_B/8 pi kappa",
+        "a.dcd",
+    ):
         assert word in text
-    late = done.table["area"][len(done.table["area"])//2:]
+    late = done.table["area"][len(done.table["area"]) // 2 :]
     assert done.mean("area") == pytest.approx(late.mean())
-    assert done.drift("area") == pytest.approx(np.abs(late/mh.Mesh.read(done.config.mesh.file).area-1).max())
+    assert done.drift("area") == pytest.approx(np.abs(late / mh.Mesh.read(done.config.mesh.file).area - 1).max())
 
 
 def testSameSeedSameResultWhateverTheThreads(done, tmp_path):
@@ -96,19 +121,20 @@ def testSameSeedSameResultWhateverTheThreads(done, tmp_path):
 def testTargetsFromTheConfiguration(tmp_path):
     summary = run(configure(tmp_path, "a", membrane={"target_area": 9.0, "reduced_volume": 0.9}, sampling={"steps": 2}))
     assert summary.targets["area"] == pytest.approx(9)
-    assert summary.targets["volume"] == pytest.approx(0.9*9**1.5/(6*np.sqrt(np.pi)))
+    assert summary.targets["volume"] == pytest.approx(0.9 * 9**1.5 / (6 * np.sqrt(np.pi)))
 
 
 def testScaleAndLengthUnit(tmp_path):
     summary = run(configure(tmp_path, "a", mesh={"scale": 0.5, "length_unit": "um"}, sampling={"steps": 2}))
     assert "area (um^2)" in summary.outputs.table.read_text()
-    assert summary.table["area"][0] == pytest.approx(mh.Mesh.read(summary.config.mesh.file).area/4)
+    assert summary.table["area"][0] == pytest.approx(mh.Mesh.read(summary.config.mesh.file).area / 4)
 
 
 def testInterruptedRunIsComplete(tmp_path):
     def interrupt(study):
         if study.simulation.currentStep == 30:
             raise KeyboardInterrupt
+
     summary = run(configure(tmp_path, "a"), interrupt)
     assert summary.interrupted and summary.steps == 30 and summary.table["step"][-1] == 30
     assert mdtraj.load_dcd(str(summary.outputs.trajectory), top=str(summary.outputs.topology)).n_frames == 1
@@ -116,6 +142,7 @@ def testInterruptedRunIsComplete(tmp_path):
 
 
 # --- the reporter in a plain script
+
 
 def simulate(sphere, integrator):
     force = mh.HelfrichForce()
@@ -133,19 +160,26 @@ def simulate(sphere, integrator):
 def testReporterWithAnotherIntegrator(sphere):
     simulation, force = simulate(sphere, mm.VerletIntegrator(1e-4))
     out, table = io.StringIO(), io.StringIO()
-    simulation.reporters += [mh.ObservablesReporter(out, 5, force), mh.ObservablesReporter(table, 5, force, temperature=300*unit.kelvin)]
+    simulation.reporters += [
+        mh.ObservablesReporter(out, 5, force),
+        mh.ObservablesReporter(table, 5, force, temperature=300 * unit.kelvin),
+    ]
     simulation.step(10)
     names, *rows = [line.split(",") for line in out.getvalue().splitlines()]
-    assert names[:2] == ["step", "energy (kJ/mol)"] and "acceptance" not in names and [row[0] for row in rows] == ["5", "10"]
+    assert (
+        names[:2] == ["step", "energy (kJ/mol)"]
+        and "acceptance" not in names
+        and [row[0] for row in rows] == ["5", "10"]
+    )
     energy = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
     assert float(rows[-1][1]) == pytest.approx(energy, rel=1e-12)
-    kT = (300*unit.kelvin*unit.MOLAR_GAS_CONSTANT_R).value_in_unit(unit.kilojoules_per_mole)
-    assert float(table.getvalue().splitlines()[-1].split(",")[1]) == pytest.approx(energy/kT, rel=1e-12)
+    kT = (300 * unit.kelvin * unit.MOLAR_GAS_CONSTANT_R).value_in_unit(unit.kilojoules_per_mole)
+    assert float(table.getvalue().splitlines()[-1].split(",")[1]) == pytest.approx(energy / kT, rel=1e-12)
 
 
 def testReporterAppends(sphere, tmp_path):
     simulation, force = simulate(sphere, mm.VerletIntegrator(1e-4))
     for append in (False, True):
-        simulation.reporters = [mh.ObservablesReporter(tmp_path/"a.csv", 2, force, append=append)]
+        simulation.reporters = [mh.ObservablesReporter(tmp_path / "a.csv", 2, force, append=append)]
         simulation.step(4)
-    assert list(mh.readObservables(tmp_path/"a.csv")["step"]) == [2, 4, 6, 8]
+    assert list(mh.readObservables(tmp_path / "a.csv")["step"]) == [2, 4, 6, 8]

@@ -1,11 +1,23 @@
 """Forces in mixed precision: trajectories stay exact, and continue exactly."""
+
 import numpy as np
 import openmm as mm
 import pytest
 from openmm import app, unit
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf, termsOf
+from membranes import (
+    PLATFORMS,
+    TERMS,
+    createBlob,
+    createContext,
+    createForce,
+    energyOf,
+    forcesOf,
+    kelvin,
+    positionsOf,
+    termsOf,
+)
 from openmmhelfrich.config import parseConfig
 from openmmhelfrich.simulation import createForce as createForceOf, createSimulation, loadMesh
 
@@ -17,20 +29,20 @@ def createVesicle():
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(20*KT)
+    force.setBendingModulus(20 * KT)
     force.setAreaModulus(300)
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(300)
     force.setTargetVolume(mesh.volume)
     # No triangle can become a needle: two shortest edges are longer than a longest.
-    force.setTether(100*KT, 0.8*edge, 1.25*edge, 2)
+    force.setTether(100 * KT, 0.8 * edge, 1.25 * edge, 2)
     return mesh, force
 
 
 def meanOf(samples):
     """Return the mean of correlated samples and its standard error, by batches."""
     batches = np.reshape(samples, (25, -1)).mean(axis=1)
-    return batches.mean(), batches.std(ddof=1)/5
+    return batches.mean(), batches.std(ddof=1) / 5
 
 
 def forceErrors(mesh, terms):
@@ -38,7 +50,9 @@ def forceErrors(mesh, terms):
 
     These are rounded once, from extended precision.  What mixed precision adds shows in where a single step of a trajectory leads: that goes by h^2/2m times the forces.
     """
-    exact, double = (forcesOf(createContext(mesh, createForce(mesh, terms), platform)) for platform in ("Reference", "CPU"))
+    exact, double = (
+        forcesOf(createContext(mesh, createForce(mesh, terms), platform)) for platform in ("Reference", "CPU")
+    )
     step, ends = 1e-5, []
     for precision in ("double", "mixed"):
         integrator = mh.HamiltonianTrajectoryIntegrator(300, step, 1)
@@ -48,11 +62,11 @@ def forceErrors(mesh, terms):
         integrator.step(1)
         assert integrator.getNumAccepted() == 1
         ends.append(positionsOf(context))
-    mixed = double+2/step**2*(ends[1]-ends[0])
-    return [np.linalg.norm(forces-exact)/np.linalg.norm(exact) for forces in (double, mixed)]
+    mixed = double + 2 / step**2 * (ends[1] - ends[0])
+    return [np.linalg.norm(forces - exact) / np.linalg.norm(exact) for forces in (double, mixed)]
 
 
-@pytest.mark.parametrize("terms", [[term] for term in TERMS]+[TERMS], ids="+".join)
+@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids="+".join)
 def test_rounding_errors_of_forces(terms):
     """They are those of some ten operations in the precision of each, and energies are as exact; repulsion is in double precision throughout."""
     mesh = createBlob(3)
@@ -76,15 +90,15 @@ def test_mixed_precision_samples_the_same_distribution():
         trajectory, factors, bending = integrator.getIntegrator(0), [], []
         for _ in range(6000):
             integrator.step(1)
-            factors.append(np.exp(-trajectory.getLastEnergyChange()/unit.kilojoule_per_mole/KT))
+            factors.append(np.exp(-trajectory.getLastEnergyChange() / unit.kilojoule_per_mole / KT))
             bending.append(termsOf(force, context)["bending"])
         assert 0.6 < integrator.getAcceptanceRate() < 0.99
         mean, error = meanOf(factors)
-        assert error < 0.03 and abs(mean-1) < 3*error
+        assert error < 0.03 and abs(mean - 1) < 3 * error
         means[precision] = meanOf(bending)
     (exact, exactError), (mixed, mixedError) = means["double"], means["mixed"]
-    assert max(exactError, mixedError) < 0.01*exact
-    assert abs(mixed-exact) < 3*np.hypot(exactError, mixedError)
+    assert max(exactError, mixedError) < 0.01 * exact
+    assert abs(mixed - exact) < 3 * np.hypot(exactError, mixedError)
 
 
 def test_mixed_precision_hardly_changes_the_energy_of_a_trajectory():
@@ -97,9 +111,9 @@ def test_mixed_precision_hardly_changes_the_energy_of_a_trajectory():
         integrator.setForcePrecision(precision)
         context = createContext(mesh, force, "CPU", integrator)
         integrator.step(1)
-        changes[precision] = integrator.getLastEnergyChange()/unit.kilojoule_per_mole/KT
+        changes[precision] = integrator.getLastEnergyChange() / unit.kilojoule_per_mole / KT
         del context
-    assert 1e-12 < abs(changes["double"]-changes["mixed"]) < 1e-3
+    assert 1e-12 < abs(changes["double"] - changes["mixed"]) < 1e-3
 
 
 def createRun():
@@ -119,14 +133,16 @@ def createRun():
 def test_continued_runs_are_the_same_to_the_last_bit(kind, tmp_path):
     simulation, force = createRun()
     simulation.step(12)
-    getattr(simulation, "save"+kind)(str(tmp_path/"saved"))
+    getattr(simulation, "save" + kind)(str(tmp_path / "saved"))
     simulation.step(12)
     again, forceAgain = createRun()
-    getattr(again, "load"+kind)(str(tmp_path/"saved"))
+    getattr(again, "load" + kind)(str(tmp_path / "saved"))
     again.step(12)
     assert simulation.integrator.getNumAcceptedTrajectories() > 0
     assert np.array_equal(positionsOf(again.context), positionsOf(simulation.context))
-    assert np.array_equal(forceAgain.getTrianglesInContext(again.context), force.getTrianglesInContext(simulation.context))
+    assert np.array_equal(
+        forceAgain.getTrianglesInContext(again.context), force.getTrianglesInContext(simulation.context)
+    )
 
 
 def test_beside_other_forces_it_is_double_precision():

@@ -1,4 +1,5 @@
 """Replica exchange: exact distributions at every temperature and target, exact exchanges, restarts."""
+
 import math
 
 import numpy as np
@@ -25,8 +26,8 @@ def flippingOctahedra(temperatures):
     mesh = octahedron()
     simulations = []
     for k in range(len(temperatures)):
-        flips = mh.EdgeFlipIntegrator(300, 3/len(mesh.edges))
-        flips.setRandomNumberSeed(k+1)
+        flips = mh.EdgeFlipIntegrator(300, 3 / len(mesh.edges))
+        flips.setRandomNumberSeed(k + 1)
         simulations.append(simulate(mesh, softForce(mesh, False), flips))
     return ReplicaExchange(simulations, [ThermodynamicState(kelvin(kT)) for kT in temperatures])
 
@@ -36,7 +37,7 @@ def deviations(exchange, expected, rounds=3000):
     exchange.run(rounds, 1)
     energies = exchange.potentialEnergies(discard=50)
     batches = np.array([[batch.mean() for batch in np.array_split(row, 25)] for row in energies])
-    return (batches.mean(axis=1)-expected)/(batches.std(axis=1, ddof=1)/5)
+    return (batches.mean(axis=1) - expected) / (batches.std(axis=1, ddof=1) / 5)
 
 
 TEMPERATURES = [0.3, 0.5, 0.9]
@@ -46,8 +47,8 @@ def exactMeanEnergies():
     """Return the mean energies of the octahedron's triangulations, all of which are known."""
     mesh = octahedron()
     energies = energiesOf(mesh, enumerateStates(stateOf(mesh.triangles)), False)
-    weights = [np.exp((energies.min()-energies)/kT) for kT in TEMPERATURES]
-    return np.array([w @ energies/w.sum() for w in weights])
+    weights = [np.exp((energies.min() - energies) / kT) for kT in TEMPERATURES]
+    return np.array([w @ energies / w.sum() for w in weights])
 
 
 def test_distributions_are_exact():
@@ -59,7 +60,7 @@ def test_distributions_are_exact():
 def test_the_test_of_distributions_sees_a_wrong_exchange(monkeypatch):
     exchange = flippingOctahedra(TEMPERATURES)
     right = exchange._exchange
-    monkeypatch.setattr(exchange, "_exchange", lambda u: right(0.5*u))
+    monkeypatch.setattr(exchange, "_exchange", lambda u: right(0.5 * u))
     assert np.abs(deviations(exchange, exactMeanEnergies(), 2000)).max() > 5
 
 
@@ -74,7 +75,7 @@ def oscillators(stiffness, temperature=300, seed=1):
         spring.addParticle(0)
         system.addForce(spring)
         integrator = mh.HamiltonianTrajectoryIntegrator(temperature, 0.03, 4)
-        integrator.setRandomNumberSeed(k+1)
+        integrator.setRandomNumberSeed(k + 1)
         topology = app.Topology()
         topology.addAtom("A", None, topology.addResidue("A", topology.addChain()))
         simulations.append(app.Simulation(topology, system, integrator, mm.Platform.getPlatform("Reference")))
@@ -91,10 +92,12 @@ def test_parameters():
     u, counts = exchange.samples(discard=20, stride=2)
     for k in range(4):
         own = u[k].reshape(4, -1)[k]
-        assert abs(own.mean()-1.5) < 3*own.std()/math.sqrt(len(own)), k
+        assert abs(own.mean() - 1.5) < 3 * own.std() / math.sqrt(len(own)), k
     free = mbar(u, counts).compute_free_energy_differences()
-    exact = 1.5*np.log(np.array(stiffness)/stiffness[0])
-    assert np.all(np.abs(free["Delta_f"][0]-exact) < 3*free["dDelta_f"][0]+1e-12) and free["dDelta_f"][0].max() < 0.1
+    exact = 1.5 * np.log(np.array(stiffness) / stiffness[0])
+    assert (
+        np.all(np.abs(free["Delta_f"][0] - exact) < 3 * free["dDelta_f"][0] + 1e-12) and free["dDelta_f"][0].max() < 0.1
+    )
 
 
 def test_exchanges_have_the_probability_that_the_formula_gives():
@@ -103,15 +106,15 @@ def test_exchanges_have_the_probability_that_the_formula_gives():
     history, u = exchange.history, exchange.reducedEnergies
     assert np.all(np.sort(history, axis=1) == [0, 1, 2]) and len({tuple(row) for row in history}) == 6
     expected = variance = accepted = 0
-    for n in range(len(history)-1):
+    for n in range(len(history) - 1):
         i = n % 2
-        a, b = np.argsort(history[n])[[i, i+1]]
-        p = min(1, math.exp(u[n, a, i]+u[n, b, i+1]-u[n, b, i]-u[n, a, i+1]))
-        expected, variance = expected+p, variance+p*(1-p)
-        hasExchanged = history[n+1, a] == i+1 and history[n+1, b] == i
-        assert hasExchanged or np.array_equal(history[n], history[n+1])
+        a, b = np.argsort(history[n])[[i, i + 1]]
+        p = min(1, math.exp(u[n, a, i] + u[n, b, i + 1] - u[n, b, i] - u[n, a, i + 1]))
+        expected, variance = expected + p, variance + p * (1 - p)
+        hasExchanged = history[n + 1, a] == i + 1 and history[n + 1, b] == i
+        assert hasExchanged or np.array_equal(history[n], history[n + 1])
         accepted += hasExchanged
-    assert abs(accepted-expected) < 3*math.sqrt(variance) and 0.2 < accepted/3000 < 0.9
+    assert abs(accepted - expected) < 3 * math.sqrt(variance) and 0.2 < accepted / 3000 < 0.9
     assert exchange.acceptanceRates @ [1500, 1500] == pytest.approx(accepted, abs=1)
 
 
@@ -121,20 +124,24 @@ def test_velocities_follow_the_temperature():
     exchange.states[1] = ThermodynamicState(1200, {"k": 50.0}, 0.01)
     exchange._enter(0, 1)
     context = exchange.simulations[0].context
-    assert context.getState(velocities=True).getVelocities()[0].value_in_unit(unit.nanometer/unit.picosecond) == pytest.approx((2, 4, 6))
+    assert context.getState(velocities=True).getVelocities()[0].value_in_unit(
+        unit.nanometer / unit.picosecond
+    ) == pytest.approx((2, 4, 6))
     integrator = exchange.simulations[0].integrator
-    assert integrator.getTemperature() == 1200*unit.kelvin and integrator.getStepSize() == 0.01*unit.picosecond
+    assert integrator.getTemperature() == 1200 * unit.kelvin and integrator.getStepSize() == 0.01 * unit.picosecond
 
 
 def test_dynamics_takes_over_the_temperature():
     mesh, simulations = mh.Mesh.icosphere(1), []
     for _ in range(2):
-        integrator = mh.HybridMonteCarloIntegrator(mm.LangevinMiddleIntegrator(300, 1, 0.001), mh.EdgeFlipIntegrator(300, 0.1))
+        integrator = mh.HybridMonteCarloIntegrator(
+            mm.LangevinMiddleIntegrator(300, 1, 0.001), mh.EdgeFlipIntegrator(300, 0.1)
+        )
         simulations.append(simulate(mesh, createForce(mesh), integrator))
     ReplicaExchange(simulations, [ThermodynamicState(310), ThermodynamicState(320)])
     for simulation, temperature in zip(simulations, (310, 320)):
         for k in range(2):
-            assert simulation.integrator.getIntegrator(k).getTemperature() == temperature*unit.kelvin
+            assert simulation.integrator.getIntegrator(k).getTemperature() == temperature * unit.kelvin
 
 
 def vesicles(subdivisions=1, stepSize=0.002, **changes):
@@ -143,19 +150,31 @@ def vesicles(subdivisions=1, stepSize=0.002, **changes):
     simulations, states = [], []
     for k, (temperature, volume) in enumerate([(300, 1.0), (330, 0.95), (330, 0.9)]):
         force = createForce(mesh)
-        integrator = mh.HybridMonteCarloIntegrator(300, stepSize*(k+1), 10, 0.3)
-        integrator.setRandomNumberSeed(k+1)
+        integrator = mh.HybridMonteCarloIntegrator(300, stepSize * (k + 1), 10, 0.3)
+        integrator.setRandomNumberSeed(k + 1)
         simulations.append(simulate(mesh, force, integrator))
-        states.append(ThermodynamicState(temperature*unit.kelvin, {force.getTargetVolumeParameter(): 4*volume, force.getTargetAreaParameter(): 12.0}))
+        states.append(
+            ThermodynamicState(
+                temperature * unit.kelvin,
+                {force.getTargetVolumeParameter(): 4 * volume, force.getTargetAreaParameter(): 12.0},
+            )
+        )
     return ReplicaExchange(simulations, states, **{"seed": 5, **changes})
 
 
 def everythingIn(exchange):
     contexts = [simulation.context for simulation in exchange.simulations]
     forces = [mh.HelfrichForce.cast(simulation.system.getForce(0)) for simulation in exchange.simulations]
-    return [exchange.history.tolist(), exchange.reducedEnergies.tolist(), exchange.replicaStates.tolist(), exchange.acceptanceRates.tolist(),
-            [positionsOf(c).tolist() for c in contexts], [f.getTrianglesInContext(c).tolist() for f, c in zip(forces, contexts)], [dict(c.getParameters()) for c in contexts],
-            [simulation.currentStep for simulation in exchange.simulations]]
+    return [
+        exchange.history.tolist(),
+        exchange.reducedEnergies.tolist(),
+        exchange.replicaStates.tolist(),
+        exchange.acceptanceRates.tolist(),
+        [positionsOf(c).tolist() for c in contexts],
+        [f.getTrianglesInContext(c).tolist() for f, c in zip(forces, contexts)],
+        [dict(c.getParameters()) for c in contexts],
+        [simulation.currentStep for simulation in exchange.simulations],
+    ]
 
 
 def test_restart(tmp_path):
@@ -163,8 +182,8 @@ def test_restart(tmp_path):
     whole, first, second, threaded = vesicles(), vesicles(), vesicles(stepSize=0.003), vesicles(workers=2)
     whole.run(9, 4)
     threaded.run(9, 4)
-    first.run(5, 4, tmp_path/"exchange.zip", 2)
-    second.load(tmp_path/"exchange.zip")
+    first.run(5, 4, tmp_path / "exchange.zip", 2)
+    second.load(tmp_path / "exchange.zip")
     assert everythingIn(second) == everythingIn(first) and second.states == first.states
     second.run(4, 4)
     assert everythingIn(second) == everythingIn(whole) == everythingIn(threaded)
@@ -181,20 +200,43 @@ def test_energies_in_other_states():
         for i, other in enumerate(exchange.states):
             for name, value in other.parameters.items():
                 simulation.context.setParameter(name, value)
-            assert exchange.reducedEnergies[0, a, i] == pytest.approx(energyOf(simulation.context)/other.thermalEnergy, rel=1e-13)
-    assert exchange.states[state[1]].stepSize == 0.002*(state[1]+1)
+            assert exchange.reducedEnergies[0, a, i] == pytest.approx(
+                energyOf(simulation.context) / other.thermalEnergy, rel=1e-13
+            )
+    assert exchange.states[state[1]].stepSize == 0.002 * (state[1] + 1)
 
 
-@pytest.mark.parametrize("make, problem", [
-    (lambda: ReplicaExchange([], []), "0 simulations and 0 states; there must be two or more"),
-    (lambda: ReplicaExchange(vesicles().simulations, [ThermodynamicState(300)]), "3 simulations and 1 states"),
-    (lambda: ReplicaExchange(vesicles().simulations[:1]*2, [ThermodynamicState(300)]*2), "a simulation is given twice"),
-    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(-1)]), "the temperature is -1 K"),
-    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(300, {"x": 1})]), r"state 1 has the parameters \['x'\]; they must be those of state 0"),
-    (lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300, {"x": 1})]*2), "parameter 'x'; simulation 0 has .*TargetVolume"),
-    (lambda: oscillators([1, math.nan]), "in state 1 the parameter 'k' is nan"),
-    (lambda: vesicles(seed=-1), "seed is -1"), (lambda: vesicles(workers=0), "workers is 0"),
-    (lambda: vesicles().run(-1, 1), "rounds is -1"), (lambda: vesicles().run(1, 0.5), "steps is 0.5"), (lambda: vesicles().run(1, 1, interval=0), "interval is 0")])
+@pytest.mark.parametrize(
+    "make, problem",
+    [
+        (lambda: ReplicaExchange([], []), "0 simulations and 0 states; there must be two or more"),
+        (lambda: ReplicaExchange(vesicles().simulations, [ThermodynamicState(300)]), "3 simulations and 1 states"),
+        (
+            lambda: ReplicaExchange(vesicles().simulations[:1] * 2, [ThermodynamicState(300)] * 2),
+            "a simulation is given twice",
+        ),
+        (
+            lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(-1)]),
+            "the temperature is -1 K",
+        ),
+        (
+            lambda: ReplicaExchange(
+                vesicles().simulations[:2], [ThermodynamicState(300), ThermodynamicState(300, {"x": 1})]
+            ),
+            r"state 1 has the parameters \['x'\]; they must be those of state 0",
+        ),
+        (
+            lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300, {"x": 1})] * 2),
+            "parameter 'x'; simulation 0 has .*TargetVolume",
+        ),
+        (lambda: oscillators([1, math.nan]), "in state 1 the parameter 'k' is nan"),
+        (lambda: vesicles(seed=-1), "seed is -1"),
+        (lambda: vesicles(workers=0), "workers is 0"),
+        (lambda: vesicles().run(-1, 1), "rounds is -1"),
+        (lambda: vesicles().run(1, 0.5), "steps is 0.5"),
+        (lambda: vesicles().run(1, 1, interval=0), "interval is 0"),
+    ],
+)
 def test_bad_input(make, problem):
     with pytest.raises(ValueError, match=problem):
         make()
@@ -203,9 +245,12 @@ def test_bad_input(make, problem):
 def test_an_integrator_without_temperature():
     system = mm.System()
     system.addParticle(1)
-    simulations = [app.Simulation(app.Topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference")) for _ in range(2)]
+    simulations = [
+        app.Simulation(app.Topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference"))
+        for _ in range(2)
+    ]
     with pytest.raises(ValueError, match="simulation 0, a VerletIntegrator, has no temperature"):
-        ReplicaExchange(simulations, [ThermodynamicState(300)]*2)
+        ReplicaExchange(simulations, [ThermodynamicState(300)] * 2)
 
 
 def test_an_energy_that_is_not_a_number():
@@ -219,19 +264,19 @@ def test_an_energy_that_is_not_a_number():
 def test_files_that_do_not_fit(tmp_path):
     exchange = vesicles()
     exchange.run(2, 2)
-    exchange.save(tmp_path/"a.zip")
+    exchange.save(tmp_path / "a.zip")
     before = everythingIn(exchange)
-    (tmp_path/"b.zip").write_bytes((tmp_path/"a.zip").read_bytes()[:3000])
+    (tmp_path / "b.zip").write_bytes((tmp_path / "a.zip").read_bytes()[:3000])
     with pytest.raises(FileNotFoundError, match="c.zip"):
-        exchange.load(tmp_path/"c.zip")
+        exchange.load(tmp_path / "c.zip")
     with pytest.raises(ValueError, match="b.zip is not a file that ReplicaExchange.save wrote"):
-        exchange.load(tmp_path/"b.zip")
+        exchange.load(tmp_path / "b.zip")
     with pytest.raises(ValueError, match="has the seed 5; here it is 6"):
-        vesicles(seed=6).load(tmp_path/"a.zip")
+        vesicles(seed=6).load(tmp_path / "a.zip")
     with pytest.raises(ValueError, match="has the temperatures and parameters"):
-        oscillators([1, 2, 3], seed=5).load(tmp_path/"a.zip")
+        oscillators([1, 2, 3], seed=5).load(tmp_path / "a.zip")
     larger = vesicles(2)
     with pytest.raises(ValueError, match="replica 0 of .*a.zip has 42 particles; here it has 162"):
-        larger.load(tmp_path/"a.zip")
+        larger.load(tmp_path / "a.zip")
     assert larger.numRounds == 0
     assert everythingIn(exchange) == before

@@ -1,4 +1,5 @@
 """The page about a run: what it holds, and what a browser makes of it."""
+
 import base64
 import html
 import json
@@ -32,10 +33,13 @@ def invoke(*arguments):
 def results(inFolder, sphere):
     """The results of a short run, in a folder of their own."""
     simulation, force = simulate(sphere)
-    simulation.reporters += [mh.MeshReporter("run.vtkhdf", 4, force, lengthUnit="um"), mh.ObservablesReporter("run.csv", 2, force, 300, "um")]
+    simulation.reporters += [
+        mh.MeshReporter("run.vtkhdf", 4, force, lengthUnit="um"),
+        mh.ObservablesReporter("run.csv", 2, force, 300, "um"),
+    ]
     simulation.step(20)
     simulation.reporters[0].close()
-    (inFolder/"run.resolved.toml").write_text('# versions: OpenMM 8.6\n[mesh]\nfile = "</script><b>&"\n')
+    (inFolder / "run.resolved.toml").write_text('# versions: OpenMM 8.6\n[mesh]\nfile = "</script><b>&"\n')
     return inFolder
 
 
@@ -56,41 +60,69 @@ def testThePageHoldsTheFrames(results):
     page = writeReport("run")
     assert page.name == "run_report.html"
     shape, trajectory = partsOf(page)[0]["shape"], mh.readMeshTrajectory("run.vtkhdf")
-    assert [frame["step"] for frame in shape["frames"]] == [4, 8, 12, 16, 20] and shape["lengthUnit"] == "um" and not shape["wide"]
+    assert (
+        [frame["step"] for frame in shape["frames"]] == [4, 8, 12, 16, 20]
+        and shape["lengthUnit"] == "um"
+        and not shape["wide"]
+    )
     for shown, frame in zip(shape["frames"], trajectory, strict=True):
-        positions = decode(shown["positions"], "<u2").reshape(3, -1).T/65535*shape["size"]+shape["low"]
-        assert np.abs(positions-frame.mesh.vertices).max() < shape["size"]/65535
+        positions = decode(shown["positions"], "<u2").reshape(3, -1).T / 65535 * shape["size"] + shape["low"]
+        assert np.abs(positions - frame.mesh.vertices).max() < shape["size"] / 65535
         assert np.array_equal(decode(shown["triangles"], "<u2").reshape(3, -1).T, frame.mesh.triangles)
-        curvature = shape["bound"]*(decode(shown["curvatures"], "<u1")/127.5-1)
-        assert curvature == pytest.approx(np.clip(smoothMeanCurvature(frame.mesh), -shape["bound"], shape["bound"]), abs=shape["bound"]/255)
+        curvature = shape["bound"] * (decode(shown["curvatures"], "<u1") / 127.5 - 1)
+        assert curvature == pytest.approx(
+            np.clip(smoothMeanCurvature(frame.mesh), -shape["bound"], shape["bound"]), abs=shape["bound"] / 255
+        )
 
 
 def testThePageHoldsTheTableAndTheSettings(results):
     data, warnings, facts, settings = partsOf(writeReport("run"))
     table = mh.readObservables("run.csv")
     assert data["panels"]["steps"] == table["step"].tolist() and warnings == []
-    panels = {panel["title"]: {curve["name"]: curve["values"] for curve in panel["curves"]} for panel in data["panels"]["panels"]}
+    panels = {
+        panel["title"]: {curve["name"]: curve["values"] for curve in panel["curves"]}
+        for panel in data["panels"]["panels"]
+    }
     assert list(panels) == ["energy (kT)", "area (um^2)", "volume (um^3)", "reduced volume", "accepted so far"]
-    assert set(panels["energy (kT)"]) == {"total", "bending", "tether"} and set(panels["accepted so far"]) == {"trajectories", "flips"}
+    assert set(panels["energy (kT)"]) == {"total", "bending", "tether"} and set(panels["accepted so far"]) == {
+        "trajectories",
+        "flips",
+    }
     assert panels["energy (kT)"]["bending"] == pytest.approx(table["E_bending"], rel=1e-6)
-    assert settings == (results/"run.resolved.toml").read_text()
-    assert facts["steps"] == "20" and facts["frames"] == "5" and "um^2" in facts["area"] and mh.__version__ in facts["this page"]
+    assert settings == (results / "run.resolved.toml").read_text()
+    assert (
+        facts["steps"] == "20"
+        and facts["frames"] == "5"
+        and "um^2" in facts["area"]
+        and mh.__version__ in facts["this page"]
+    )
 
 
 def testThePageNeedsNothingElse(results):
     text = writeReport("run").read_text(encoding="utf-8")
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
-    assert not re.search(r'(src|href)\s*=|url\(|@import', outside) and text.count("</script>") == text.count("<script")
+    assert not re.search(r"(src|href)\s*=|url\(|@import", outside) and text.count("</script>") == text.count("<script")
 
 
 def testSize(results, monkeypatch):
     """A hundred and one frames of 2,562 vertices stay below 20 MB; of more than fit, some are shown."""
     mesh, generator = mh.Mesh.icosphere(4), np.random.default_rng(1)
-    many = [mh.MeshFrame(i, mh.Mesh(mesh.vertices*(1+0.05*generator.random((2562, 1))), generator.permutation(mesh.triangles)), {}) for i in range(3)]*40
+    many = [
+        mh.MeshFrame(
+            i,
+            mh.Mesh(mesh.vertices * (1 + 0.05 * generator.random((2562, 1))), generator.permutation(mesh.triangles)),
+            {},
+        )
+        for i in range(3)
+    ] * 40
     mh.writeMeshTrajectory("run.vtkhdf", many)
     page = writeReport("run")
     data, warnings, *_ = partsOf(page)
-    assert page.stat().st_size < 12e6 and len(data["shape"]["frames"]) == 101 and warnings == ["The page shows 101 of 120 frames."]
+    assert (
+        page.stat().st_size < 12e6
+        and len(data["shape"]["frames"]) == 101
+        and warnings == ["The page shows 101 of 120 frames."]
+    )
     assert [data["shape"]["index"][i] for i in (0, -1)] == [0, 119]
     monkeypatch.setattr(report, "MAX_BYTES", 6e6)
     page = writeReport("run", "small.html")
@@ -106,10 +138,14 @@ def testManyVerticesAndManyRows(results, monkeypatch):
     large.vertices *= 2
     mesh = together(large, mh.Mesh.icosphere(6))
     mh.writeMeshTrajectory("run.vtkhdf", [mh.MeshFrame(7, mesh, {})])
-    lines = (results/"run.csv").read_text().splitlines()
-    (results/"run.csv").write_text("\n".join([lines[0]]+[f"{step},"+lines[1].split(",", 1)[1] for step in range(5000)]))
+    lines = (results / "run.csv").read_text().splitlines()
+    (results / "run.csv").write_text(
+        "\n".join([lines[0]] + [f"{step}," + lines[1].split(",", 1)[1] for step in range(5000)])
+    )
     data = partsOf(writeReport("run"))[0]
-    assert data["shape"]["wide"] and np.array_equal(decode(data["shape"]["frames"][0]["triangles"], "<u4").reshape(3, -1).T, mesh.triangles)
+    assert data["shape"]["wide"] and np.array_equal(
+        decode(data["shape"]["frames"][0]["triangles"], "<u4").reshape(3, -1).T, mesh.triangles
+    )
     assert len(data["panels"]["steps"]) == 2000 and data["panels"]["steps"][-1] == 4999
 
 
@@ -118,20 +154,31 @@ def testWarnings(results):
     pair.vertices[162:, 0] += 1
     pair.write("run.ply")
     for name in ("run.vtkhdf", "run.resolved.toml"):
-        (results/name).unlink()
-    lines = (results/"run.csv").read_text().splitlines()
+        (results / name).unlink()
+    lines = (results / "run.csv").read_text().splitlines()
     columns = lines[0].split(",")
-    bad = dict(zip(columns, lines[-1].split(",")), **{"step": "2", "energy (kT)": "nan", "acceptance": "0.05", "flipAcceptance": "0.0", "diverged": "3"})
-    (results/"run.csv").write_text("\n".join([*lines, ",".join(bad.values())]))
+    bad = dict(
+        zip(columns, lines[-1].split(",")),
+        **{"step": "2", "energy (kT)": "nan", "acceptance": "0.05", "flipAcceptance": "0.0", "diverged": "3"},
+    )
+    (results / "run.csv").write_text("\n".join([*lines, ",".join(bad.values())]))
     data, warnings, *_ = partsOf(writeReport("run"))
-    for text in ("no mesh trajectory run.vtkhdf", "no settings run.resolved.toml", "passes through itself", "not finite numbers: energy",
-                 "do not ascend", "Only 5.0% of the trajectories", "3 trajectories diverged", "No flip was accepted"):
+    for text in (
+        "no mesh trajectory run.vtkhdf",
+        "no settings run.resolved.toml",
+        "passes through itself",
+        "not finite numbers: energy",
+        "do not ascend",
+        "Only 5.0% of the trajectories",
+        "3 trajectories diverged",
+        "No flip was accepted",
+    ):
         assert sum(text in warning for warning in warnings) == 1
     assert len(data["shape"]["frames"]) == 1 and data["panels"]["panels"][0]["curves"][0]["values"][-1] is None
 
 
 def testPartsThatAreMissing(results):
-    (results/"run.csv").rename("other.csv")
+    (results / "run.csv").rename("other.csv")
     data, warnings, *_ = partsOf(writeReport("run"))
     assert data["panels"] is None and warnings == ["There is no table of observables run.csv."]
     data, warnings, *_ = partsOf(writeReport("other"))
@@ -141,15 +188,21 @@ def testPartsThatAreMissing(results):
 def testCommand(results):
     result = invoke("run")
     assert result.exit_code == 0 and re.match(r"run_report.html, \d\.\d MB", result.output)
-    before = (results/"run_report.html").read_bytes()
-    (results/"torn.vtkhdf").write_bytes((results/"run.vtkhdf").read_bytes()[:5000])
-    (results/"empty.csv").write_text((results/"run.csv").read_text().splitlines()[0])
-    for arguments, message in ((("run",), "run_report.html exists already"), (("nothing",), "there are no results nothing.vtkhdf"),
-                               (("torn",), "torn.vtkhdf is not a VTKHDF file"),
-                               (("empty",), "empty.csv has no rows"), (("run", "-o", "nowhere/page.html"), "nowhere")):
+    before = (results / "run_report.html").read_bytes()
+    (results / "torn.vtkhdf").write_bytes((results / "run.vtkhdf").read_bytes()[:5000])
+    (results / "empty.csv").write_text((results / "run.csv").read_text().splitlines()[0])
+    for arguments, message in (
+        (("run",), "run_report.html exists already"),
+        (("nothing",), "there are no results nothing.vtkhdf"),
+        (("torn",), "torn.vtkhdf is not a VTKHDF file"),
+        (("empty",), "empty.csv has no rows"),
+        (("run", "-o", "nowhere/page.html"), "nowhere"),
+    ):
         result = invoke(*arguments)
         assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
-    assert (results/"run_report.html").read_bytes() == before and invoke("run", "--overwrite", "--max-frames", 2).exit_code == 0
+    assert (results / "run_report.html").read_bytes() == before and invoke(
+        "run", "--overwrite", "--max-frames", 2
+    ).exit_code == 0
     assert [path.name for path in results.glob("*.html")] == ["run_report.html"] and not list(results.glob(".*"))
 
 
@@ -163,16 +216,34 @@ def testWithoutPlotly(results, monkeypatch):
 def testInABrowser(results):
     """The page opens offline at the frame that its address names, without errors, and draws the shape."""
     page = writeReport("run")
-    options = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND",
-               f"--user-data-dir={results/'profile'}", "--window-size=1300,1000", "--virtual-time-budget=30000", "--enable-logging=stderr"]
-    browse = lambda option, frame: subprocess.run([BROWSER, *options, option, f"file://{results/page}#frame={frame}"], capture_output=True, text=True, timeout=120)
+    options = [
+        "--headless=new",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        f"--user-data-dir={results / 'profile'}",
+        "--window-size=1300,1000",
+        "--virtual-time-budget=30000",
+        "--enable-logging=stderr",
+    ]
+    browse = lambda option, frame: subprocess.run(
+        [BROWSER, *options, option, f"file://{results / page}#frame={frame}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     dom = browse("--dump-dom", 3)
     assert 'data-ready="yes"' in dom.stdout and "step 16, frame 3" in dom.stdout
-    assert not [line for line in dom.stderr.splitlines() if "CONSOLE" in line and re.search("error|uncaught", line, re.IGNORECASE)]
+    assert not [
+        line
+        for line in dom.stderr.splitlines()
+        if "CONSOLE" in line and re.search("error|uncaught", line, re.IGNORECASE)
+    ]
     pictures = []
     for frame in (0, 3):
-        browse(f"--screenshot={results/'page.png'}", frame)
+        browse(f"--screenshot={results / 'page.png'}", frame)
         pictures.append(np.asarray(Image.open("page.png").convert("RGB")).astype(int)[100:600, :600])
     for picture in pictures:
         assert (np.ptp(picture, axis=2) > 60).mean() > 0.05, "the shape should be there, in colour"
-    assert np.abs(pictures[0]-pictures[1]).max() > 50
+    assert np.abs(pictures[0] - pictures[1]).max() > 50

@@ -1,4 +1,5 @@
 """A run that is continued from a checkpoint, a State or after reinitialize() is the uninterrupted one."""
+
 import subprocess
 import sys
 
@@ -37,7 +38,9 @@ def createSimulation(driver, platform, seed=7, threads="1"):
     force = createForce(mesh, TERMS, 1)
     system.addForce(force)
     properties = {} if platform == "Reference" else {"Threads": threads}
-    simulation = app.Simulation(mesh.topology(), system, createIntegrator(driver, seed), mm.Platform.getPlatform(platform), properties)
+    simulation = app.Simulation(
+        mesh.topology(), system, createIntegrator(driver, seed), mm.Platform.getPlatform(platform), properties
+    )
     simulation.context.setPositions(mesh.vertices)
     return simulation, force
 
@@ -50,7 +53,11 @@ def countersOf(integrator):
     flips = flipsOf(integrator)
     counters = [flips.getNumSweeps(), flips.getNumAttempted(), flips.getNumAccepted(), flips.getNumForbidden()]
     if isinstance(integrator, mh.HybridMonteCarloIntegrator):
-        counters += [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), integrator.getNumDivergedTrajectories()]
+        counters += [
+            integrator.getNumTrajectories(),
+            integrator.getNumAcceptedTrajectories(),
+            integrator.getNumDivergedTrajectories(),
+        ]
         if integrator.getNumIntegrators() > 2:
             waves = integrator.getShearWaveIntegrator()
             counters += [waves.getNumAttempted(), waves.getNumAccepted(), waves.getNumDiverged()]
@@ -61,10 +68,15 @@ def stateOf(simulation, force):
     """Return everything that a run changes, as arrays to compare bit by bit."""
     context = simulation.context
     state = context.getState(positions=True, velocities=True, parameters=True)
-    return {"positions": state.getPositions(asNumpy=True)._value, "velocities": state.getVelocities(asNumpy=True)._value,
-            "triangles": force.getTrianglesInContext(context), "counters": np.array(countersOf(simulation.integrator)),
-            "parameters": np.array(sorted(state.getParameters().items())), "step": np.array(context.getStepCount()),
-            "time": np.array(context.getTime()._value)}
+    return {
+        "positions": state.getPositions(asNumpy=True)._value,
+        "velocities": state.getVelocities(asNumpy=True)._value,
+        "triangles": force.getTrianglesInContext(context),
+        "counters": np.array(countersOf(simulation.integrator)),
+        "parameters": np.array(sorted(state.getParameters().items())),
+        "step": np.array(context.getStepCount()),
+        "time": np.array(context.getTime()._value),
+    }
 
 
 def assertSame(found, expected, names=None):
@@ -74,13 +86,17 @@ def assertSame(found, expected, names=None):
 
 def changeTargets(simulation, force):
     """Change the targets, as an annealing schedule does: a restart must know them."""
-    simulation.context.setParameter(force.getTargetVolumeParameter(), 1.1*force.getTargetVolume()._value)
-    simulation.context.setParameter(force.getTargetAreaDifferenceParameter(), 0.9*force.getTargetAreaDifference()._value)
+    simulation.context.setParameter(force.getTargetVolumeParameter(), 1.1 * force.getTargetVolume()._value)
+    simulation.context.setParameter(
+        force.getTargetAreaDifferenceParameter(), 0.9 * force.getTargetAreaDifference()._value
+    )
 
 
 def runInFreshProcess(driver, platform, action, output):
     """Run this file's main() in another process."""
-    result = subprocess.run([sys.executable, __file__, driver, platform, action, str(output)], capture_output=True, text=True)
+    result = subprocess.run(
+        [sys.executable, __file__, driver, platform, action, str(output)], capture_output=True, text=True
+    )
     assert result.returncode == 0, result.stderr
     return np.load(output)
 
@@ -115,7 +131,7 @@ def startRun(driver, platform):
 def test_checkpoint_in_a_fresh_process(driver, platform, tmp_path):
     simulation, force = startRun(driver, platform)
     start = force.getTriangles()
-    file = tmp_path/"run.chk"
+    file = tmp_path / "run.chk"
     simulation.saveCheckpoint(str(file))
     middle = stateOf(simulation, force)
     simulation.step(40)
@@ -125,7 +141,7 @@ def test_checkpoint_in_a_fresh_process(driver, platform, tmp_path):
     assert not np.array_equal(middle["triangles"], end["triangles"])
     assert driver == "flips" or not np.array_equal(middle["positions"], end["positions"])
     assert np.all(end["counters"][[0, 1, 2, 3]] > 0)
-    assertSame(runInFreshProcess(driver, platform, f"checkpoint:{file}", tmp_path/"end.npz"), end)
+    assertSame(runInFreshProcess(driver, platform, f"checkpoint:{file}", tmp_path / "end.npz"), end)
 
 
 @pytest.mark.parametrize("driver", ["native", "flips"])
@@ -133,22 +149,22 @@ def test_checkpoint_in_a_fresh_process(driver, platform, tmp_path):
 def test_state_xml_in_a_fresh_process(driver, platform, tmp_path):
     """The integrators with random numbers of their own continue from a State, too, to the last bit."""
     simulation, force = startRun(driver, platform)
-    file = tmp_path/"state.xml"
+    file = tmp_path / "state.xml"
     simulation.saveState(str(file))
     simulation.step(40)
-    assertSame(runInFreshProcess(driver, platform, f"state:{file}", tmp_path/"end.npz"), stateOf(simulation, force))
+    assertSame(runInFreshProcess(driver, platform, f"state:{file}", tmp_path / "end.npz"), stateOf(simulation, force))
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_going_back_in_the_same_context(driver, platform, tmp_path):
     simulation, force = startRun(driver, platform)
-    simulation.saveCheckpoint(str(tmp_path/"run.chk"))
+    simulation.saveCheckpoint(str(tmp_path / "run.chk"))
     middle = stateOf(simulation, force)
     energy, forces = energyOf(simulation.context), forcesOf(simulation.context)
     simulation.step(40)
     end = stateOf(simulation, force)
-    simulation.loadCheckpoint(str(tmp_path/"run.chk"))
+    simulation.loadCheckpoint(str(tmp_path / "run.chk"))
     assertSame(stateOf(simulation, force), middle)
     assert energyOf(simulation.context) == energy
     assert np.array_equal(forcesOf(simulation.context), forces)
@@ -160,10 +176,10 @@ def test_going_back_in_the_same_context(driver, platform, tmp_path):
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_state_restores_all_but_openmms_random_numbers(driver, platform, tmp_path):
     simulation, force = startRun(driver, platform)
-    simulation.saveState(str(tmp_path/"state.xml"))
+    simulation.saveState(str(tmp_path / "state.xml"))
     saved = stateOf(simulation, force)
     other, otherForce = createSimulation(driver, platform, seed=99)
-    other.loadState(str(tmp_path/"state.xml"))
+    other.loadState(str(tmp_path / "state.xml"))
     assertSame(stateOf(other, otherForce), saved)
     # The flips continue with the seed of the run that was saved.
     flipsOf(simulation.integrator).step(3)
@@ -181,7 +197,9 @@ def test_reinitialize(driver, platform):
     assertSame(stateOf(simulation, force), before)
     flipsOf(simulation.integrator).step(3)
     flipsOf(other.integrator).step(3)
-    assert np.array_equal(force.getTrianglesInContext(simulation.context), otherForce.getTrianglesInContext(other.context))
+    assert np.array_equal(
+        force.getTrianglesInContext(simulation.context), otherForce.getTrianglesInContext(other.context)
+    )
     simulation.context.reinitialize(preserveState=False)
     assert np.array_equal(force.getTrianglesInContext(simulation.context), force.getTriangles())
     assert np.all(np.array(countersOf(simulation.integrator)) == 0)
@@ -192,9 +210,14 @@ def test_system_integrator_and_state_from_xml(platform):
     """XML alone continues a run: nothing of the script that began it is needed."""
     simulation, force = startRun("native", platform)
     context = simulation.context
-    texts = [mm.XmlSerializer.serialize(item) for item in
-             (simulation.system, simulation.integrator,
-              context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))]
+    texts = [
+        mm.XmlSerializer.serialize(item)
+        for item in (
+            simulation.system,
+            simulation.integrator,
+            context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True),
+        )
+    ]
     system, integrator, state = map(mm.XmlSerializer.deserialize, texts)
     integrator = mh.HybridMonteCarloIntegrator.cast(integrator)
     copy = app.Simulation(simulation.topology, system, integrator, mm.Platform.getPlatform(platform))
@@ -218,13 +241,15 @@ def test_flips_continue_on_another_number_of_threads(threads, form, tmp_path):
         system.addForce(force)
         flips = mh.EdgeFlipIntegrator(3000, 0.3)
         flips.setRandomNumberSeed(seed)
-        simulation = app.Simulation(mesh.topology(), system, flips, mm.Platform.getPlatform("CPU"), {"Threads": threads})
+        simulation = app.Simulation(
+            mesh.topology(), system, flips, mm.Platform.getPlatform("CPU"), {"Threads": threads}
+        )
         simulation.context.setPositions(mesh.vertices)
         return simulation, force
 
     simulation, force = create(threads, 7)
     simulation.step(5)
-    file = str(tmp_path/form)
+    file = str(tmp_path / form)
     simulation.saveCheckpoint(file) if form == "checkpoint" else simulation.saveState(file)
     middle = force.getTrianglesInContext(simulation.context)
     simulation.step(5)
@@ -242,7 +267,7 @@ def test_restart_beside_a_new_order_of_the_vertices(sweeps, form, tmp_path):
     """Long after the start a platform may store vertices in another order, which changes the last bits of sums: a restart must know it."""
     simulation, force = createSimulation("native", "CPU")
     flipsOf(simulation.integrator).step(sweeps)
-    file = str(tmp_path/form)
+    file = str(tmp_path / form)
     simulation.saveCheckpoint(file) if form == "checkpoint" else simulation.saveState(file)
     other, otherForce = createSimulation("native", "CPU", seed=99)
     load(other, f"{form}:{file}")

@@ -1,4 +1,5 @@
 """A run that is stopped, killed or extended leaves the files that it would have left had it never been stopped."""
+
 import json
 import os
 import random
@@ -17,15 +18,32 @@ from openmmhelfrich.config import parseConfig, readConfig
 from openmmhelfrich.outputs import Recorder
 from openmmhelfrich.studies import resume, run
 
-STAGES = [{"kind": "sample", "steps": 60}, {"kind": "minimize", "max_iterations": 200, "reduced_volume": 0.95}, {"kind": "anneal", "steps": 40, "end_temperature": 30.0},
-          {"kind": "continue", "windows": 2, "reduced_volume": 0.9, "equilibration": 5, "steps": 10, "there_and_back": True}]
+STAGES = [
+    {"kind": "sample", "steps": 60},
+    {"kind": "minimize", "max_iterations": 200, "reduced_volume": 0.95},
+    {"kind": "anneal", "steps": 40, "end_temperature": 30.0},
+    {"kind": "continue", "windows": 2, "reduced_volume": 0.9, "equilibration": 5, "steps": 10, "there_and_back": True},
+]
 
 
 def configure(prefix, stages=STAGES, **sections):
-    config = {"mesh": {"icosphere": 2}, "repulsion": {"modulus": 10.0}, "platform": {"threads": 1},
-              "sampling": {"seed": 4, "steps_per_trajectory": 10, "trajectory_jitter": 0.3, "integrator": "bcss3", "step_size": "auto", "burn_in": 30, "shear_wave_probability": 0.2,
-                           "shear_waves_per_step": 5},
-              "output": {"prefix": str(prefix), "trajectory_interval": 7, "observables_interval": 3}, "stages": stages}
+    config = {
+        "mesh": {"icosphere": 2},
+        "repulsion": {"modulus": 10.0},
+        "platform": {"threads": 1},
+        "sampling": {
+            "seed": 4,
+            "steps_per_trajectory": 10,
+            "trajectory_jitter": 0.3,
+            "integrator": "bcss3",
+            "step_size": "auto",
+            "burn_in": 30,
+            "shear_wave_probability": 0.2,
+            "shear_waves_per_step": 5,
+        },
+        "output": {"prefix": str(prefix), "trajectory_interval": 7, "observables_interval": 3},
+        "stages": stages,
+    }
     for name, values in sections.items():
         config[name] = {**config[name], **values}
     return parseConfig(config)
@@ -39,7 +57,13 @@ def contentsOf(prefix):
     final = mh.Mesh.read(f"{prefix}.ply")
     with zipfile.ZipFile(f"{prefix}.checkpoint") as checkpoint:
         state = checkpoint.read("state.xml")
-    return {**files, "meshes": meshes, "vertices": final.vertices.tobytes(), "triangles": final.triangles.tobytes(), "state": state}
+    return {
+        **files,
+        "meshes": meshes,
+        "vertices": final.vertices.tobytes(),
+        "triangles": final.triangles.tobytes(),
+        "state": state,
+    }
 
 
 def assertSame(prefix, expected):
@@ -61,7 +85,7 @@ class StopAt:
 
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory):
-    prefix = tmp_path_factory.mktemp("run")/"a"
+    prefix = tmp_path_factory.mktemp("run") / "a"
     summary = run(configure(prefix))
     assert not summary.interrupted and summary.steps == 176
     return contentsOf(prefix)
@@ -69,27 +93,32 @@ def uninterrupted(tmp_path_factory):
 
 @pytest.mark.parametrize("steps", [1, 20, 60, 61, 62, 120])
 def testStoppedAndResumed(uninterrupted, tmp_path, steps):
-    summary = run(configure(tmp_path/"a"), StopAt(steps))
+    summary = run(configure(tmp_path / "a"), StopAt(steps))
     assert summary.interrupted and summary.steps == steps
-    summary = resume(tmp_path/"a")
-    assert not summary.interrupted and summary.steps == 176 and summary.newSteps == 176-steps
-    assertSame(tmp_path/"a", uninterrupted)
+    summary = resume(tmp_path / "a")
+    assert not summary.interrupted and summary.steps == 176 and summary.newSteps == 176 - steps
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testStoppedWhileItMinimises(uninterrupted, tmp_path):
     """A minimisation is done as a whole: it begins anew where it was stopped."""
+
     def stop(study):
         if study.stage.title == "minimize" and study.stage.position == 50:
             raise KeyboardInterrupt
-    summary = run(configure(tmp_path/"a"), stop)
+
+    summary = run(configure(tmp_path / "a"), stop)
     assert summary.interrupted and summary.steps == 60
-    assert resume(tmp_path/"a").steps == 176
-    assertSame(tmp_path/"a", uninterrupted)
+    assert resume(tmp_path / "a").steps == 176
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testWhenCheckpointsAreWrittenChangesNothing(uninterrupted, tmp_path):
-    run(configure(tmp_path/"a", output={"checkpoint_interval": 1, "checkpoint_seconds": 1e-6}), lambda study: study.status())
-    assertSame(tmp_path/"a", uninterrupted)
+    run(
+        configure(tmp_path / "a", output={"checkpoint_interval": 1, "checkpoint_seconds": 1e-6}),
+        lambda study: study.status(),
+    )
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testWhatWasWrittenAfterTheCheckpointIsDropped(uninterrupted, tmp_path):
@@ -99,69 +128,72 @@ def testWhatWasWrittenAfterTheCheckpointIsDropped(uninterrupted, tmp_path):
     def kill(study):
         if study.simulation.currentStep == 110:
             raise Killed
+
     with pytest.raises(Killed):
-        run(configure(tmp_path/"a", output={"checkpoint_interval": 25}), kill)
+        run(configure(tmp_path / "a", output={"checkpoint_interval": 25}), kill)
     for ending in ("csv", "dcd"):  # a record that was cut short
-        with open(tmp_path/f"a.{ending}", "ab") as file:
+        with open(tmp_path / f"a.{ending}", "ab") as file:
             file.write(b"17,0.3")
-    (tmp_path/"a.psf").unlink()
-    resume(tmp_path/"a")
-    assertSame(tmp_path/"a", uninterrupted)
+    (tmp_path / "a.psf").unlink()
+    resume(tmp_path / "a")
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testMoreSteps(tmp_path):
     stages = [{"kind": "sample", "steps": 40}]
-    run(configure(tmp_path/"a", stages))
-    expected = contentsOf(tmp_path/"a")
-    run(configure(tmp_path/"b", [{"kind": "sample", "steps": 25}]))
-    assert resume(tmp_path/"b", steps=15).steps == 40
-    assertSame(tmp_path/"b", expected)
+    run(configure(tmp_path / "a", stages))
+    expected = contentsOf(tmp_path / "a")
+    run(configure(tmp_path / "b", [{"kind": "sample", "steps": 25}]))
+    assert resume(tmp_path / "b", steps=15).steps == 40
+    assertSame(tmp_path / "b", expected)
 
 
 def testMoreStepsAfterAnotherKindOfStage(tmp_path):
-    run(configure(tmp_path/"a", STAGES[2:3]))
-    summary = resume(tmp_path/"a", steps=10)
-    assert summary.steps == 50 and list(summary.table["stage"][-2:]) == [2, 2] and summary.table["temperature"][-1] == 300
+    run(configure(tmp_path / "a", STAGES[2:3]))
+    summary = resume(tmp_path / "a", steps=10)
+    assert (
+        summary.steps == 50 and list(summary.table["stage"][-2:]) == [2, 2] and summary.table["temperature"][-1] == 300
+    )
 
 
 def testRunThatIsComplete(tmp_path):
-    run(configure(tmp_path/"a", STAGES[2:3]))
+    run(configure(tmp_path / "a", STAGES[2:3]))
     with pytest.raises(ValueError, match="complete, at step 40; ask for more steps"):
-        resume(tmp_path/"a")
-    (tmp_path/"a_shape.png").unlink()  # a run that was killed while it drew
-    resume(tmp_path/"a")
-    assert (tmp_path/"a_shape.png").exists()
+        resume(tmp_path / "a")
+    (tmp_path / "a_shape.png").unlink()  # a run that was killed while it drew
+    resume(tmp_path / "a")
+    assert (tmp_path / "a_shape.png").exists()
 
 
 def testNothingToResume(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no checkpoint .*a.checkpoint.*start one with run"):
-        resume(tmp_path/"a")
-    (tmp_path/"a.checkpoint").write_text("no ZIP file")
+        resume(tmp_path / "a")
+    (tmp_path / "a.checkpoint").write_text("no ZIP file")
     with pytest.raises(ValueError, match="a.checkpoint is not a checkpoint of openmm-helfrich, or is damaged"):
-        resume(tmp_path/"a")
+        resume(tmp_path / "a")
 
 
 @pytest.mark.parametrize("ending", ["csv", "dcd", "vtkhdf"])
 def testFileThatWasCut(tmp_path, ending):
-    run(configure(tmp_path/"a"), StopAt(50))
-    file = tmp_path/f"a.{ending}"
+    run(configure(tmp_path / "a"), StopAt(50))
+    file = tmp_path / f"a.{ending}"
     file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(ValueError, match=f"a.{ending} "):
-        resume(tmp_path/"a")
+        resume(tmp_path / "a")
 
 
 def testOtherVersionsAndPlatformsAreNotSilent(tmp_path):
-    run(configure(tmp_path/"a"), StopAt(50))
-    file = tmp_path/"a.checkpoint"
+    run(configure(tmp_path / "a"), StopAt(50))
+    file = tmp_path / "a.checkpoint"
     with zipfile.ZipFile(file) as archive:
         parts = {name: archive.read(name) for name in archive.namelist()}
     parts["run.json"] = parts["run.json"].replace(b'"OpenMM": "', b'"OpenMM": "1')
     with zipfile.ZipFile(file, "w") as archive:
         for name, content in parts.items():
             archive.writestr(name, content)
-    notes = "\n".join(resume(tmp_path/"a", platform="Reference").notes)
+    notes = "\n".join(resume(tmp_path / "a", platform="Reference").notes)
     assert "from step 50 on platform Reference instead of CPU" in notes and "from step 50 with OpenMM 8" in notes
-    assert notes.splitlines()[0] in (tmp_path/"a.resolved.toml").read_text().replace("\n# ", " ")
+    assert notes.splitlines()[0] in (tmp_path / "a.resolved.toml").read_text().replace("\n# ", " ")
 
 
 def testFullDisk(uninterrupted, tmp_path, monkeypatch):
@@ -172,36 +204,37 @@ def testFullDisk(uninterrupted, tmp_path, monkeypatch):
         if self._simulation.currentStep >= 75:
             raise OSError(28, "No space left on device")
         return original(self)
+
     with monkeypatch.context() as patch:
         patch.setattr(Recorder, "sync", sync)
         with pytest.raises(OSError, match="the disk is full; everything up to step 60 is safe: openmm-helfrich resume"):
-            run(configure(tmp_path/"a", output={"checkpoint_interval": 25}))
-    with zipfile.ZipFile(tmp_path/"a.checkpoint") as checkpoint:
+            run(configure(tmp_path / "a", output={"checkpoint_interval": 25}))
+    with zipfile.ZipFile(tmp_path / "a.checkpoint") as checkpoint:
         assert json.loads(checkpoint.read("run.json"))["step"] == 60
-    resume(tmp_path/"a")
-    assertSame(tmp_path/"a", uninterrupted)
+    resume(tmp_path / "a")
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testFileThatCannotGrow(uninterrupted, tmp_path):
     """A write that does fail, in the midst of a frame or a row."""
     _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    config = configure(tmp_path/"a", output={"checkpoint_interval": 25})
+    config = configure(tmp_path / "a", output={"checkpoint_interval": 25})
     resource.setrlimit(resource.RLIMIT_FSIZE, (40000, hard))
     try:
         with pytest.raises(OSError, match="cannot be written: File too large; everything up to step"):
             run(config)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
-    resume(tmp_path/"a")
-    assertSame(tmp_path/"a", uninterrupted)
+    resume(tmp_path / "a")
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testSettingsRepeatTheRun(uninterrupted, tmp_path):
-    run(configure(tmp_path/"a"))
-    again = readConfig(tmp_path/"a.resolved.toml")
-    again.output.prefix = str(tmp_path/"b")
+    run(configure(tmp_path / "a"))
+    again = readConfig(tmp_path / "a.resolved.toml")
+    again.output.prefix = str(tmp_path / "b")
     run(again)
-    assertSame(tmp_path/"b", uninterrupted)
+    assertSame(tmp_path / "b", uninterrupted)
 
 
 LONG = """
@@ -242,7 +275,9 @@ there_and_back = true
 
 
 def command(*arguments):
-    return subprocess.Popen([sys.executable, "-m", "openmmhelfrich.cli", *arguments, "--quiet"], stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-m", "openmmhelfrich.cli", *arguments, "--quiet"], stderr=subprocess.PIPE, text=True
+    )
 
 
 def testKilledAtRandomMoments(inFolder):
@@ -252,14 +287,16 @@ def testKilledAtRandomMoments(inFolder):
     reference = command("run", "run.toml", "--output", "reference")
     while not os.path.exists("reference.checkpoint"):
         assert reference.poll() is None, reference.stderr.read()
-    startUp = time.monotonic()-start
+    startUp = time.monotonic() - start
     assert reference.wait() == 0, reference.stderr.read()
     expected, moments = contentsOf("reference"), random.Random(1)
     kills, prefix = 0, "a"
     while kills < 20 or os.path.exists(f"{prefix}.checkpoint"):
-        process = command(*(["resume", prefix] if os.path.exists(f"{prefix}.checkpoint") else ["run", "run.toml", "--output", prefix]))
+        process = command(
+            *(["resume", prefix] if os.path.exists(f"{prefix}.checkpoint") else ["run", "run.toml", "--output", prefix])
+        )
         try:
-            process.wait(moments.uniform(0, 1.6*startUp) if kills < 20 else None)
+            process.wait(moments.uniform(0, 1.6 * startUp) if kills < 20 else None)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             process.wait()
@@ -279,9 +316,11 @@ def testSignalsEndARunAfterACheckpoint(inFolder, number):
         assert process.poll() is None
         time.sleep(0.01)
     process.send_signal(number)
-    assert process.wait() == 128+number, process.stderr.read()
+    assert process.wait() == 128 + number, process.stderr.read()
     with zipfile.ZipFile("run.checkpoint") as checkpoint:
         state = json.loads(checkpoint.read("run.json"))
-    assert 0 <= state["step"]-mh.readObservables("run.csv")["step"][-1] < 5
-    assert state["sizes"]["table"] == os.path.getsize("run.csv") and state["sizes"]["trajectory"] == os.path.getsize("run.dcd")
+    assert 0 <= state["step"] - mh.readObservables("run.csv")["step"][-1] < 5
+    assert state["sizes"]["table"] == os.path.getsize("run.csv") and state["sizes"]["trajectory"] == os.path.getsize(
+        "run.dcd"
+    )
     assert np.all(np.isfinite(mh.Mesh.read("run.ply").vertices))

@@ -1,4 +1,5 @@
 """What the commands check, convert, plot and render make of meshes and trajectories."""
+
 import sys
 
 import mdtraj
@@ -28,12 +29,20 @@ def invoke(*arguments):
 
 def torus(around=24, across=12, radius=1.0, thickness=0.4):
     """Return a torus around the z axis."""
-    u, v = np.meshgrid(2*np.pi*np.arange(around)/around, 2*np.pi*np.arange(across)/across, indexing="ij")
-    ring = radius+thickness*np.cos(v)
-    vertices = np.stack((ring*np.cos(u), ring*np.sin(u), thickness*np.sin(v)), axis=-1).reshape(-1, 3)
+    u, v = np.meshgrid(2 * np.pi * np.arange(around) / around, 2 * np.pi * np.arange(across) / across, indexing="ij")
+    ring = radius + thickness * np.cos(v)
+    vertices = np.stack((ring * np.cos(u), ring * np.sin(u), thickness * np.sin(v)), axis=-1).reshape(-1, 3)
     i, j = (index.ravel() for index in np.meshgrid(np.arange(around), np.arange(across), indexing="ij"))
-    at = lambda i, j: (i % around)*across+j % across
-    return mh.Mesh(vertices, np.concatenate((np.column_stack((at(i, j), at(i+1, j), at(i+1, j+1))), np.column_stack((at(i, j), at(i+1, j+1), at(i, j+1))))))
+    at = lambda i, j: (i % around) * across + j % across
+    return mh.Mesh(
+        vertices,
+        np.concatenate(
+            (
+                np.column_stack((at(i, j), at(i + 1, j), at(i + 1, j + 1))),
+                np.column_stack((at(i, j), at(i + 1, j + 1), at(i, j + 1))),
+            )
+        ),
+    )
 
 
 @pytest.fixture
@@ -46,11 +55,20 @@ def folder(inFolder, frames):  # noqa: F811
 
 # --- the quality of a mesh
 
+
 def testGenusAndShapes():
-    for mesh, genera in ((mh.Mesh.icosphere(2), [0]), (torus(), [1]), (together(mh.Mesh.icosphere(1), torus()), [0, 1])):
+    for mesh, genera in (
+        (mh.Mesh.icosphere(2), [0]),
+        (torus(), [1]),
+        (together(mh.Mesh.icosphere(1), torus()), [0, 1]),
+    ):
         assert assess(mesh).genera == genera
     quality = assess(mh.Mesh.icosphere(0))
-    assert quality.angles == pytest.approx(60) and quality.aspectRatios == pytest.approx(1) and set(quality.valences) == {5}
+    assert (
+        quality.angles == pytest.approx(60)
+        and quality.aspectRatios == pytest.approx(1)
+        and set(quality.valences) == {5}
+    )
 
 
 def testAnglesAndAspectRatiosOfAnyTriangle():
@@ -58,8 +76,8 @@ def testAnglesAndAspectRatiosOfAnyTriangle():
     mesh.vertices *= [1, 2, 0.3]
     quality = assess(mesh)
     assert quality.angles.sum(axis=1) == pytest.approx(180)
-    halves = np.radians(quality.angles)/2  # r/R = 4 sin(A/2) sin(B/2) sin(C/2)
-    assert quality.aspectRatios == pytest.approx(1/(8*np.sin(halves).prod(axis=1)))
+    halves = np.radians(quality.angles) / 2  # r/R = 4 sin(A/2) sin(B/2) sin(C/2)
+    assert quality.aspectRatios == pytest.approx(1 / (8 * np.sin(halves).prod(axis=1)))
 
 
 def testSheetsThatComeClose():
@@ -75,13 +93,13 @@ def testSheetsThatComeClose():
 def testCrossingsAreThoseOfAllPairs(other):
     """Two spheres that meet, of similar or different triangles: as many crossings as trying every edge with every triangle finds."""
     mesh = together(mh.Mesh.icosphere(1), other)
-    mesh.vertices[42:] += np.array([0.68, 0.45, 0.26])*np.linalg.norm(other.vertices[0])
+    mesh.vertices[42:] += np.array([0.68, 0.45, 0.26]) * np.linalg.norm(other.vertices[0])
     found = {tuple(row) for row in crossings(mesh, block=50).tolist()}
     expected = set()
     for a, b in mesh.edges.tolist():
         for t, triangle in enumerate(mesh.triangles.tolist()):
             if not {a, b} & set(triangle):
-                volume = lambda *points: np.linalg.det(mesh.vertices[list(points[1:])]-mesh.vertices[points[0]])
+                volume = lambda *points: np.linalg.det(mesh.vertices[list(points[1:])] - mesh.vertices[points[0]])
                 x, y, z = triangle
                 sides = [volume(a, b, x, y) > 0, volume(a, b, y, z) > 0, volume(a, b, z, x) > 0]
                 if len(set(sides)) == 1 and (volume(x, y, z, a) > 0) != (volume(x, y, z, b) > 0):
@@ -93,8 +111,15 @@ def testCheckCommand(inFolder):
     mh.Mesh.icosphere(3).write("sphere.ply")
     result = invoke("check", "sphere.ply", "--length-unit", "um")
     assert result.exit_code == 0
-    for text in ("642 vertices, 1920 edges, 1280 triangles", "one membrane of genus 0", f"{mh.Mesh.icosphere(3).area:.6g} um^2",
-                 "5 to 6 of a vertex", "min_length 0.1", "ps by default", "no vertices that"):
+    for text in (
+        "642 vertices, 1920 edges, 1280 triangles",
+        "one membrane of genus 0",
+        f"{mh.Mesh.icosphere(3).area:.6g} um^2",
+        "5 to 6 of a vertex",
+        "min_length 0.1",
+        "ps by default",
+        "no vertices that",
+    ):
         assert text in result.output
     assert "warning" not in result.output
 
@@ -106,7 +131,9 @@ def testCheckCommandWarns(inFolder):
     mesh.write("pair.ply")
     result = invoke("check", "pair.ply")
     assert result.exit_code == 0 and "2 membranes of genus 0" in result.output
-    assert "the surface passes through itself" in result.output and "so give them scale = 0.001 in [mesh]" in result.output
+    assert (
+        "the surface passes through itself" in result.output and "so give them scale = 0.001 in [mesh]" in result.output
+    )
     assert "tether" not in result.output and "tether" in invoke("check", "pair.ply", "--scale", "0.001").output
 
 
@@ -114,24 +141,31 @@ def testCheckCommandRefuses(inFolder):
     mesh = mh.Mesh.icosphere(2)
     mh.Mesh(mesh.vertices, mesh.triangles[1:]).write("open.ply")
     mh.Mesh(mesh.vertices, mesh.triangles[:, ::-1]).write("inverted.ply")
-    for name, message in (("open.ply", "open.ply: the surface is open"), ("inverted.ply", "is inside out"), ("none.ply", "there is no mesh file none.ply")):
+    for name, message in (
+        ("open.ply", "open.ply: the surface is open"),
+        ("inverted.ply", "is inside out"),
+        ("none.ply", "there is no mesh file none.ply"),
+    ):
         result = invoke("check", name)
         assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
 
 
 # --- conversion
 
+
 def testEveryFormatHoldsTheFrame(folder, frames):  # noqa: F811
     mesh = frames[4].mesh
     for suffix in ("vtu", "ply", "stl", "obj", "off", "vtk", "msh"):
-        assert convert("run.vtkhdf", f"a.{suffix}", frame=4) == [folder.relative_to(folder)/f"a.{suffix}"]
+        assert convert("run.vtkhdf", f"a.{suffix}", frame=4) == [folder.relative_to(folder) / f"a.{suffix}"]
         again = mh.Mesh.read(f"a.{suffix}")
         assert again.area == pytest.approx(mesh.area, rel=1e-6) and again.volume == pytest.approx(mesh.volume, rel=1e-6)
         if suffix != "stl":  # its corners come in another order
             assert np.array_equal(again.triangles, mesh.triangles)
     for suffix in ("vtu", "ply", "vtk"):
         data = meshio.read(f"a.{suffix}").point_data
-        assert data["MeanCurvature"].ravel() == pytest.approx(frames[4].data["MeanCurvature"], rel=1e-6) and "Area" in data
+        assert (
+            data["MeanCurvature"].ravel() == pytest.approx(frames[4].data["MeanCurvature"], rel=1e-6) and "Area" in data
+        )
 
 
 def testSeries(folder, frames):  # noqa: F811
@@ -142,21 +176,26 @@ def testSeries(folder, frames):  # noqa: F811
     assert reader.time_values == [0, 20, 40]
     reader.set_active_time_value(20)
     shape = reader.read()[0]
-    assert np.array_equal(shape.points, frames[2].mesh.vertices) and np.array_equal(shape.cells.reshape(-1, 4)[:, 1:], frames[2].mesh.triangles)
+    assert np.array_equal(shape.points, frames[2].mesh.vertices) and np.array_equal(
+        shape.cells.reshape(-1, 4)[:, 1:], frames[2].mesh.triangles
+    )
     assert [file.name for file in convert("run.vtkhdf", "b.ply")] == [f"b_{i:04}.ply" for i in range(6)]
-    assert same(mh.readMeshTrajectory(convert("run.vtkhdf", "c.vtkhdf", frame=-1)[0])[0], frames[5]) and mh.readMeshTrajectory("c.vtkhdf").lengthUnit == "um"
+    assert (
+        same(mh.readMeshTrajectory(convert("run.vtkhdf", "c.vtkhdf", frame=-1)[0])[0], frames[5])
+        and mh.readMeshTrajectory("c.vtkhdf").lengthUnit == "um"
+    )
 
 
 def testXYZ(folder, frames):  # noqa: F811
     convert("run.vtkhdf", "a.xyz")
     trajectory = mdtraj.formats.XYZTrajectoryFile("a.xyz").read()
-    assert trajectory == pytest.approx(np.array([10*frame.mesh.vertices for frame in frames]), abs=1e-5)
+    assert trajectory == pytest.approx(np.array([10 * frame.mesh.vertices for frame in frames]), abs=1e-5)
 
 
 @pytest.fixture
 def dcd(inFolder, sphere):
     """A folder with a DCD trajectory without flips, its topologies, and the mesh trajectory beside it."""
-    pair = together(sphere, mh.Mesh(sphere.vertices+[0, 0, 3], sphere.triangles))
+    pair = together(sphere, mh.Mesh(sphere.vertices + [0, 0, 3], sphere.triangles))
     simulation, force = simulate(pair)
     simulation.integrator.setFlipProbability(0)
     simulation.reporters += [openmmapp.DCDReporter("a.dcd", 5), mh.MeshReporter("true.vtkhdf", 5, force)]
@@ -189,28 +228,40 @@ def testBondsThatDoNotTellTriangles():
 
 def testBadDCD(dcd):
     mh.Mesh.icosphere(1).write("small.ply")
-    (dcd/"torn.dcd").write_bytes((dcd/"a.dcd").read_bytes()[:150])
-    (dcd/"text.psf").write_text("PSF\n\nnothing")
-    for source, topology, message in (("a.dcd", None, "a.dcd has no triangles; give a topology"),
-                                      ("a.dcd", "small.ply", "small.ply has 42 vertices and a.dcd has 324 atoms"),
-                                      ("torn.dcd", "a.ply", "torn.dcd is not a complete DCD file"), ("none.dcd", "a.ply", "there is no file none.dcd"),
-                                      ("a.dcd", "none.ply", "there is no file none.ply"), ("a.dcd", "text.psf", "text.psf"),
-                                      ("a.ply", "a.psf", "is not a DCD file; only those need one")):
+    (dcd / "torn.dcd").write_bytes((dcd / "a.dcd").read_bytes()[:150])
+    (dcd / "text.psf").write_text("PSF\n\nnothing")
+    for source, topology, message in (
+        ("a.dcd", None, "a.dcd has no triangles; give a topology"),
+        ("a.dcd", "small.ply", "small.ply has 42 vertices and a.dcd has 324 atoms"),
+        ("torn.dcd", "a.ply", "torn.dcd is not a complete DCD file"),
+        ("none.dcd", "a.ply", "there is no file none.dcd"),
+        ("a.dcd", "none.ply", "there is no file none.ply"),
+        ("a.dcd", "text.psf", "text.psf"),
+        ("a.ply", "a.psf", "is not a DCD file; only those need one"),
+    ):
         result = invoke("convert", source, "out.vtkhdf", *(("--topology", topology) if topology else ()))
         assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
-        assert not (dcd/"out.vtkhdf").exists()
+        assert not (dcd / "out.vtkhdf").exists()
 
 
 def testWithoutMdtraj(dcd, monkeypatch):
     monkeypatch.setitem(sys.modules, "mdtraj", None)
     result = invoke("convert", "a.dcd", "out.vtkhdf", "--topology", "a.psf")
-    assert result.exit_code == 1 and "reading DCD files needs mdtraj" in result.output and "openmm-helfrich[looking]" in result.output
+    assert (
+        result.exit_code == 1
+        and "reading DCD files needs mdtraj" in result.output
+        and "openmm-helfrich[looking]" in result.output
+    )
 
 
 def testNothingIsOverwritten(folder):
-    (folder/"b_0003.ply").write_text("mine")
-    for arguments in (("run.vtkhdf", "start.ply", "--frame", 0), ("run.vtkhdf", "b.ply"),
-                      ("start.ply", "start.ply", "--overwrite"), ("run.vtkhdf", "run.vtkhdf", "--overwrite")):
+    (folder / "b_0003.ply").write_text("mine")
+    for arguments in (
+        ("run.vtkhdf", "start.ply", "--frame", 0),
+        ("run.vtkhdf", "b.ply"),
+        ("start.ply", "start.ply", "--overwrite"),
+        ("run.vtkhdf", "run.vtkhdf", "--overwrite"),
+    ):
         before = {path.name: path.read_bytes() for path in folder.iterdir()}
         result = invoke("convert", *arguments)
         assert result.exit_code == 1 and "choose another name" in result.output
@@ -219,18 +270,21 @@ def testNothingIsOverwritten(folder):
     assert mh.Mesh.read("b_0003.ply").triangles.shape == (320, 3)
 
 
-@pytest.mark.parametrize("arguments, message", [
-    (("run.vtkhdf", "a.ply", "--frame", 6), "run.vtkhdf has no frame 6; it has 6: 0 to 5, or -1 for the last"),
-    (("run.vtkhdf", "a.ply", "--frame", -7), "has no frame -7"),
-    (("run.vtkhdf", "a.ply", "--frame", 1, "--every", 2), "frame 1 and every 2 are both given"),
-    (("run.vtkhdf", "a.foo"), "no format has the suffix '.foo'"),
-    (("run.vtkhdf", "a"), "no format has the suffix ''"),
-    (("run.foo", "a.ply"), "there is no mesh file run.foo"),
-    (("run.vtkhdf", "nowhere/a.ply", "--frame", 0), "nowhere"),
-    (("torn.vtkhdf", "a.ply"), "torn.vtkhdf is not a VTKHDF file, or not a complete one"),
-])
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("run.vtkhdf", "a.ply", "--frame", 6), "run.vtkhdf has no frame 6; it has 6: 0 to 5, or -1 for the last"),
+        (("run.vtkhdf", "a.ply", "--frame", -7), "has no frame -7"),
+        (("run.vtkhdf", "a.ply", "--frame", 1, "--every", 2), "frame 1 and every 2 are both given"),
+        (("run.vtkhdf", "a.foo"), "no format has the suffix '.foo'"),
+        (("run.vtkhdf", "a"), "no format has the suffix ''"),
+        (("run.foo", "a.ply"), "there is no mesh file run.foo"),
+        (("run.vtkhdf", "nowhere/a.ply", "--frame", 0), "nowhere"),
+        (("torn.vtkhdf", "a.ply"), "torn.vtkhdf is not a VTKHDF file, or not a complete one"),
+    ],
+)
 def testBadConversion(folder, arguments, message):
-    (folder/"torn.vtkhdf").write_bytes((folder/"run.vtkhdf").read_bytes()[:9000])
+    (folder / "torn.vtkhdf").write_bytes((folder / "run.vtkhdf").read_bytes()[:9000])
     before = sorted(path.name for path in folder.iterdir())
     result = invoke("convert", *arguments)
     assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
@@ -238,6 +292,7 @@ def testBadConversion(folder, arguments, message):
 
 
 # --- plot and render
+
 
 def testPlotCommand(inFolder, sphere):
     simulation, force = simulate(sphere)
@@ -248,9 +303,12 @@ def testPlotCommand(inFolder, sphere):
         assert result.exit_code == 0 and result.output.strip() == output
         pixels = np.asarray(Image.open(output).convert("RGB"))
         assert min(pixels.shape[:2]) > 400 and len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
-    (inFolder/"strange.csv").write_text("a,b\n1,2\n")
-    for arguments, message in ((("run",), "run_plot.png exists already"), (("nothing",), "there is no table of observables nothing.csv"),
-                               (("strange",), "strange.csv is not a table of observables")):
+    (inFolder / "strange.csv").write_text("a,b\n1,2\n")
+    for arguments, message in (
+        (("run",), "run_plot.png exists already"),
+        (("nothing",), "there is no table of observables nothing.csv"),
+        (("strange",), "strange.csv is not a table of observables"),
+    ):
         result = invoke("plot", *arguments)
         assert result.exit_code == 1 and message in result.output
 
@@ -259,12 +317,12 @@ def coloursOf(image):
     """Return the part of a picture that is not white, and how much of it is red rather than blue."""
     pixels = np.asarray(image.convert("RGB")).astype(int)
     seen = pixels.min(axis=2) < 235
-    return seen.mean(), (pixels[seen][:, 0] > pixels[seen][:, 2]+20).mean()
+    return seen.mean(), (pixels[seen][:, 0] > pixels[seen][:, 2] + 20).mean()
 
 
 @in3D
 def testRenderedPicture(folder, examples):
-    assert invoke("render", examples/"red_blood_cell.stl", "-o", "cell.png").exit_code == 0
+    assert invoke("render", examples / "red_blood_cell.stl", "-o", "cell.png").exit_code == 0
     seen, red = coloursOf(Image.open("cell.png"))
     assert 0.2 < seen < 0.8 and 0.5 < red < 0.98, "a convex rim around a dimple should fill the picture"
     assert invoke("render", "run.vtkhdf", "--frame", 2).exit_code == 0 and Image.open("run.png").size == (1024, 768)
@@ -308,19 +366,26 @@ def testRenderWithout(folder, monkeypatch, missing):
     assert coloursOf(Image.open("run.png"))[0] > 0.1
     for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):
         result = invoke("render", "run.vtkhdf", *arguments)
-        assert result.exit_code == 1 and f"rendering needs {missing}" in result.output and not (folder/arguments[1]).exists()
+        assert (
+            result.exit_code == 1
+            and f"rendering needs {missing}" in result.output
+            and not (folder / arguments[1]).exists()
+        )
 
 
-@pytest.mark.parametrize("arguments, message", [
-    (("run.vtkhdf", "-o", "a.txt"), "no picture has the suffix '.txt'; use one of .png"),
-    (("run.vtkhdf", "-o", "start.ply"), "no picture has the suffix '.ply'"),
-    (("run.vtkhdf", "--frame", 9), "has no frame 9"),
-    (("run.vtkhdf", "-o", "there.png"), "there.png exists already"),
-    (("none.vtkhdf",), "there is no mesh trajectory none.vtkhdf"),
-    (("run.dcd",), "run.dcd has no triangles"),
-])
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("run.vtkhdf", "-o", "a.txt"), "no picture has the suffix '.txt'; use one of .png"),
+        (("run.vtkhdf", "-o", "start.ply"), "no picture has the suffix '.ply'"),
+        (("run.vtkhdf", "--frame", 9), "has no frame 9"),
+        (("run.vtkhdf", "-o", "there.png"), "there.png exists already"),
+        (("none.vtkhdf",), "there is no mesh trajectory none.vtkhdf"),
+        (("run.dcd",), "run.dcd has no triangles"),
+    ],
+)
 def testBadRendering(folder, arguments, message):
-    (folder/"there.png").write_text("mine")
+    (folder / "there.png").write_text("mine")
     result = invoke("render", *arguments)
     assert result.exit_code == 1 and message in result.output and "Traceback" not in result.output
-    assert (folder/"there.png").read_text() == "mine"
+    assert (folder / "there.png").read_text() == "mine"

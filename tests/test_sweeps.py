@@ -1,4 +1,5 @@
 """Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself, on the way."""
+
 import csv
 import fcntl
 import json
@@ -44,7 +45,7 @@ membrane.reduced_volume = [0.8, 0.95]
 
 @pytest.fixture(scope="module")
 def grid(tmp_path_factory):
-    file = tmp_path_factory.mktemp("grid")/"grid.toml"
+    file = tmp_path_factory.mktemp("grid") / "grid.toml"
     file.write_text(GRID)
     return file
 
@@ -54,7 +55,7 @@ def expected(grid, tmp_path_factory):
     """What plain runs of the points give, without a sweep."""
     folder = tmp_path_factory.mktemp("plain")
     for point in readGrid(grid):
-        point.config.output.prefix = str(folder/point.name/"run")
+        point.config.output.prefix = str(folder / point.name / "run")
         studies.run(point.config)
     return contentsOf(folder, grid)
 
@@ -62,7 +63,9 @@ def expected(grid, tmp_path_factory):
 @pytest.fixture(scope="module")
 def cluster():
     """A cluster of one worker with two threads, each of which may run a point."""
-    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL") as cluster:
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
+    ) as cluster:
         yield cluster
 
 
@@ -70,11 +73,16 @@ def contentsOf(folder, grid):
     """Return everything that equal results have in common, by point."""
     contents = {}
     for point in readGrid(grid):
-        prefix = folder/point.name/"run"
+        prefix = folder / point.name / "run"
         mesh = mh.Mesh.read(f"{prefix}.ply")
         with zipfile.ZipFile(f"{prefix}.checkpoint") as checkpoint:
             state = checkpoint.read("state.xml")
-        contents[point.name] = [*(Path(f"{prefix}.{ending}").read_bytes() for ending in ("csv", "dcd", "psf")), mesh.vertices.tobytes(), mesh.triangles.tobytes(), state]
+        contents[point.name] = [
+            *(Path(f"{prefix}.{ending}").read_bytes() for ending in ("csv", "dcd", "psf")),
+            mesh.vertices.tobytes(),
+            mesh.triangles.tobytes(),
+            state,
+        ]
     return contents
 
 
@@ -85,13 +93,17 @@ def assertDone(folder, grid, expected):
 
 
 def summary(folder):
-    with open(folder/"summary.csv", newline="") as file:
+    with open(folder / "summary.csv", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def command(grid, folder, *options):
-    return subprocess.Popen([sys.executable, "-m", "openmmhelfrich.cli", "sweep", str(grid), "--output", str(folder), "--quiet", *options],
-                            stderr=subprocess.PIPE, text=True, start_new_session=True)
+    return subprocess.Popen(
+        [sys.executable, "-m", "openmmhelfrich.cli", "sweep", str(grid), "--output", str(folder), "--quiet", *options],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
 
 
 def checkpointSteps(folder):
@@ -111,7 +123,9 @@ def waitUntil(condition, process):
 
 def isUnderWay(folder, least):
     """Return a condition: some point has made a number of steps and is not finished."""
-    return lambda: any(step >= least and not (folder/name/"result.json").exists() for name, step in checkpointSteps(folder).items())
+    return lambda: any(
+        step >= least and not (folder / name / "result.json").exists() for name, step in checkpointSteps(folder).items()
+    )
 
 
 def workersOf(process):
@@ -128,7 +142,7 @@ def isWorker(process):
 def testKilledWorkersAndKilledSweep(grid, expected, tmp_path):
     """SIGKILL, twice to a worker and then to the sweep: each loses one checkpoint interval at most."""
     process, moments = command(grid, tmp_path, "--workers", "2"), random.Random(2)
-    for least in (1, 2*INTERVAL):
+    for least in (1, 2 * INTERVAL):
         waitUntil(isUnderWay(tmp_path, least), process)
         waitUntil(lambda: len(workersOf(process)) == 2, process)
         before = checkpointSteps(tmp_path)
@@ -141,7 +155,7 @@ def testKilledWorkersAndKilledSweep(grid, expected, tmp_path):
     assert not any(isWorker(worker) for worker in workers)  # they end with the sweep
     for name, step in checkpointSteps(tmp_path).items():
         assert step >= before.get(name, 0)  # nothing begins anew
-        assert mh.readObservables(tmp_path/name/"run.csv")["step"][-1] <= step+INTERVAL
+        assert mh.readObservables(tmp_path / name / "run.csv")["step"][-1] <= step + INTERVAL
     finished = {file: file.stat().st_mtime_ns for file in tmp_path.glob("*/result.json")}
     process = command(grid, tmp_path, "--workers", "2")
     assert process.wait() == 0, process.stderr.read()
@@ -154,13 +168,17 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
     process = command(grid, tmp_path, "--workers", "1")
     waitUntil(isUnderWay(tmp_path, INTERVAL), process)
     os.killpg(process.pid, signal.SIGINT)
-    assert process.wait() == 128+signal.SIGINT, process.stderr.read()
-    unfinished = {row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"}  # on a busy machine the first point may be done before the signal comes
+    assert process.wait() == 128 + signal.SIGINT, process.stderr.read()
+    unfinished = {
+        row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"
+    }  # on a busy machine the first point may be done before the signal comes
     assert unfinished
     for name, step in checkpointSteps(tmp_path).items():
-        assert 0 <= step-mh.readObservables(tmp_path/name/"run.csv")["step"][-1] < 10
-        assert name in unfinished or (tmp_path/name/"result.json").exists()
-    result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(tmp_path), "--scheduler", cluster.scheduler_address])
+        assert 0 <= step - mh.readObservables(tmp_path / name / "run.csv")["step"][-1] < 10
+        assert name in unfinished or (tmp_path / name / "result.json").exists()
+    result = CliRunner().invoke(
+        app, ["sweep", str(grid), "--output", str(tmp_path), "--scheduler", cluster.scheduler_address]
+    )
     assert result.exit_code == 0 and "4 points: 4 done" in result.output, result.output
     assertDone(tmp_path, grid, expected)
 
@@ -168,16 +186,17 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
 def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
     """It is left alone, and comes last; the others do not wait for it."""
     locked = list(expected)[0]
-    (tmp_path/locked).mkdir()
-    lock = open(tmp_path/locked/"lock", "w")
+    (tmp_path / locked).mkdir()
+    lock = open(tmp_path / locked / "lock", "w")
     fcntl.flock(lock, fcntl.LOCK_EX)
     order = []
 
     def progress(states):
         order.extend(state.point.name for state in states if state.status == "done" and state.point.name not in order)
         if len(order) == 3 and not lock.closed:
-            assert not (tmp_path/locked/"run.checkpoint").exists()
+            assert not (tmp_path / locked / "run.checkpoint").exists()
             lock.close()
+
     sweeps.sweep(grid, tmp_path, cluster.scheduler_address, progress=progress)
     assert len(order) == 4 and order[-1] == locked
     assertDone(tmp_path, grid, expected)
@@ -185,54 +204,71 @@ def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
 
 def testLockOfAKilledProcess(tmp_path):
     program = "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', flush=True); time.sleep(60)"
-    holder = subprocess.Popen([sys.executable, "-c", program, tmp_path/"lock"], stdout=subprocess.PIPE)
+    holder = subprocess.Popen([sys.executable, "-c", program, tmp_path / "lock"], stdout=subprocess.PIPE)
     holder.stdout.readline()
-    with open(tmp_path/"lock") as file, pytest.raises(BlockingIOError):
+    with open(tmp_path / "lock") as file, pytest.raises(BlockingIOError):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     holder.kill()
-    with sweeps._locked(tmp_path/"lock") as isOurs:
+    with sweeps._locked(tmp_path / "lock") as isOurs:
         assert isOurs
 
 
 def testPointThatFails(tmp_path, cluster):
     """Its reason is told; the others are done, and it is tried again by the next sweep."""
-    grid = tmp_path/"grid.toml"
-    grid.write_text("""[base]\nmesh.icosphere = 1\n[base.sampling]\nsteps = 10\n[grid]\nmembrane.bending_modulus = [20, 1e308]\n""")
-    folder = tmp_path/"results"
-    result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(folder), "--scheduler", cluster.scheduler_address])
+    grid = tmp_path / "grid.toml"
+    grid.write_text(
+        """[base]\nmesh.icosphere = 1\n[base.sampling]\nsteps = 10\n[grid]\nmembrane.bending_modulus = [20, 1e308]\n"""
+    )
+    folder = tmp_path / "results"
+    result = CliRunner().invoke(
+        app, ["sweep", str(grid), "--output", str(folder), "--scheduler", cluster.scheduler_address]
+    )
     assert result.exit_code == 1 and "2 points: 1 done, 1 failed" in result.output
     good, bad = summary(folder)
     assert good["status"] == "done" and bad["status"] == "failed"
-    assert "finite" in bad["reason"] and f"point {bad['folder']} failed: {bad['reason']}" in " ".join(result.output.split())
+    assert "finite" in bad["reason"] and f"point {bad['folder']} failed: {bad['reason']}" in " ".join(
+        result.output.split()
+    )
 
 
 def testSummary(grid, expected, tmp_path, cluster):
     result = sweeps.sweep(grid, tmp_path, cluster.scheduler_address)
     row, point = summary(tmp_path)[2], result.points[2].point
-    table, mesh = mh.readObservables(tmp_path/point.name/"run.csv"), mh.Mesh.read(tmp_path/point.name/"run.ply")
-    late = {name: values[table["stage"] == 2][(table["stage"] == 2).sum()//2:] for name, values in table.items()}
-    assert (row["reduced_volume"], row["seed"], row["steps"], row["shapeClass"]) == ("0.95", "1", "450", mh.classifyShape(mesh))
-    assert float(row["E_bending/8 pi kappa"]) == pytest.approx(late["E_bending"].mean()/(8*np.pi*20), rel=1e-12)
+    table, mesh = mh.readObservables(tmp_path / point.name / "run.csv"), mh.Mesh.read(tmp_path / point.name / "run.ply")
+    late = {name: values[table["stage"] == 2][(table["stage"] == 2).sum() // 2 :] for name, values in table.items()}
+    assert (row["reduced_volume"], row["seed"], row["steps"], row["shapeClass"]) == (
+        "0.95",
+        "1",
+        "450",
+        mh.classifyShape(mesh),
+    )
+    assert float(row["E_bending/8 pi kappa"]) == pytest.approx(late["E_bending"].mean() / (8 * np.pi * 20), rel=1e-12)
     assert float(row["reducedVolume"]) == pytest.approx(late["reducedVolume"].mean(), rel=1e-12)
     assert float(row["reducedAreaDifference"]) == pytest.approx(mh.describeShape(mesh).reducedAreaDifference, rel=0.02)
     assert float(row["acceptance"]) == table["acceptance"][-1]
-    assert float(row["energy (kT)"]) == pytest.approx(sum(float(value) for name, value in row.items() if name.startswith("E_") and name.endswith("(kT)")), rel=1e-9)
+    assert float(row["energy (kT)"]) == pytest.approx(
+        sum(float(value) for name, value in row.items() if name.startswith("E_") and name.endswith("(kT)")), rel=1e-9
+    )
 
 
 def testGridThatGrows(tmp_path):
     """Points keep names, and with them seeds and folders, when an axis has more values."""
-    few, many = tmp_path/"few.toml", tmp_path/"many.toml"
+    few, many = tmp_path / "few.toml", tmp_path / "many.toml"
     few.write_text(GRID)
-    many.write_text(GRID.replace("[0.8, 0.95]", "{start = 0.95, stop = 0.75, step = -0.05}").replace("seeds = 2", "seeds = 3"))
+    many.write_text(
+        GRID.replace("[0.8, 0.95]", "{start = 0.95, stop = 0.75, step = -0.05}").replace("seeds = 2", "seeds = 3")
+    )
     seeds = [{point.name: point.config.sampling.seed for point in readGrid(file)} for file in (few, many)]
     assert len(seeds[0]) == 4 and len(seeds[1]) == 15 and seeds[0].items() <= seeds[1].items()
     assert len(set(seeds[1].values())) == 15
 
 
 def testAxes(tmp_path):
-    mh.Mesh.icosphere(1).write(tmp_path/"a.ply")
-    (tmp_path/"base.toml").write_text('[mesh]\nfile = "a.ply"\n[[stages]]\nkind = "sample"\nsteps = 5\n[[stages]]\nname = "cold"\nkind = "sample"\n')
-    (tmp_path/"grid.toml").write_text("""
+    mh.Mesh.icosphere(1).write(tmp_path / "a.ply")
+    (tmp_path / "base.toml").write_text(
+        '[mesh]\nfile = "a.ply"\n[[stages]]\nkind = "sample"\nsteps = 5\n[[stages]]\nname = "cold"\nkind = "sample"\n'
+    )
+    (tmp_path / "grid.toml").write_text("""
 base = "base.toml"
 [grid]
 stages.1.temperature = [300, "37 C"]
@@ -243,78 +279,145 @@ membrane.bending_modulus = 5
 [variants.hard]
 membrane = {bending_modulus = 50, reduced_volume = 0.9}
 """)
-    points = readGrid(tmp_path/"grid.toml")
-    assert [point.name for point in points[:2]] == [f"variant=soft,stages.1.temperature=300,stages.cold.temperature=30,seed={seed}" for seed in (7, 8)]
+    points = readGrid(tmp_path / "grid.toml")
+    assert [point.name for point in points[:2]] == [
+        f"variant=soft,stages.1.temperature=300,stages.cold.temperature=30,seed={seed}" for seed in (7, 8)
+    ]
     assert len({point.name for point in points}) == 8
     config = points[-1].config
-    assert [stage.temperature for stage in config.stages] == [310.15, 30] and config.sampling.seed == 8 and config.stages[1].steps == 1000
-    assert (config.membrane.bending_modulus, config.membrane.reduced_volume) == (50, 0.9) and config.mesh.file == str(tmp_path/"a.ply")
+    assert (
+        [stage.temperature for stage in config.stages] == [310.15, 30]
+        and config.sampling.seed == 8
+        and config.stages[1].steps == 1000
+    )
+    assert (config.membrane.bending_modulus, config.membrane.reduced_volume) == (50, 0.9) and config.mesh.file == str(
+        tmp_path / "a.ply"
+    )
     assert points[-1].parameters["variant"] == "hard" and points[-1].parameters["seed"] == 8
     assert not set(points[-1].name) & set("/ '")
 
 
 def testExamples(examples):
-    points = readGrid(examples/"volume_diagram.toml")
-    assert len(points) == 4*34 and points[-1].name == "variant=stomatocyte,reduced_volume=1,seed=1"
+    points = readGrid(examples / "volume_diagram.toml")
+    assert len(points) == 4 * 34 and points[-1].name == "variant=stomatocyte,reduced_volume=1,seed=1"
     assert points[-1].config.stages[1].reduced_volume == 1 and points[-1].config.membrane.area_difference_modulus > 0
-    points = readGrid(examples/"area_difference_diagram.toml")
-    assert len(points) == 27 and {point.parameters["target_area_difference"] for point in points} == {1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8}
+    points = readGrid(examples / "area_difference_diagram.toml")
+    assert len(points) == 27 and {point.parameters["target_area_difference"] for point in points} == {
+        1.0,
+        1.1,
+        1.2,
+        1.3,
+        1.4,
+        1.5,
+        1.6,
+        1.7,
+        1.8,
+    }
     sphere = mh.Mesh.icosphere(3)
-    assert 2*points[0].config.membrane.leaflet_separation*sphere.vertexMeanCurvatures.sum() == pytest.approx(mh.analysis.reducedAreaDifference(sphere), rel=1e-4)
+    assert 2 * points[0].config.membrane.leaflet_separation * sphere.vertexMeanCurvatures.sum() == pytest.approx(
+        mh.analysis.reducedAreaDifference(sphere), rel=1e-4
+    )
 
 
-@pytest.mark.parametrize("old, new, message", [
-    ("seeds = 2", "sedes = 2", "there is no key 'sedes'; did you mean 'seeds'"),
-    ("seeds = 2", "seeds = 0", "seeds is 0; it must be greater than or equal to 1"),
-    ("seeds = 2", "[tether]\nexponent = 2", r"there is no key 'tether'; a configuration goes into \[base\]: \[base.tether\]"),
-    ("membrane.reduced_volume", "membrane.reduced_volum", r"\[membrane\] has no key 'reduced_volum'; did you mean 'reduced_volume'\? \(every point\)"),
-    ("0.95]", "1.95]", r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point reduced_volume=1.95,seed=1 and 1 more\)"),
-    ("[0.8, 0.95]", "0.8", "membrane.reduced_volume is 0.8; it must be a list of values, or a table of start, stop and step"),
-    ("[0.8, 0.95]", "[]", r"membrane.reduced_volume is \[\]; it must be a list"),
-    ("0.95]", "0.80]", "membrane.reduced_volume has the value 0.8 twice"),
-    ("[0.8, 0.95]", "{start = 0.8, stop = 0.9, stp = 0.1}", "membrane.reduced_volume has no (key 'stp'; did you mean 'step'|step)"),
-    ("[0.8, 0.95]", "{start = 0.8, stop = 0.9, step = -0.1}", "membrane.reduced_volume leads from 0.8 to 0.9 by steps of -0.1, which never arrive"),
-    ("[0.8, 0.95]", "{start = 0.8, stop = 0.9, step = 0}", "by steps of 0, which never arrive"),
-    ("[0.8, 0.95]", "{start = 0, stop = 1, step = 1e-9}", "has more than 100000 values"),
-    ("membrane.reduced_volume", "stages.heat.temperature", r"'stages.heat.temperature' does not name one stage; the stages are 1 \(sample\), 2 \(cool\)"),
-    ("membrane.reduced_volume", "volume", "'volume' names no section"),
-    ("membrane.reduced_volume", "stages", "'stages' names no section"),
-    ("membrane.reduced_volume", "sampling.seed", "seeds and the axis sampling.seed are both given"),
-    ("membrane.reduced_volume", "output.prefix", "output.prefix is an axis"),
-    ("mesh.icosphere = 2", 'mesh.file = "nothing.stl"', r"nothing.stl.*\(every point\)"),
-    ("mesh.icosphere = 2", "mesh.icosphere = 2\ntether.min_length = 1", r"\[tether\] min_length is 1 and max_length"),
-])
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("seeds = 2", "sedes = 2", "there is no key 'sedes'; did you mean 'seeds'"),
+        ("seeds = 2", "seeds = 0", "seeds is 0; it must be greater than or equal to 1"),
+        (
+            "seeds = 2",
+            "[tether]\nexponent = 2",
+            r"there is no key 'tether'; a configuration goes into \[base\]: \[base.tether\]",
+        ),
+        (
+            "membrane.reduced_volume",
+            "membrane.reduced_volum",
+            r"\[membrane\] has no key 'reduced_volum'; did you mean 'reduced_volume'\? \(every point\)",
+        ),
+        (
+            "0.95]",
+            "1.95]",
+            r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point reduced_volume=1.95,seed=1 and 1 more\)",
+        ),
+        (
+            "[0.8, 0.95]",
+            "0.8",
+            "membrane.reduced_volume is 0.8; it must be a list of values, or a table of start, stop and step",
+        ),
+        ("[0.8, 0.95]", "[]", r"membrane.reduced_volume is \[\]; it must be a list"),
+        ("0.95]", "0.80]", "membrane.reduced_volume has the value 0.8 twice"),
+        (
+            "[0.8, 0.95]",
+            "{start = 0.8, stop = 0.9, stp = 0.1}",
+            "membrane.reduced_volume has no (key 'stp'; did you mean 'step'|step)",
+        ),
+        (
+            "[0.8, 0.95]",
+            "{start = 0.8, stop = 0.9, step = -0.1}",
+            "membrane.reduced_volume leads from 0.8 to 0.9 by steps of -0.1, which never arrive",
+        ),
+        ("[0.8, 0.95]", "{start = 0.8, stop = 0.9, step = 0}", "by steps of 0, which never arrive"),
+        ("[0.8, 0.95]", "{start = 0, stop = 1, step = 1e-9}", "has more than 100000 values"),
+        (
+            "membrane.reduced_volume",
+            "stages.heat.temperature",
+            r"'stages.heat.temperature' does not name one stage; the stages are 1 \(sample\), 2 \(cool\)",
+        ),
+        ("membrane.reduced_volume", "volume", "'volume' names no section"),
+        ("membrane.reduced_volume", "stages", "'stages' names no section"),
+        ("membrane.reduced_volume", "sampling.seed", "seeds and the axis sampling.seed are both given"),
+        ("membrane.reduced_volume", "output.prefix", "output.prefix is an axis"),
+        ("mesh.icosphere = 2", 'mesh.file = "nothing.stl"', r"nothing.stl.*\(every point\)"),
+        (
+            "mesh.icosphere = 2",
+            "mesh.icosphere = 2\ntether.min_length = 1",
+            r"\[tether\] min_length is 1 and max_length",
+        ),
+    ],
+)
 def testBadGrid(tmp_path, old, new, message):
-    (tmp_path/"grid.toml").write_text(GRID.replace(old, new, 1))
+    (tmp_path / "grid.toml").write_text(GRID.replace(old, new, 1))
     with pytest.raises((ValueError, OSError), match=message):
-        sweeps.sweep(tmp_path/"grid.toml", tmp_path/"results")
-    assert not (tmp_path/"results").exists()
+        sweeps.sweep(tmp_path / "grid.toml", tmp_path / "results")
+    assert not (tmp_path / "results").exists()
 
 
-@pytest.mark.parametrize("text, message", [
-    ('base = "nothing.toml"', "there is no configuration file .*nothing.toml"), ("base = 3", "base is 3; it must be the name of a configuration file, or a table"),
-    ("seeds = 2", "base is missing"), ("base = ", "is not TOML"), ("[base]\nmesh.icosphere = 1\n[grid]\nstages = 3", "stages is 3; it must be a list")])
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ('base = "nothing.toml"', "there is no configuration file .*nothing.toml"),
+        ("base = 3", "base is 3; it must be the name of a configuration file, or a table"),
+        ("seeds = 2", "base is missing"),
+        ("base = ", "is not TOML"),
+        ("[base]\nmesh.icosphere = 1\n[grid]\nstages = 3", "stages is 3; it must be a list"),
+    ],
+)
 def testBadFile(tmp_path, text, message):
-    (tmp_path/"grid.toml").write_text(text)
+    (tmp_path / "grid.toml").write_text(text)
     with pytest.raises((ValueError, OSError), match=message):
-        readGrid(tmp_path/"grid.toml")
+        readGrid(tmp_path / "grid.toml")
 
 
 def testOtherSettingsThanBefore(grid, tmp_path):
     """A sweep that has begun is not mixed with another."""
     point = readGrid(grid)[0]
-    sweeps._place(point, tmp_path/"results")
-    (tmp_path/"results"/point.name).mkdir(parents=True)
+    sweeps._place(point, tmp_path / "results")
+    (tmp_path / "results" / point.name).mkdir(parents=True)
     sweeps._writeSettings(point.config)
-    sweeps._place(readGrid(grid)[0], tmp_path/"results")
-    other = tmp_path/"grid.toml"
+    sweeps._place(readGrid(grid)[0], tmp_path / "results")
+    other = tmp_path / "grid.toml"
     other.write_text(GRID.replace("end_temperature = 30", "end_temperature = 3"))
-    with pytest.raises(ValueError, match="point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another"):
-        sweeps.sweep(other, tmp_path/"results")
+    with pytest.raises(
+        ValueError,
+        match="point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another",
+    ):
+        sweeps.sweep(other, tmp_path / "results")
 
 
 def testSchedulerThatIsNotThere(grid, tmp_path):
-    result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(tmp_path/"a"), "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"])
+    result = CliRunner().invoke(
+        app, ["sweep", str(grid), "--output", str(tmp_path / "a"), "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"]
+    )
     assert result.exit_code == 1 and "a scheduler has workers of its own" in result.output
-    result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(tmp_path/"a"), "--scheduler", "nowhere"])
+    result = CliRunner().invoke(app, ["sweep", str(grid), "--output", str(tmp_path / "a"), "--scheduler", "nowhere"])
     assert result.exit_code == 1 and "no Dask scheduler answers at nowhere" in result.output

@@ -10,7 +10,8 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * How often the vertices get a new order.  After so many sweeps vertices have moved by a few neighbors, and the order costs less than one of them.
+ * How often the vertices get a new order.  After so many sweeps vertices have moved by a few neighbors, and the order
+ * costs less than one of them.
  */
 static const int SWEEPS_PER_ORDER = 1000;
 
@@ -66,19 +67,21 @@ void EdgeFlipIntegrator::step(int steps) {
     for (int i = 0; i < steps; i++) {
         for (int n = 0; n < (int) membranes.size(); n++) {
             HelfrichForceImpl& membrane = *membranes[n];
-            if ((getIntegrationForceGroups()&(1<<membrane.getOwner().getForceGroup())) == 0)
+            if ((getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) == 0)
                 continue;
-            long long numAttempts = llround(fraction*membrane.getMesh().getNumEdges());
-            EdgeFlipStatistics statistics = membrane.flipEdges(*context, BOLTZMANN*temperature, numAttempts, Philox(activeSeed, RandomStream::EdgeFlips+n), numSweeps);
+            long long numAttempts = llround(fraction * membrane.getMesh().getNumEdges());
+            EdgeFlipStatistics statistics =
+                    membrane.flipEdges(*context, BOLTZMANN * temperature, numAttempts,
+                                       Philox(activeSeed, RandomStream::EdgeFlips + n), numSweeps);
             numAttempted += statistics.attempted;
             numAccepted += statistics.accepted;
             numForbidden += statistics.forbidden;
         }
         numSweeps++;
-        if (numSweeps%SWEEPS_PER_ORDER == 0)
+        if (numSweeps % SWEEPS_PER_ORDER == 0)
             for (auto membrane : membranes)
                 membrane->getMesh().renewOrder();
-        context->setStepCount(context->getStepCount()+1);
+        context->setStepCount(context->getStepCount() + 1);
     }
 }
 
@@ -86,7 +89,7 @@ double EdgeFlipIntegrator::getFlipRate() const {
     long long numEdges = 0;
     for (auto membrane : membranes)
         numEdges += membrane->getMesh().getNumEdges();
-    return numEdges == 0 || numSweeps == 0 ? 0 : numAccepted/((double) numEdges*numSweeps);
+    return numEdges == 0 || numSweeps == 0 ? 0 : numAccepted / ((double) numEdges * numSweeps);
 }
 
 double EdgeFlipIntegrator::computeKineticEnergy() {
@@ -107,9 +110,9 @@ void EdgeFlipIntegrator::createCheckpoint(ostream& stream) const {
     for (auto membrane : membranes) {
         auto triangles = membrane->getMesh().getTriangles();
         writeBinary(stream, (long long) triangles.size());
-        stream.write((const char*) triangles.data(), sizeof(triangles[0])*triangles.size());
+        stream.write((const char*) triangles.data(), sizeof(triangles[0]) * triangles.size());
         const vector<int>& order = membrane->getMesh().getOrder();
-        stream.write((const char*) order.data(), sizeof(int)*order.size());
+        stream.write((const char*) order.data(), sizeof(int) * order.size());
     }
 }
 
@@ -122,17 +125,19 @@ void EdgeFlipIntegrator::loadCheckpoint(istream& stream) {
     readBinary(stream, numForbidden);
     readBinary(stream, numMembranes);
     if (numMembranes != (long long) membranes.size())
-        throw OpenMMException("EdgeFlipIntegrator: the checkpoint is of a System with another number of HelfrichForces");
+        throw OpenMMException(
+                "EdgeFlipIntegrator: the checkpoint is of a System with another number of HelfrichForces");
     for (auto membrane : membranes) {
         readBinary(stream, numTriangles);
         if (numTriangles != membrane->getMesh().getNumTriangles())
-            throw OpenMMException("EdgeFlipIntegrator: the checkpoint is of a membrane with "+to_string(numTriangles)+" triangles, and "+
-                                  membrane->getOwner().getName()+" has "+to_string(membrane->getMesh().getNumTriangles()));
-        vector<array<int, 3> > triangles(numTriangles);
-        if (!stream.read((char*) triangles.data(), sizeof(triangles[0])*numTriangles))
+            throw OpenMMException("EdgeFlipIntegrator: the checkpoint is of a membrane with " +
+                                  to_string(numTriangles) + " triangles, and " + membrane->getOwner().getName() +
+                                  " has " + to_string(membrane->getMesh().getNumTriangles()));
+        vector<array<int, 3>> triangles(numTriangles);
+        if (!stream.read((char*) triangles.data(), sizeof(triangles[0]) * numTriangles))
             throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
         vector<int> order(membrane->getMesh().getNumVertices());
-        if (!stream.read((char*) order.data(), sizeof(int)*order.size()))
+        if (!stream.read((char*) order.data(), sizeof(int) * order.size()))
             throw OpenMMException("EdgeFlipIntegrator: the checkpoint ends too early");
         membrane->restore(*context, triangles, order);
     }
@@ -156,10 +161,11 @@ void EdgeFlipIntegrator::deserializeParameters(const SerializationNode& node) {
     requireVersion(node, 1, "EdgeFlipIntegrator");
     const vector<SerializationNode>& children = node.getChildren();
     if (children.size() != membranes.size())
-        throw OpenMMException("EdgeFlipIntegrator: the State is of a System with "+to_string(children.size())+" HelfrichForces, and this one has "+
-                              to_string(membranes.size()));
+        throw OpenMMException("EdgeFlipIntegrator: the State is of a System with " + to_string(children.size()) +
+                              " HelfrichForces, and this one has " + to_string(membranes.size()));
     for (size_t i = 0; i < membranes.size(); i++)
-        membranes[i]->restore(*context, loadTriangles(children[i]), loadIntegers("vertices", children[i].getChildNode("Order")));
+        membranes[i]->restore(*context, loadTriangles(children[i]),
+                              loadIntegers("vertices", children[i].getChildNode("Order")));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
     numSweeps = node.getLongProperty("numSweeps");
     numAttempted = node.getLongProperty("numAttempted");

@@ -30,43 +30,47 @@ static const int MAX_THREADS = 8;
 static const int MAX_TRIES = 1000;
 
 /**
- * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time than it saves.
+ * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time
+ * than it saves.
  */
 static const int MIN_FETCHED_AHEAD = 15000;
 
 static const int NONE = -1;
 
 static int limitThreads(int numThreads, int numVertices) {
-    return max(1, min({numThreads, MAX_THREADS, numVertices/(VERTICES_PER_ATTEMPT*EdgeFlipBatch::SIZE)}));
+    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * EdgeFlipBatch::SIZE)}));
 }
 
-EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied) : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(limitThreads(numThreads, mesh.getNumVertices())),
-        random(0, 0), state(mesh), slots(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD*this->numThreads), renewed(), lastFlips(mesh.getNumVertices()) {
-    batchSize = min(max(8, mesh.getNumVertices()/VERTICES_PER_ATTEMPT), EdgeFlipBatch::SIZE);
+EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied)
+        : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(limitThreads(numThreads, mesh.getNumVertices())),
+          random(0, 0), state(mesh), slots(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD * this->numThreads),
+          renewed(), lastFlips(mesh.getNumVertices()) {
+    batchSize = min(max(8, mesh.getNumVertices() / VERTICES_PER_ATTEMPT), EdgeFlipBatch::SIZE);
     if (mesh.getNumVertices() <= maxCopied)
         for (int i = 1; i < this->numThreads; i++)
             copies.emplace_back(new Copy(mesh));
 }
 
-void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors) {
+void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+                                 HelfrichNeighborList* neighbors) {
     this->neighbors = neighbors;
     totals.area = geometry.area;
     totals.volume = geometry.volume;
     totals.curvature = geometry.integratedMeanCurvature;
     state.setNeighbors(neighbors);
     const int CHUNK = 256, numVertices = mesh.getNumVertices();
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
+#pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int begin = 0; begin < numVertices; begin += CHUNK) {
         // To gather them once for the states of all threads takes less time than to let each thread fill its own.
-        int end = min(begin+CHUNK, numVertices);
+        int end = min(begin + CHUNK, numVertices);
         state.setPositions(positions, geometry, begin, end);
         for (auto& copy : copies)
             copy->state.setPositions(state, begin, end);
     }
 }
 
-EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts, const Philox& random, long long sweep,
-                                          const Observer& observer) {
+EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
+                                          const Philox& random, long long sweep, const Observer& observer) {
     p = parameters;
     this->kT = kT;
     this->numAttempts = numAttempts;
@@ -76,21 +80,21 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     updatePenalties();
     exception = NULL;
     statistics = EdgeFlipStatistics();
-    numBatches = (numAttempts+batchSize-1)/batchSize;
+    numBatches = (numAttempts + batchSize - 1) / batchSize;
     numClaimed = numDecided = 0;
     for (Slot& slot : slots)
         slot.evaluated = NONE;
     fill(lastFlips.begin(), lastFlips.end(), NONE);
     state.setParameters(p);
-    #pragma omp parallel num_threads(numThreads)
+#pragma omp parallel num_threads(numThreads)
     {
         int thread = omp_get_thread_num();
-        Copy* copy = (thread == 0 || copies.empty() ? NULL : copies[thread-1].get());
-        #pragma omp single
-        numCopies = (copies.empty() ? 0 : omp_get_num_threads()-1);
+        Copy* copy = (thread == 0 || copies.empty() ? NULL : copies[thread - 1].get());
+#pragma omp single
+        numCopies = (copies.empty() ? 0 : omp_get_num_threads() - 1);
         if (copy != NULL)
             prepare(*copy);
-        #pragma omp barrier
+#pragma omp barrier
         if (needsNeighborList(p))
             findClosePartners();
         if (thread == 0)
@@ -106,12 +110,14 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
 }
 
 void EdgeFlipSweep::prepare(Copy& copy) const {
-    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and partners found anew or divided.
+    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and partners
+    // found anew or divided.
 
     if (copy.mesh.getRevision() != mesh.getRevision())
         copy.mesh = mesh;
     copy.state.setParameters(p);
-    if (needsNeighborList(p) && (copy.neighbors.numBuilds != neighbors->numBuilds || copy.neighbors.revision != mesh.getRevision()))
+    if (needsNeighborList(p) &&
+        (copy.neighbors.numBuilds != neighbors->numBuilds || copy.neighbors.revision != mesh.getRevision()))
         copy.neighbors = *neighbors;
     copy.numSeen = 0;
 }
@@ -119,7 +125,7 @@ void EdgeFlipSweep::prepare(Copy& copy) const {
 void EdgeFlipSweep::findClosePartners() {
     // As with positions, to find them once for all states takes less time.
 
-    #pragma omp for schedule(static)
+#pragma omp for schedule(static)
     for (int v = 0; v < mesh.getNumVertices(); v++) {
         state.findClosePartners(v);
         for (int i = 0; i < numCopies; i++)
@@ -141,7 +147,7 @@ void EdgeFlipSweep::decideAll() {
             if (!evaluateNext(state, batch, upcoming))
                 waitForOthers(tries);
         decide(batch);
-        numDecided.store(batch+1, memory_order_release);
+        numDecided.store(batch + 1, memory_order_release);
     }
     if (statistics.accepted > 0)
         mesh.markChanged();
@@ -187,7 +193,7 @@ bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen, int& u
     EdgeFlipBatch& batch = slot.batch;
     state.evaluate(batch, upcoming == NONE ? NULL : &getSlot(upcoming).batch);
     for (int n = 0; n < batch.numAttempts; n++)
-        batch.attempts[n].threshold = -kT*log(batch.uniform[n]);
+        batch.attempts[n].threshold = -kT * log(batch.uniform[n]);
     collectLikelyFlips(slot);
     slot.firstUnseen = numSeen;
     slot.acceptedFlips.count = 0;
@@ -196,7 +202,8 @@ bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen, int& u
 }
 
 void EdgeFlipSweep::collectLikelyFlips(Slot& slot) {
-    // They are few, and the first thread takes less time to get them from another one's cache than from all over the batch.  What it evaluated itself is at hand.
+    // They are few, and the first thread takes less time to get them from another one's cache than from all over the
+    // batch.  What it evaluated itself is at hand.
 
     const EdgeFlipBatch& batch = slot.batch;
     slot.likelyFlips.count = 0;
@@ -204,8 +211,8 @@ void EdgeFlipSweep::collectLikelyFlips(Slot& slot) {
     if (omp_get_thread_num() == 0)
         return;
     for (int n = 0; n < batch.numAttempts; n++)
-        slot.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold)<<n;
-    for (uint64_t bits = slot.isLikely; bits != 0; bits &= bits-1)
+        slot.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold) << n;
+    for (uint64_t bits = slot.isLikely; bits != 0; bits &= bits - 1)
         slot.likelyFlips.add(batch.getFlip(__builtin_ctzll(bits)));
 }
 
@@ -214,16 +221,16 @@ int EdgeFlipSweep::claimNext() {
     do {
         if (number == numBatches || !hasSlot(number))
             return NONE;
-    } while (!numClaimed.compare_exchange_weak(number, number+1, memory_order_relaxed));
+    } while (!numClaimed.compare_exchange_weak(number, number + 1, memory_order_relaxed));
     EdgeFlipBatch& batch = getSlot(number).batch;
-    long long firstAttempt = number*(long long) batchSize;
-    batch.numAttempts = min((long long) batchSize, numAttempts-firstAttempt);
+    long long firstAttempt = number * (long long) batchSize;
+    batch.numAttempts = min((long long) batchSize, numAttempts - firstAttempt);
     evaluation.draw(random, sweep, firstAttempt, mesh.getNumHalfedges(), batch);
     return number;
 }
 
 bool EdgeFlipSweep::hasSlot(int batch) const {
-    int previous = batch-(int) slots.size();
+    int previous = batch - (int) slots.size();
     if (numDecided.load(memory_order_acquire) <= previous)
         return false;
     for (int i = 0; i < numCopies; i++)
@@ -259,14 +266,16 @@ void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
         statistics.forbidden++;
         return;
     }
-    double energy = attempt->energy+areaPenalty.change(attempt->area)+volumePenalty.change(attempt->volume)+areaDifferencePenalty.change(attempt->curvature);
+    double energy = attempt->energy + areaPenalty.change(attempt->area) + volumePenalty.change(attempt->volume) +
+                    areaDifferencePenalty.change(attempt->curvature);
     if (energy <= 0 || energy < threshold)
         accept(slot, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(slot, n), energy);
 }
 
 EdgeFlip EdgeFlipSweep::getFlip(const Slot& slot, int n) {
-    uint64_t bit = uint64_t(1)<<n;
-    return (slot.isLikely&bit) != 0 ? slot.likelyFlips.flips[__builtin_popcountll(slot.isLikely&(bit-1))] : slot.batch.getFlip(n);
+    uint64_t bit = uint64_t(1) << n;
+    return (slot.isLikely & bit) != 0 ? slot.likelyFlips.flips[__builtin_popcountll(slot.isLikely & (bit - 1))]
+                                      : slot.batch.getFlip(n);
 }
 
 void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy) {
@@ -285,7 +294,8 @@ void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt
 
 bool EdgeFlipSweep::isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const {
     const int* v = attempt.vertex;
-    return max(max(lastFlips[v[0]], lastFlips[v[1]]), max(lastFlips[v[2]], lastFlips[v[3]])) >= firstUnseen || (attempt.dependsOnPartners && isPartnerFlipped(attempt, firstUnseen));
+    return max(max(lastFlips[v[0]], lastFlips[v[1]]), max(lastFlips[v[2]], lastFlips[v[3]])) >= firstUnseen ||
+           (attempt.dependsOnPartners && isPartnerFlipped(attempt, firstUnseen));
 }
 
 bool EdgeFlipSweep::isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const {
@@ -297,19 +307,20 @@ bool EdgeFlipSweep::isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUn
 }
 
 void EdgeFlipSweep::updatePenalties() {
-    auto update = [] (Penalty& penalty, double modulus, double total, double target) {
-        penalty = {modulus, modulus == 0 ? 0 : 1/target, modulus == 0 ? 0 : total/target-1};
+    auto update = [](Penalty& penalty, double modulus, double total, double target) {
+        penalty = {modulus, modulus == 0 ? 0 : 1 / target, modulus == 0 ? 0 : total / target - 1};
     };
     update(areaPenalty, p.areaModulus, totals.area, p.targetArea);
     update(volumePenalty, p.volumeModulus, totals.volume, p.targetVolume);
-    update(areaDifferencePenalty, p.areaDifferenceModulus, totals.curvature, p.targetAreaDifference/(2*p.leafletSeparation));
+    update(areaDifferencePenalty, p.areaDifferenceModulus, totals.curvature,
+           p.targetAreaDifference / (2 * p.leafletSeparation));
 }
 
 double EdgeFlipSweep::Penalty::change(double difference) const {
     // (x+d)^2-x^2 = d (2x+d): the small change does not come from the difference of two large energies.
 
-    double relative = difference*inverseTarget;
-    return modulus*relative*(2*deviation+relative);
+    double relative = difference * inverseTarget;
+    return modulus * relative * (2 * deviation + relative);
 }
 
 namespace HelfrichPlugin {

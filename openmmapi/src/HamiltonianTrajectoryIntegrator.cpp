@@ -12,7 +12,8 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory) {
+HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize,
+                                                                 int stepsPerTrajectory) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setStepsPerTrajectory(stepsPerTrajectory);
@@ -36,13 +37,15 @@ void HamiltonianTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
 
 void HamiltonianTrajectoryIntegrator::setForcePrecision(const string& precision) {
     if (precision != "double" && precision != "mixed")
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the precision of forces is '"+precision+"'; it must be 'double' or 'mixed'");
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the precision of forces is '" + precision +
+                              "'; it must be 'double' or 'mixed'");
     forcePrecision = precision;
 }
 
 void HamiltonianTrajectoryIntegrator::setTrajectoryJitter(double jitter) {
     if (!(jitter >= 0 && jitter < 1))
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the jitter of trajectories is "+to_string(jitter)+"; it must be from 0 to less than 1");
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the jitter of trajectories is " + to_string(jitter) +
+                              "; it must be from 0 to less than 1");
     trajectoryJitter = jitter;
 }
 
@@ -51,7 +54,7 @@ void HamiltonianTrajectoryIntegrator::setSplitting(const string& splitting) {
         Splitting::byName(splitting);
     }
     catch (const OpenMMException& error) {
-        throw OpenMMException(string("HamiltonianTrajectoryIntegrator: ")+error.what());
+        throw OpenMMException(string("HamiltonianTrajectoryIntegrator: ") + error.what());
     }
     this->splitting = splitting;
 }
@@ -63,7 +66,8 @@ void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
 
 void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment) {
     if (!(refreshment > 0 && refreshment <= 1))
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is "+to_string(refreshment)+"; it must be from more than 0 to 1");
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is " +
+                              to_string(refreshment) + "; it must be from more than 0 to 1");
     momentumRefreshment = refreshment;
 }
 
@@ -110,8 +114,8 @@ void HamiltonianTrajectoryIntegrator::step(int steps) {
         throw OpenMMException("This Integrator is not bound to a context!");
     for (int i = 0; i < steps; i++) {
         makeTrajectory();
-        context->setStepCount(context->getStepCount()+1);
-        context->setTime(context->getTime()+getStepSize());
+        context->setStepCount(context->getStepCount() + 1);
+        context->setTime(context->getTime() + getStepSize());
     }
 }
 
@@ -119,15 +123,17 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
     // The energy at the start is that of a valid state: an error there is the user's to see, and not a divergence.
 
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
-    double kT = BOLTZMANN*temperature;
+    double kT = BOLTZMANN * temperature;
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
-    startEnergy += trajectory.begin(*context, kT, refreshment, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
+    startEnergy +=
+            trajectory.begin(*context, kT, refreshment, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
     if (!isfinite(startEnergy))
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; see the forces of the System");
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; "
+                              "see the forces of the System");
     lastNumSteps = drawNumSteps();
     try {
-        lastEnergyChange = moveToEnd(lastNumSteps)-startEnergy;
+        lastEnergyChange = moveToEnd(lastNumSteps) - startEnergy;
     }
     catch (const OpenMMException&) {
         lastEnergyChange = numeric_limits<double>::infinity();
@@ -138,7 +144,7 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
         lastEnergyChange = numeric_limits<double>::infinity();
         numDiverged++;
     }
-    if (Philox::uniform(words[0], words[1]) < exp(-lastEnergyChange/kT))
+    if (Philox::uniform(words[0], words[1]) < exp(-lastEnergyChange / kT))
         numAccepted++;
     else
         trajectory.restore(*context);
@@ -146,17 +152,19 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
 }
 
 int HamiltonianTrajectoryIntegrator::drawNumSteps() const {
-    int least = max(1, (int) lround(stepsPerTrajectory*(1-trajectoryJitter))), most = (int) lround(stepsPerTrajectory*(1+trajectoryJitter));
+    int least = max(1, (int) lround(stepsPerTrajectory * (1 - trajectoryJitter))),
+        most = (int) lround(stepsPerTrajectory * (1 + trajectoryJitter));
     auto words = Philox(activeSeed, RandomStream::TrajectoryLength)(0, numTrajectories);
-    int steps = least+Philox::index(words[0], words[1], most-least+1), stages = Splitting::byName(splitting).getNumStages();
-    return (steps+stages-1)/stages*stages;
+    int steps = least + Philox::index(words[0], words[1], most - least + 1),
+        stages = Splitting::byName(splitting).getNumStages();
+    return (steps + stages - 1) / stages * stages;
 }
 
 double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     Splitting scheme = Splitting::byName(splitting);
     int stages = scheme.getNumStages();
-    vector<KickAndDrift> sequence = scheme.getSequence(stages*getStepSize(), numSteps/stages, tetherSubsteps);
+    vector<KickAndDrift> sequence = scheme.getSequence(stages * getStepSize(), numSteps / stages, tetherSubsteps);
     double potentialEnergy;
     if (movesByItself())
         potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
@@ -164,7 +172,7 @@ double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
         moveStepByStep(sequence);
         potentialEnergy = calcForcesAndEnergy(*context, hasOnlyMembranes, false, true, getIntegrationForceGroups());
     }
-    return potentialEnergy+trajectory.computeKineticEnergy(*context);
+    return potentialEnergy + trajectory.computeKineticEnergy(*context);
 }
 
 void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>& sequence) {
@@ -181,11 +189,11 @@ void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>&
 }
 
 bool HamiltonianTrajectoryIntegrator::movesByItself() const {
-    return soleMembrane != NULL && (getIntegrationForceGroups()&(1<<soleMembrane->getOwner().getForceGroup())) != 0;
+    return soleMembrane != NULL && (getIntegrationForceGroups() & (1 << soleMembrane->getOwner().getForceGroup())) != 0;
 }
 
 void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
-    auto setKick = [&] (const KickAndDrift* kick) {
+    auto setKick = [&](const KickAndDrift* kick) {
         for (auto membrane : membranes)
             membrane->setKick(kick);
     };

@@ -16,13 +16,14 @@ static void fail(const string& item, double value, const string& allowed) {
 }
 
 /**
- * The largest exponent: its own power in the stretching potential is still a number, and a slip of the pen in a file costs no hours.
+ * The largest exponent: its own power in the stretching potential is still a number, and a slip of the pen in a file
+ * costs no hours.
  */
 static const int MAX_EXPONENT = 100;
 
 static void checkExponent(const string& item, int exponent) {
     if (exponent < 1 || exponent > MAX_EXPONENT)
-        fail(item, exponent, "from 1 to "+to_string(MAX_EXPONENT));
+        fail(item, exponent, "from 1 to " + to_string(MAX_EXPONENT));
 }
 
 static void checkFinite(const string& item, double value) {
@@ -36,12 +37,13 @@ HelfrichForce::HelfrichForce() {
 
 int HelfrichForce::addTriangle(int particle1, int particle2, int particle3) {
     triangles.push_back({particle1, particle2, particle3});
-    return triangles.size()-1;
+    return triangles.size() - 1;
 }
 
 static void checkIndex(const string& method, const string& item, int index, int count) {
     if (index < 0 || index >= count)
-        throw OpenMMException(method+": there is no "+item+" "+to_string(index)+"; there are "+to_string(count));
+        throw OpenMMException(method + ": there is no " + item + " " + to_string(index) + "; there are " +
+                              to_string(count));
 }
 
 void HelfrichForce::getTriangleParameters(int index, int& particle1, int& particle2, int& particle3) const {
@@ -56,13 +58,13 @@ void HelfrichForce::setTriangleParameters(int index, int particle1, int particle
     triangles[index] = {particle1, particle2, particle3};
 }
 
-void HelfrichForce::setTriangles(const vector<array<int, 3> >& triangles) {
+void HelfrichForce::setTriangles(const vector<array<int, 3>>& triangles) {
     this->triangles = triangles;
 }
 
 int HelfrichForce::addFixedEdge(int particle1, int particle2) {
     fixedEdges.push_back({particle1, particle2});
-    return fixedEdges.size()-1;
+    return fixedEdges.size() - 1;
 }
 
 void HelfrichForce::getFixedEdgeParameters(int index, int& particle1, int& particle2) const {
@@ -129,7 +131,8 @@ void HelfrichForce::setTether(double modulus, double minLength, double maxLength
     checkFinite("setTether: the maximum length", maxLength);
     if (modulus != 0 && minLength >= maxLength) {
         stringstream message;
-        message << "setTether: the minimum length " << minLength << " must be less than the maximum length " << maxLength;
+        message << "setTether: the minimum length " << minLength << " must be less than the maximum length "
+                << maxLength;
         throw OpenMMException(message.str());
     }
     checkExponent("setTether: the exponent", exponent);
@@ -169,11 +172,11 @@ static HelfrichForceImpl& findImpl(ForceImpl& impl) {
     return dynamic_cast<HelfrichForceImpl&>(impl);
 }
 
-void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3> >& triangles) const {
+void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3>>& triangles) const {
     triangles = findImpl(getImplInContext(context)).getMesh().getTriangles();
 }
 
-void HelfrichForce::setTrianglesInContext(Context& context, const vector<array<int, 3> >& triangles) const {
+void HelfrichForce::setTrianglesInContext(Context& context, const vector<array<int, 3>>& triangles) const {
     findImpl(getImplInContext(context)).setTriangles(getContextImpl(context), triangles);
 }
 

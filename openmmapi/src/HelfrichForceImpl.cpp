@@ -23,8 +23,8 @@ static HelfrichParameters copyModuli(const HelfrichForce& force) {
     return p;
 }
 
-static vector<array<int, 2> > copyFixedEdges(const HelfrichForce& force) {
-    vector<array<int, 2> > edges(force.getNumFixedEdges());
+static vector<array<int, 2>> copyFixedEdges(const HelfrichForce& force) {
+    vector<array<int, 2>> edges(force.getNumFixedEdges());
     for (int i = 0; i < force.getNumFixedEdges(); i++)
         force.getFixedEdgeParameters(i, edges[i][0], edges[i][1]);
     return edges;
@@ -51,7 +51,8 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     moduli = copyModuli(owner);
     checkTarget("area", "setTargetArea", moduli.areaModulus, owner.getTargetArea());
     checkTarget("volume", "setTargetVolume", moduli.volumeModulus, owner.getTargetVolume());
-    checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus, owner.getTargetAreaDifference());
+    checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus,
+                owner.getTargetAreaDifference());
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
     mesh->setFixedEdges(copyFixedEdges(owner));
     sweep.reset(new EdgeFlipSweep(*mesh, getNumThreads(context)));
@@ -62,17 +63,20 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
 void HelfrichForceImpl::checkName(const System& system) const {
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& other = system.getForce(i);
-        if (&other != &owner && dynamic_cast<const HelfrichForce*>(&other) != NULL && other.getName() == owner.getName())
-            throw OpenMMException("HelfrichForce: two HelfrichForces have the name '"+owner.getName()+
-                                  "', so that their target parameters would have the same names; call setName() to tell them apart");
+        if (&other != &owner && dynamic_cast<const HelfrichForce*>(&other) != NULL &&
+            other.getName() == owner.getName())
+            throw OpenMMException(
+                    "HelfrichForce: two HelfrichForces have the name '" + owner.getName() +
+                    "', so that their target parameters would have the same names; call setName() to tell them apart");
     }
 }
 
 void HelfrichForceImpl::checkTarget(const string& term, const string& setter, double modulus, double target) const {
     if (modulus != 0 && (target == 0 || !isfinite(target))) {
         stringstream message;
-        message << owner.getName() << ": the " << term << " term is on (modulus " << modulus << " kJ/mol), but its target is " << target
-                << "; set it to a finite value other than zero with " << setter << "() or as a parameter of the Context";
+        message << owner.getName() << ": the " << term << " term is on (modulus " << modulus
+                << " kJ/mol), but its target is " << target << "; set it to a finite value other than zero with "
+                << setter << "() or as a parameter of the Context";
         throw OpenMMException(message.str());
     }
 }
@@ -89,7 +93,8 @@ HelfrichParameters HelfrichForceImpl::getParameters(ContextImpl& context) const 
 }
 
 void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichParameters& parameters) {
-    // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held to this.
+    // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held
+    // to this.
 
     if (isOrientationChecked || parameters.volumeModulus == 0)
         return;
@@ -99,7 +104,8 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
     if (volume <= 0) {
         stringstream message;
         message << owner.getName() << ": the volume term is on, but the surface encloses a volume of " << volume
-                << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: exchange two particles of each";
+                << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: "
+                   "exchange two particles of each";
         throw OpenMMException(message.str());
     }
     isOrientationChecked = isfinite(volume);
@@ -122,8 +128,8 @@ void HelfrichForceImpl::checkPositions(const vector<Vec3>& positions) const {
         const Vec3& x = positions[particle];
         if (!isfinite(x[0]) || !isfinite(x[1]) || !isfinite(x[2])) {
             stringstream message;
-            message << owner.getName() << ": the position of particle " << particle << " is (" << x[0] << ", " << x[1] << ", " << x[2]
-                    << "); positions must be finite";
+            message << owner.getName() << ": the position of particle " << particle << " is (" << x[0] << ", " << x[1]
+                    << ", " << x[2] << "); positions must be finite";
             throw OpenMMException(message.str());
         }
     }
@@ -134,38 +140,45 @@ void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichEnerg
     context.getPositions(positions);
     checkPositions(positions);
     stringstream message;
-    message << owner.getName() << ": the energy is not finite, or a force is not (bending " << terms.bending << ", area " << terms.area << ", volume " << terms.volume
-            << ", area difference " << terms.areaDifference << ", tether " << terms.tether << ", repulsion " << terms.repulsion
+    message << owner.getName() << ": the energy is not finite, or a force is not (bending " << terms.bending
+            << ", area " << terms.area << ", volume " << terms.volume << ", area difference " << terms.areaDifference
+            << ", tether " << terms.tether << ", repulsion " << terms.repulsion
             << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
     throw OpenMMException(message.str());
 }
 
-void HelfrichForceImpl::checkGeometry(ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const {
-    if (isfinite(geometry.area) && isfinite(geometry.volume) && (!needsCurvature || isfinite(geometry.integratedMeanCurvature)))
+void HelfrichForceImpl::checkGeometry(ContextImpl& context, const HelfrichGeometry& geometry,
+                                      bool needsCurvature) const {
+    if (isfinite(geometry.area) && isfinite(geometry.volume) &&
+        (!needsCurvature || isfinite(geometry.integratedMeanCurvature)))
         return;
     vector<Vec3> positions;
     context.getPositions(positions);
     checkPositions(positions);
     stringstream message;
-    message << owner.getName() << ": the geometry is not finite (area " << geometry.area << " nm^2, volume " << geometry.volume << " nm^3, integrated mean curvature "
-            << geometry.integratedMeanCurvature << " nm): the positions are too far apart, or the two ends of an edge are in one place";
+    message << owner.getName() << ": the geometry is not finite (area " << geometry.area << " nm^2, volume "
+            << geometry.volume << " nm^3, integrated mean curvature " << geometry.integratedMeanCurvature
+            << " nm): the positions are too far apart, or the two ends of an edge are in one place";
     throw OpenMMException(message.str());
 }
 
-double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy, int groups) {
-    if ((groups&(1<<owner.getForceGroup())) == 0)
+double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy,
+                                              int groups) {
+    if ((groups & (1 << owner.getForceGroup())) == 0)
         return 0;
     double energy = execute(context, includeForces).getTotal();
     return includeEnergy ? energy : 0;
 }
 
 bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
-    return mesh->getNumVertices() == context.getSystem().getNumParticles() && kernel.getAs<CalcHelfrichForceKernel>().canMakeTrajectory();
+    return mesh->getNumVertices() == context.getSystem().getNumParticles() &&
+           kernel.getAs<CalcHelfrichForceKernel>().canMakeTrajectory();
 }
 
 double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const vector<KickAndDrift>& sequence, bool mixed) {
     HelfrichEnergyTerms terms;
-    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed, terms))
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed,
+                                                                terms))
         throwNonFinite(context, terms);
     return terms.getTotal();
 }
@@ -180,12 +193,12 @@ vector<string> HelfrichForceImpl::getKernelNames() {
     return {CalcHelfrichForceKernel::Name()};
 }
 
-vector<pair<int, int> > HelfrichForceImpl::getBondedParticles() const {
-    vector<pair<int, int> > bonds;
+vector<pair<int, int>> HelfrichForceImpl::getBondedParticles() const {
+    vector<pair<int, int>> bonds;
     for (auto& t : owner.getTriangles())
         for (int c = 0; c < 3; c++)
-            if (t[c] < t[(c+1)%3])
-                bonds.push_back({t[c], t[(c+1)%3]});
+            if (t[c] < t[(c + 1) % 3])
+                bonds.push_back({t[c], t[(c + 1) % 3]});
     return bonds;
 }
 
@@ -215,23 +228,25 @@ HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
     checkGeometry(context, geometry, true);
-    geometry.areaDifference = 2*moduli.leafletSeparation*geometry.integratedMeanCurvature;
+    geometry.areaDifference = 2 * moduli.leafletSeparation * geometry.integratedMeanCurvature;
     return geometry;
 }
 
-void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<int, 3> >& triangles) {
+void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<int, 3>>& triangles) {
     mesh->setTriangles(triangles);
     isOrientationChecked = false;
     context.systemChanged();
 }
 
-void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3> >& triangles, const vector<int>& order) {
+void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3>>& triangles,
+                                const vector<int>& order) {
     setTriangles(context, triangles);
     mesh->setOrder(order);
     isOrientationChecked = true;
 }
 
-EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweepIndex,
+EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts,
+                                                const Philox& random, long long sweepIndex,
                                                 const EdgeFlipSweep::Observer& observer) {
     HelfrichParameters parameters = getParameters(context);
     requirePositions(context);

@@ -13,17 +13,19 @@ static string describeTriangle(int index, const array<int, 3>& t) {
     return text.str();
 }
 
-static void checkTriangles(const vector<array<int, 3> >& triangles, int numParticles) {
+static void checkTriangles(const vector<array<int, 3>>& triangles, int numParticles) {
     if (triangles.empty())
         throw OpenMMException("HelfrichForce: there are no triangles; add them with addTriangle() or setTriangles()");
     for (int i = 0; i < (int) triangles.size(); i++) {
         const array<int, 3>& t = triangles[i];
         for (int particle : t)
             if (particle < 0 || particle >= numParticles)
-                throw OpenMMException("HelfrichForce: "+describeTriangle(i, t)+" has the particle index "+to_string(particle)+
-                                      ", but the System's particles have indices from 0 to "+to_string(numParticles-1));
+                throw OpenMMException("HelfrichForce: " + describeTriangle(i, t) + " has the particle index " +
+                                      to_string(particle) + ", but the System's particles have indices from 0 to " +
+                                      to_string(numParticles - 1));
         if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
-            throw OpenMMException("HelfrichForce: "+describeTriangle(i, t)+" repeats a particle; a triangle has three different ones");
+            throw OpenMMException("HelfrichForce: " + describeTriangle(i, t) +
+                                  " repeats a particle; a triangle has three different ones");
     }
 }
 
@@ -48,7 +50,7 @@ private:
     void growPatch(int seed) {
         if (isCollected[seed])
             return;
-        size_t next = order.size(), end = next-next%HelfrichMesh::PATCH+HelfrichMesh::PATCH;
+        size_t next = order.size(), end = next - next % HelfrichMesh::PATCH + HelfrichMesh::PATCH;
         add(seed);
         for (; next < order.size(); next++) {
             int first = mesh.outgoing(order[next]), h = first;
@@ -73,7 +75,7 @@ private:
     vector<int> border;
 };
 
-HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParticles) : numParticles(numParticles) {
+HelfrichMesh::HelfrichMesh(const vector<array<int, 3>>& triangles, int numParticles) : numParticles(numParticles) {
     checkTriangles(triangles, numParticles);
     findParticles(triangles);
     findVertices(triangles);
@@ -82,7 +84,7 @@ HelfrichMesh::HelfrichMesh(const vector<array<int, 3> >& triangles, int numParti
 }
 
 void HelfrichMesh::chooseOutgoings() {
-    for (int h = getNumHalfedges()-1; h >= 0; h--)
+    for (int h = getNumHalfedges() - 1; h >= 0; h--)
         vertices[origin(h)].outgoing = h;
 }
 
@@ -105,7 +107,7 @@ void HelfrichMesh::setOrder(const vector<int>& order) {
     revision++;
 }
 
-void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles) {
+void HelfrichMesh::findParticles(const vector<array<int, 3>>& triangles) {
     vector<char> isVertex(numParticles, 0);
     for (auto& triangle : triangles)
         for (int particle : triangle)
@@ -115,38 +117,41 @@ void HelfrichMesh::findParticles(const vector<array<int, 3> >& triangles) {
             particles.push_back(i);
 }
 
-void HelfrichMesh::findVertices(const vector<array<int, 3> >& triangles) {
-    bool areContiguous = (particles.back() == (int) particles.size()-1);
-    halfedges.reserve(3*triangles.size());
+void HelfrichMesh::findVertices(const vector<array<int, 3>>& triangles) {
+    bool areContiguous = (particles.back() == (int) particles.size() - 1);
+    halfedges.reserve(3 * triangles.size());
     for (auto& triangle : triangles)
         for (int particle : triangle) {
-            int vertex = areContiguous ? particle : lower_bound(particles.begin(), particles.end(), particle)-particles.begin();
+            int vertex = areContiguous ? particle
+                                       : lower_bound(particles.begin(), particles.end(), particle) - particles.begin();
             halfedges.push_back({vertex, -1, -1});
         }
 }
 
 string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
-    return to_string(particles[vertex1])+"-"+to_string(particles[vertex2]);
+    return to_string(particles[vertex1]) + "-" + to_string(particles[vertex2]);
 }
 
 void HelfrichMesh::pair(const int* sameEdge, int count) {
-    int h1 = sameEdge[0], h2 = sameEdge[count-1];
+    int h1 = sameEdge[0], h2 = sameEdge[count - 1];
     if (count == 2 && origin(h1) != origin(h2)) {
         halfedges[h1].opposite = h2;
         halfedges[h2].opposite = h1;
         return;
     }
-    string edge = "HelfrichForce: the edge "+describeEdge(min(origin(h1), tip(h1)), max(origin(h1), tip(h1)));
+    string edge = "HelfrichForce: the edge " + describeEdge(min(origin(h1), tip(h1)), max(origin(h1), tip(h1)));
     if (count == 1)
-        throw OpenMMException(edge+" belongs to triangle "+to_string(h1/3)+" only; the surface must be closed, with two triangles at each edge");
+        throw OpenMMException(edge + " belongs to triangle " + to_string(h1 / 3) +
+                              " only; the surface must be closed, with two triangles at each edge");
     for (int i = 0; i < count; i++)
         for (int j = 0; j < i; j++)
             if (origin(sameEdge[i]) == origin(sameEdge[j]) && apex(sameEdge[i]) == apex(sameEdge[j]))
-                throw OpenMMException("HelfrichForce: triangle "+to_string(sameEdge[i]/3)+" repeats triangle "+to_string(sameEdge[j]/3)+"; each triangle may appear once");
+                throw OpenMMException("HelfrichForce: triangle " + to_string(sameEdge[i] / 3) + " repeats triangle " +
+                                      to_string(sameEdge[j] / 3) + "; each triangle may appear once");
     if (count > 2)
-        throw OpenMMException(edge+" belongs to "+to_string(count)+" triangles, among them "+to_string(h1/3)+" and "+to_string(h2/3)+
-                              "; an edge belongs to exactly two");
-    throw OpenMMException(edge+" runs the same way in triangles "+to_string(h1/3)+" and "+to_string(h2/3)+
+        throw OpenMMException(edge + " belongs to " + to_string(count) + " triangles, among them " + to_string(h1 / 3) +
+                              " and " + to_string(h2 / 3) + "; an edge belongs to exactly two");
+    throw OpenMMException(edge + " runs the same way in triangles " + to_string(h1 / 3) + " and " + to_string(h2 / 3) +
                           "; all triangles must be counter-clockwise seen from outside");
 }
 
@@ -154,23 +159,22 @@ void HelfrichMesh::connect() {
     // Sort the halfedges into buckets by the lower vertex of their edge, then pair those with the same other vertex.
 
     int numHalfedges = halfedges.size();
-    vector<int> start(particles.size()+1, 0), bucket(numHalfedges);
+    vector<int> start(particles.size() + 1, 0), bucket(numHalfedges);
     for (int h = 0; h < numHalfedges; h++)
-        start[min(origin(h), tip(h))+1]++;
+        start[min(origin(h), tip(h)) + 1]++;
     for (size_t i = 1; i < start.size(); i++)
-        start[i] += start[i-1];
-    vector<int> end(start.begin(), start.end()-1);
+        start[i] += start[i - 1];
+    vector<int> end(start.begin(), start.end() - 1);
     for (int h = 0; h < numHalfedges; h++)
         bucket[end[min(origin(h), tip(h))]++] = h;
-    auto upper = [&] (int h) { return max(origin(h), tip(h)); };
+    auto upper = [&](int h) { return max(origin(h), tip(h)); };
     for (size_t v = 0; v < particles.size(); v++) {
-        sort(bucket.begin()+start[v], bucket.begin()+end[v], [&] (int a, int b) {
-            return make_pair(upper(a), a) < make_pair(upper(b), b);
-        });
+        sort(bucket.begin() + start[v], bucket.begin() + end[v],
+             [&](int a, int b) { return make_pair(upper(a), a) < make_pair(upper(b), b); });
         for (int first = start[v], last; first < end[v]; first = last) {
-            for (last = first+1; last < end[v] && upper(bucket[last]) == upper(bucket[first]); last++)
+            for (last = first + 1; last < end[v] && upper(bucket[last]) == upper(bucket[first]); last++)
                 ;
-            pair(&bucket[first], last-first);
+            pair(&bucket[first], last - first);
         }
     }
     for (Halfedge& halfedge : halfedges)
@@ -190,28 +194,32 @@ void HelfrichMesh::checkVertices() const {
             numRotations++;
         } while (h != outgoing(v) && numRotations <= valence(v));
         if (numRotations != valence(v))
-            throw OpenMMException("HelfrichForce: the triangles around particle "+to_string(particles[v])+" form more than one fan; surfaces must not touch at a vertex");
+            throw OpenMMException("HelfrichForce: the triangles around particle " + to_string(particles[v]) +
+                                  " form more than one fan; surfaces must not touch at a vertex");
         if (valence(v) < 3)
-            throw OpenMMException("HelfrichForce: particle "+to_string(particles[v])+" has only "+to_string(valence(v))+" neighbors; each vertex needs at least three");
+            throw OpenMMException("HelfrichForce: particle " + to_string(particles[v]) + " has only " +
+                                  to_string(valence(v)) + " neighbors; each vertex needs at least three");
     }
 }
 
-vector<array<int, 3> > HelfrichMesh::getTriangles() const {
-    vector<array<int, 3> > triangles(getNumTriangles());
+vector<array<int, 3>> HelfrichMesh::getTriangles() const {
+    vector<array<int, 3>> triangles(getNumTriangles());
     for (int t = 0; t < getNumTriangles(); t++)
         for (int c = 0; c < 3; c++)
-            triangles[t][c] = particles[origin(3*t+c)];
+            triangles[t][c] = particles[origin(3 * t + c)];
     return triangles;
 }
 
-void HelfrichMesh::setTriangles(const vector<array<int, 3> >& triangles) {
+void HelfrichMesh::setTriangles(const vector<array<int, 3>>& triangles) {
     HelfrichMesh mesh(triangles, numParticles);
     if (mesh.particles != particles)
-        throw OpenMMException("HelfrichForce: the new triangles must connect the same "+to_string(particles.size())+" particles as before");
+        throw OpenMMException("HelfrichForce: the new triangles must connect the same " + to_string(particles.size()) +
+                              " particles as before");
     if (mesh.halfedges.size() != halfedges.size())
-        throw OpenMMException("HelfrichForce: there are "+to_string(triangles.size())+" new triangles; their number must stay "+to_string(getNumTriangles()));
+        throw OpenMMException("HelfrichForce: there are " + to_string(triangles.size()) +
+                              " new triangles; their number must stay " + to_string(getNumTriangles()));
     mesh.setFixedEdges(fixedEdges);
-    mesh.revision = revision+1;
+    mesh.revision = revision + 1;
     *this = mesh;
 }
 
@@ -219,7 +227,7 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
     auto found = lower_bound(particles.begin(), particles.end(), particle1);
     if (found == particles.end() || *found != particle1)
         return -1;
-    int first = outgoing(found-particles.begin()), h = first;
+    int first = outgoing(found - particles.begin()), h = first;
     do {
         if (particles[tip(h)] == particle2)
             return h;
@@ -228,15 +236,17 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
     return -1;
 }
 
-void HelfrichMesh::setFixedEdges(const vector<array<int, 2> >& edges) {
-    vector<Relaxed<char> > isFixed(edges.empty() ? 0 : halfedges.size(), 0);
+void HelfrichMesh::setFixedEdges(const vector<array<int, 2>>& edges) {
+    vector<Relaxed<char>> isFixed(edges.empty() ? 0 : halfedges.size(), 0);
     for (size_t i = 0; i < edges.size(); i++) {
-        string edge = "HelfrichForce: the fixed edge "+to_string(i)+" ("+to_string(edges[i][0])+"-"+to_string(edges[i][1])+")";
+        string edge = "HelfrichForce: the fixed edge " + to_string(i) + " (" + to_string(edges[i][0]) + "-" +
+                      to_string(edges[i][1]) + ")";
         int h = findHalfedge(edges[i][0], edges[i][1]);
         if (h == -1)
-            throw OpenMMException(edge+" is not an edge of the triangles; only edges between two particles that they connect can be fixed");
+            throw OpenMMException(edge + " is not an edge of the triangles; only edges between two particles that they "
+                                         "connect can be fixed");
         if (isFixed[h])
-            throw OpenMMException(edge+" appears twice; each edge may be fixed once");
+            throw OpenMMException(edge + " appears twice; each edge may be fixed once");
         isFixed[h] = isFixed[opposite(h)] = 1;
     }
     fixedEdges = edges;
@@ -289,14 +299,14 @@ void HelfrichMesh::validate() const {
     HelfrichMesh fresh(getTriangles(), numParticles);
     for (int h = 0; h < getNumHalfedges(); h++)
         if (fresh.opposite(h) != opposite(h) || fresh.outer(h) != outer(h))
-            throw OpenMMException("HelfrichMesh: what is beyond halfedge "+to_string(h)+" is wrong");
+            throw OpenMMException("HelfrichMesh: what is beyond halfedge " + to_string(h) + " is wrong");
     fresh.setFixedEdges(fixedEdges);
     if (fresh.fixedHalfedges != fixedHalfedges)
         throw OpenMMException("HelfrichMesh: the marks of fixed edges are wrong");
     for (int v = 0; v < getNumVertices(); v++) {
         if (fresh.valence(v) != valence(v))
-            throw OpenMMException("HelfrichMesh: the valence of vertex "+to_string(v)+" is wrong");
+            throw OpenMMException("HelfrichMesh: the valence of vertex " + to_string(v) + " is wrong");
         if (origin(outgoing(v)) != v)
-            throw OpenMMException("HelfrichMesh: the outgoing halfedge of vertex "+to_string(v)+" is wrong");
+            throw OpenMMException("HelfrichMesh: the outgoing halfedge of vertex " + to_string(v) + " is wrong");
     }
 }

@@ -12,12 +12,12 @@ void HelfrichNeighborList::build(const vector<Vec3>& positions, double cutoff) {
 
     vector<int> order(positions.size());
     iota(order.begin(), order.end(), 0);
-    sort(order.begin(), order.end(), [&] (int a, int b) { return positions[a][0] < positions[b][0]; });
-    vector<vector<int> > found(positions.size());
+    sort(order.begin(), order.end(), [&](int a, int b) { return positions[a][0] < positions[b][0]; });
+    vector<vector<int>> found(positions.size());
     for (auto a = order.begin(); a != order.end(); a++)
-        for (auto b = a+1; b != order.end() && positions[*b][0]-positions[*a][0] < cutoff; b++) {
-            Vec3 d = positions[*b]-positions[*a];
-            if (d.dot(d) < cutoff*cutoff) {
+        for (auto b = a + 1; b != order.end() && positions[*b][0] - positions[*a][0] < cutoff; b++) {
+            Vec3 d = positions[*b] - positions[*a];
+            if (d.dot(d) < cutoff * cutoff) {
                 found[*a].push_back(*b);
                 found[*b].push_back(*a);
             }
@@ -36,8 +36,10 @@ void HelfrichNeighborList::divide(const HelfrichMesh& mesh) {
     if (revision == mesh.getRevision())
         return;
     for (int v = 0; v < mesh.getNumVertices(); v++) {
-        auto first = partners.begin()+lists[v].start;
-        lists[v].numApart = partition(first, first+lists[v].numPartners, [&] (int partner) { return !mesh.areBonded(v, partner); })-first;
+        auto first = partners.begin() + lists[v].start;
+        lists[v].numApart = partition(first, first + lists[v].numPartners,
+                                      [&](int partner) { return !mesh.areBonded(v, partner); }) -
+                            first;
     }
     revision = mesh.getRevision();
 }

@@ -17,9 +17,10 @@ using namespace std;
  */
 static CustomIntegrator* createLeapfrog(double temperature, double stepSize, int steps) {
     CustomIntegrator* leapfrog = new CustomIntegrator(stepSize);
-    leapfrog->addGlobalVariable("kT", BOLTZMANN*temperature);
+    leapfrog->addGlobalVariable("kT", BOLTZMANN * temperature);
     leapfrog->addGlobalVariable("stepsPerTrajectory", steps);
-    for (string name : {"leapfrogStep", "startKineticEnergy", "startEnergy", "endKineticEnergy", "endEnergy", "accepted"})
+    for (string name :
+         {"leapfrogStep", "startKineticEnergy", "startEnergy", "endKineticEnergy", "endEnergy", "accepted"})
         leapfrog->addGlobalVariable(name, 0);
     leapfrog->addPerDofVariable("startX", 0);
     leapfrog->addPerDofVariable("startV", 0);
@@ -47,10 +48,12 @@ static CustomIntegrator* createLeapfrog(double temperature, double stepSize, int
     return leapfrog;
 }
 
-HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory, double flipFraction, double flipProbability,
+HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory,
+                                                       double flipFraction, double flipProbability,
                                                        const string& engine) {
     if (engine != "native" && engine != "custom")
-        throw OpenMMException("HybridMonteCarloIntegrator: the engine is '"+engine+"'; it must be 'native' or 'custom'");
+        throw OpenMMException("HybridMonteCarloIntegrator: the engine is '" + engine +
+                              "'; it must be 'native' or 'custom'");
     setFlipProbability(flipProbability);
     unique_ptr<Integrator> native(new HamiltonianTrajectoryIntegrator(temperature, stepSize, stepsPerTrajectory));
     unique_ptr<Integrator> flips(new EdgeFlipIntegrator(temperature, flipFraction));
@@ -58,7 +61,8 @@ HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(double temperature, doubl
     addIntegrator(flips.release());
 }
 
-HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability) {
+HybridMonteCarloIntegrator::HybridMonteCarloIntegrator(Integrator* trajectory, EdgeFlipIntegrator* flips,
+                                                       double flipProbability) {
     setFlipProbability(flipProbability);
     addIntegrator(trajectory);
     addIntegrator(flips);
@@ -95,12 +99,14 @@ const EdgeFlipIntegrator& HybridMonteCarloIntegrator::getFlipIntegrator() const 
 }
 
 HamiltonianTrajectoryIntegrator* HybridMonteCarloIntegrator::getNative() const {
-    return const_cast<HamiltonianTrajectoryIntegrator*>(dynamic_cast<const HamiltonianTrajectoryIntegrator*>(&getIntegrator(0)));
+    return const_cast<HamiltonianTrajectoryIntegrator*>(
+            dynamic_cast<const HamiltonianTrajectoryIntegrator*>(&getIntegrator(0)));
 }
 
 CustomIntegrator* HybridMonteCarloIntegrator::getCustom() const {
     const CustomIntegrator* custom = dynamic_cast<const CustomIntegrator*>(&getIntegrator(0));
-    if (custom == NULL || custom->getNumGlobalVariables() < 2 || custom->getGlobalVariableName(1) != "stepsPerTrajectory")
+    if (custom == NULL || custom->getNumGlobalVariables() < 2 ||
+        custom->getGlobalVariableName(1) != "stepsPerTrajectory")
         return NULL;
     return const_cast<CustomIntegrator*>(custom);
 }
@@ -117,7 +123,7 @@ void HybridMonteCarloIntegrator::setTemperature(double temperature) {
     if (HamiltonianTrajectoryIntegrator* native = getNative())
         native->setTemperature(temperature);
     if (CustomIntegrator* custom = getCustom())
-        custom->setGlobalVariableByName("kT", BOLTZMANN*temperature);
+        custom->setGlobalVariableByName("kT", BOLTZMANN * temperature);
 }
 
 double HybridMonteCarloIntegrator::getStepSize() const {
@@ -147,18 +153,20 @@ void HybridMonteCarloIntegrator::setStepsPerTrajectory(int steps) {
 }
 
 template <class Value, class Result>
-static Value getFrom(const HamiltonianTrajectoryIntegrator* native, Result (HamiltonianTrajectoryIntegrator::*get)() const, const Value& defaultValue) {
+static Value getFrom(const HamiltonianTrajectoryIntegrator* native,
+                     Result (HamiltonianTrajectoryIntegrator::*get)() const, const Value& defaultValue) {
     return native == NULL ? defaultValue : (native->*get)();
 }
 
 template <class Value, class Argument>
-static void setIn(HamiltonianTrajectoryIntegrator* native, void (HamiltonianTrajectoryIntegrator::*set)(Argument), const Value& value, const Value& defaultValue, const string& problem) {
+static void setIn(HamiltonianTrajectoryIntegrator* native, void (HamiltonianTrajectoryIntegrator::*set)(Argument),
+                  const Value& value, const Value& defaultValue, const string& problem) {
     // Other integrators have but the default.
 
     if (native != NULL)
         (native->*set)(value);
     else if (value != defaultValue)
-        throw OpenMMException("HybridMonteCarloIntegrator: "+problem);
+        throw OpenMMException("HybridMonteCarloIntegrator: " + problem);
 }
 
 string HybridMonteCarloIntegrator::getForcePrecision() const {
@@ -167,7 +175,8 @@ string HybridMonteCarloIntegrator::getForcePrecision() const {
 
 void HybridMonteCarloIntegrator::setForcePrecision(const string& precision) {
     setIn(getNative(), &HamiltonianTrajectoryIntegrator::setForcePrecision, precision, string("double"),
-          "the precision of forces is '"+precision+"'; integrator 0 is not one for which it can be other than 'double'");
+          "the precision of forces is '" + precision +
+                  "'; integrator 0 is not one for which it can be other than 'double'");
 }
 
 double HybridMonteCarloIntegrator::getTrajectoryJitter() const {
@@ -176,7 +185,8 @@ double HybridMonteCarloIntegrator::getTrajectoryJitter() const {
 
 void HybridMonteCarloIntegrator::setTrajectoryJitter(double jitter) {
     setIn(getNative(), &HamiltonianTrajectoryIntegrator::setTrajectoryJitter, jitter, 0.0,
-          "integrator 0 is not one whose trajectories can vary in length: it must be a HamiltonianTrajectoryIntegrator");
+          "integrator 0 is not one whose trajectories can vary in length: it must be a "
+          "HamiltonianTrajectoryIntegrator");
 }
 
 string HybridMonteCarloIntegrator::getSplitting() const {
@@ -193,7 +203,8 @@ int HybridMonteCarloIntegrator::getTetherSubsteps() const {
 }
 
 void HybridMonteCarloIntegrator::setTetherSubsteps(int substeps) {
-    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setTetherSubsteps, substeps, 1, "integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
+    setIn(getNative(), &HamiltonianTrajectoryIntegrator::setTetherSubsteps, substeps, 1,
+          "integrator 0 has no substeps: it must be a HamiltonianTrajectoryIntegrator");
 }
 
 double HybridMonteCarloIntegrator::getMomentumRefreshment() const {
@@ -215,12 +226,14 @@ void HybridMonteCarloIntegrator::setFlipFraction(double fraction) {
 
 void HybridMonteCarloIntegrator::checkProbabilities(double flipProbability, double shearWaveProbability) const {
     if (!(flipProbability >= 0 && flipProbability <= 1))
-        throw OpenMMException("HybridMonteCarloIntegrator: the flip probability is "+to_string(flipProbability)+"; it must be between 0 and 1");
+        throw OpenMMException("HybridMonteCarloIntegrator: the flip probability is " + to_string(flipProbability) +
+                              "; it must be between 0 and 1");
     if (!(shearWaveProbability >= 0 && shearWaveProbability <= 1))
-        throw OpenMMException("HybridMonteCarloIntegrator: the probability of shear waves is "+to_string(shearWaveProbability)+"; it must be between 0 and 1");
-    if (flipProbability+shearWaveProbability > 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: the probabilities of flips, "+to_string(flipProbability)+", and of shear waves, "+
-                              to_string(shearWaveProbability)+", add up to more than 1");
+        throw OpenMMException("HybridMonteCarloIntegrator: the probability of shear waves is " +
+                              to_string(shearWaveProbability) + "; it must be between 0 and 1");
+    if (flipProbability + shearWaveProbability > 1)
+        throw OpenMMException("HybridMonteCarloIntegrator: the probabilities of flips, " + to_string(flipProbability) +
+                              ", and of shear waves, " + to_string(shearWaveProbability) + ", add up to more than 1");
 }
 
 void HybridMonteCarloIntegrator::setFlipProbability(double probability) {
@@ -266,12 +279,12 @@ long long HybridMonteCarloIntegrator::getNumDivergedTrajectories() const {
 }
 
 double HybridMonteCarloIntegrator::getAcceptanceRate() const {
-    return getNumTrajectories() == 0 ? 0 : getNumAcceptedTrajectories()/(double) getNumTrajectories();
+    return getNumTrajectories() == 0 ? 0 : getNumAcceptedTrajectories() / (double) getNumTrajectories();
 }
 
 double HybridMonteCarloIntegrator::getFlipAcceptanceRate() const {
     const EdgeFlipIntegrator& flips = getFlipIntegrator();
-    return flips.getNumAttempted() == 0 ? 0 : flips.getNumAccepted()/(double) flips.getNumAttempted();
+    return flips.getNumAttempted() == 0 ? 0 : flips.getNumAccepted() / (double) flips.getNumAttempted();
 }
 
 double HybridMonteCarloIntegrator::getFlipRate() const {
@@ -280,7 +293,8 @@ double HybridMonteCarloIntegrator::getFlipRate() const {
 
 double HybridMonteCarloIntegrator::getShearWaveAcceptanceRate() const {
     const ShearWaveIntegrator* waves = findShearWaves();
-    return waves == NULL || waves->getNumAttempted() == 0 ? 0 : waves->getNumAccepted()/(double) waves->getNumAttempted();
+    return waves == NULL || waves->getNumAttempted() == 0 ? 0
+                                                          : waves->getNumAccepted() / (double) waves->getNumAttempted();
 }
 
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
@@ -303,7 +317,7 @@ void HybridMonteCarloIntegrator::step(int steps) {
         double choice = Philox::uniform(words[0], words[1]);
         if (choice < flipProbability)
             getFlips().step(1);
-        else if (choice < flipProbability+shearWaveProbability)
+        else if (choice < flipProbability + shearWaveProbability)
             getShearWaves().step(1);
         else
             makeTrajectory();
@@ -334,7 +348,8 @@ void HybridMonteCarloIntegrator::makeTrajectory() {
 }
 
 void HybridMonteCarloIntegrator::abandonTrajectory(CustomIntegrator& custom) {
-    // Go back to the start.  If the energy cannot be computed there either, then the start is what is wrong, and not the step size.
+    // Go back to the start.  If the energy cannot be computed there either, then the start is what is wrong, and not
+    // the step size.
 
     vector<Vec3> startX, startV;
     custom.getPerDofVariableByName("startX", startX);
@@ -347,8 +362,8 @@ void HybridMonteCarloIntegrator::abandonTrajectory(CustomIntegrator& custom) {
     context->setPositions(positions);
     context->setVelocities(startV);
     context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
-    context->setStepCount(context->getStepCount()+1);
-    context->setTime(context->getTime()+getStepSize());
+    context->setStepCount(context->getStepCount() + 1);
+    context->setTime(context->getTime() + getStepSize());
 }
 
 void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
@@ -365,7 +380,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
     readBinary(stream, numAccepted);
     readBinary(stream, numDiverged);
     // OpenMM takes the number of the present integrator as it is.
-    auto requireIntegrator = [&] () {
+    auto requireIntegrator = [&]() {
         if (getCurrentIntegrator() >= 0 && getCurrentIntegrator() < getNumIntegrators())
             return;
         setCurrentIntegrator(0);

@@ -34,9 +34,10 @@ InstructionSet getInstructionSet() {
     for (auto& set : supported) {
         if (wanted == set.first)
             return set.second;
-        names += (names.empty() ? "" : ", ")+set.first;
+        names += (names.empty() ? "" : ", ") + set.first;
     }
-    throw OpenMMException("HelfrichForce: OPENMM_HELFRICH_SIMD is '"+string(wanted)+"'; this processor and build support "+names);
+    throw OpenMMException("HelfrichForce: OPENMM_HELFRICH_SIMD is '" + string(wanted) +
+                          "'; this processor and build support " + names);
 }
 
 } // namespace HelfrichPlugin

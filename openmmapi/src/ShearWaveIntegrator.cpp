@@ -12,7 +12,8 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-ShearWaveIntegrator::ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber, double maxWaveNumber, int movesPerStep) {
+ShearWaveIntegrator::ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber,
+                                         double maxWaveNumber, int movesPerStep) {
     setTemperature(temperature);
     setAmplitude(amplitude);
     setWaveNumbers(minWaveNumber, maxWaveNumber);
@@ -36,7 +37,8 @@ void ShearWaveIntegrator::setWaveNumbers(double minWaveNumber, double maxWaveNum
     requirePositive("ShearWaveIntegrator: the greatest wave number in 1/nm", maxWaveNumber);
     if (minWaveNumber > maxWaveNumber) {
         stringstream message;
-        message << "ShearWaveIntegrator: the least wave number is " << minWaveNumber << " and the greatest " << maxWaveNumber << " 1/nm; the least must not be above the greatest";
+        message << "ShearWaveIntegrator: the least wave number is " << minWaveNumber << " and the greatest "
+                << maxWaveNumber << " 1/nm; the least must not be above the greatest";
         throw OpenMMException(message.str());
     }
     this->minWaveNumber = minWaveNumber;
@@ -82,24 +84,25 @@ void ShearWaveIntegrator::step(int steps) {
         throw OpenMMException("This Integrator is not bound to a context!");
     for (int i = 0; i < steps; i++) {
         makeMoves();
-        context->setStepCount(context->getStepCount()+1);
+        context->setStepCount(context->getStepCount() + 1);
     }
 }
 
 void ShearWaveIntegrator::makeMoves() {
     // The energy at the start is that of a valid state: an error there is the user's to see.
 
-    double kT = BOLTZMANN*temperature;
+    double kT = BOLTZMANN * temperature;
     double energy = context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     if (!isfinite(energy))
-        throw OpenMMException("ShearWaveIntegrator: the energy is not finite before a move; see the forces of the System");
+        throw OpenMMException(
+                "ShearWaveIntegrator: the energy is not finite before a move; see the forces of the System");
     context->getPositions(positions);
     double sumOfProbabilities = 0;
     for (int i = 0; i < movesPerStep; i++) {
         displace();
         context->setPositions(trialPositions);
         double trialEnergy = computeTrialEnergy();
-        double probability = min(1.0, exp((energy-trialEnergy)/kT));
+        double probability = min(1.0, exp((energy - trialEnergy) / kT));
         auto words = Philox(activeSeed, RandomStream::ShearWaveTest)(0, numAttempted);
         numAttempted++;
         sumOfProbabilities += probability;
@@ -111,35 +114,36 @@ void ShearWaveIntegrator::makeMoves() {
         else
             context->setPositions(positions);
     }
-    lastAcceptanceProbability = sumOfProbabilities/movesPerStep;
+    lastAcceptanceProbability = sumOfProbabilities / movesPerStep;
 }
 
 /**
- * Compute the sine of 2 pi times a number to within 5e-14: by Taylor's series from -1/4 to 1/4, in operations that compilers vectorise.  The error takes nothing from the
- * exactness of the moves, for any function of k.x makes a shear.
+ * Compute the sine of 2 pi times a number to within 5e-14: by Taylor's series from -1/4 to 1/4, in operations that
+ * compilers vectorise.  The error takes nothing from the exactness of the moves, for any function of k.x makes a shear.
  */
 static inline double sineOfTurns(double turns) {
     const double roundingShift = 6755399441055744.0; // 1.5*2^52, a sum with which is rounded to an integer
-    double turn = turns-((turns+roundingShift)-roundingShift);
-    double angle = 2*M_PI*copysign(0.25-fabs(fabs(turn)-0.25), turn), square = angle*angle;
-    double series = 1.0/6227020800-square*(1.0/1307674368000-square*(1.0/355687428096000));
-    series = 1.0/5040-square*(1.0/362880-square*(1.0/39916800-square*series));
-    return angle*(1-square*(1.0/6-square*(1.0/120-square*series)));
+    double turn = turns - ((turns + roundingShift) - roundingShift);
+    double angle = 2 * M_PI * copysign(0.25 - fabs(fabs(turn) - 0.25), turn), square = angle * angle;
+    double series = 1.0 / 6227020800 - square * (1.0 / 1307674368000 - square * (1.0 / 355687428096000));
+    series = 1.0 / 5040 - square * (1.0 / 362880 - square * (1.0 / 39916800 - square * series));
+    return angle * (1 - square * (1.0 / 6 - square * (1.0 / 120 - square * series)));
 }
 
 void ShearWaveIntegrator::displace() {
     Philox random(activeSeed, RandomStream::ShearWaves);
     Vec3 direction = drawNormals(random, numAttempted, 0), other = drawNormals(random, numAttempted, 1);
     auto words = random(numAttempted, 4);
-    double waveNumber = minWaveNumber+(maxWaveNumber-minWaveNumber)*Philox::uniform(words[0], words[1]);
+    double waveNumber = minWaveNumber + (maxWaveNumber - minWaveNumber) * Philox::uniform(words[0], words[1]);
     double phase = Philox::uniform(words[2], words[3]);
-    Vec3 turnsPerLength = direction*(waveNumber/(2*M_PI*sqrt(direction.dot(direction))));
+    Vec3 turnsPerLength = direction * (waveNumber / (2 * M_PI * sqrt(direction.dot(direction))));
     Vec3 displacement = direction.cross(other);
-    displacement *= amplitude*(minWaveNumber/waveNumber)*drawNormals(random, numAttempted, 3)[0]/sqrt(displacement.dot(displacement));
+    displacement *= amplitude * (minWaveNumber / waveNumber) * drawNormals(random, numAttempted, 3)[0] /
+                    sqrt(displacement.dot(displacement));
     trialPositions.resize(positions.size());
     for (size_t i = 0; i < positions.size(); i++) {
         Vec3 x = positions[i];
-        trialPositions[i] = x+displacement*sineOfTurns(turnsPerLength.dot(x)+phase);
+        trialPositions[i] = x + displacement * sineOfTurns(turnsPerLength.dot(x) + phase);
     }
     for (int i : fixedParticles)
         trialPositions[i] = positions[i];

@@ -33,7 +33,7 @@ HelfrichGeometry getGeometry(const Membrane& membrane) {
  * The threads of a sweep, with a copy of the membrane each unless they share one.
  */
 struct Threads {
-    Threads(int count, int maxCopied=EdgeFlipSweep::MAX_COPIED) : count(count), maxCopied(maxCopied) {
+    Threads(int count, int maxCopied = EdgeFlipSweep::MAX_COPIED) : count(count), maxCopied(maxCopied) {
     }
     int count, maxCopied;
 };
@@ -47,15 +47,17 @@ Threads sharing(int count) {
  */
 class Sweep : public EdgeFlipSweep {
 public:
-    Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p, Threads threads=1) :
-            EdgeFlipSweep(mesh, threads.count, threads.maxCopied) {
+    Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
+          Threads threads = 1)
+            : EdgeFlipSweep(mesh, threads.count, threads.maxCopied) {
         if (needsNeighborList(p)) {
-            neighbors.build(membrane.positions, 1.1*p.repulsionOnset);
+            neighbors.build(membrane.positions, 1.1 * p.repulsionOnset);
             neighbors.divide(mesh);
         }
         setPositions(membrane.positions, geometry, needsNeighborList(p) ? &neighbors : NULL);
     }
-    Sweep(const Membrane& membrane, HelfrichMesh& mesh, const HelfrichParameters& p, Threads threads=1) : Sweep(membrane, getGeometry(membrane), mesh, p, threads) {
+    Sweep(const Membrane& membrane, HelfrichMesh& mesh, const HelfrichParameters& p, Threads threads = 1)
+            : Sweep(membrane, getGeometry(membrane), mesh, p, threads) {
     }
 private:
     HelfrichNeighborList neighbors;
@@ -65,7 +67,7 @@ private:
  * A rough, flat ellipsoid of 10*4^n+2 vertices.
  */
 Membrane createFlatIcosphere(int subdivisions) {
-    return flatten(createIcosphere(subdivisions), 0.15/(1<<subdivisions));
+    return flatten(createIcosphere(subdivisions), 0.15 / (1 << subdivisions));
 }
 
 /**
@@ -74,14 +76,14 @@ Membrane createFlatIcosphere(int subdivisions) {
 vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
     vector<HelfrichParameters> all;
     for (int terms = 1; terms <= AllTerms; terms++)
-        for (int level = 0; level < ((terms&Repulsion) != 0 ? 3 : 1); level++)
+        for (int level = 0; level < ((terms & Repulsion) != 0 ? 3 : 1); level++)
             all.push_back(createParameters(membrane, terms, level));
     return all;
 }
 
 void testEnergyChanges() {
-    // The change of energy of each accepted flip is the difference of two evaluations of the whole membrane, with each term alone and all together, at each level
-    // of exclusions; and the mesh is valid after it.
+    // The change of energy of each accepted flip is the difference of two evaluations of the whole membrane, with each
+    // term alone and all together, at each level of exclusions; and the mesh is valid after it.
 
     Membrane blob = createBlob(2);
     vector<HelfrichParameters> all;
@@ -97,12 +99,12 @@ void testEnergyChanges() {
         int numAccepted = 0, numChanged = 0;
         for (int i = 0; i < 1000; i++) {
             double change;
-            if (sweep.execute(p, 100, 1, Philox(1, 2), i, [&] (double accepted) { change = accepted; }).accepted == 0)
+            if (sweep.execute(p, 100, 1, Philox(1, 2), i, [&](double accepted) { change = accepted; }).accepted == 0)
                 continue;
             mesh.validate();
             long double after = getExactEnergy(blob, mesh, p);
             scale = max(scale, fabsl(after));
-            ASSERT_EQUAL_TOL(0.0, (double) ((after-energy-change)/scale), 1e-12);
+            ASSERT_EQUAL_TOL(0.0, (double) ((after - energy - change) / scale), 1e-12);
             numAccepted++;
             numChanged += (change != 0);
             energy = after;
@@ -118,7 +120,7 @@ void testEnergyChanges() {
  * What comes of sweeps.
  */
 struct Outcome {
-    vector<array<int, 3> > triangles;
+    vector<array<int, 3>> triangles;
     vector<double> changes;
     vector<long long> counts;
     void add(const EdgeFlipStatistics& statistics) {
@@ -130,20 +132,24 @@ struct Outcome {
 const Philox FLIP_RANDOM(1, 2);
 
 /**
- * Make sweeps one after the other.  The later ones begin with the totals that the earlier ones leave, and so does a difference in their last bits.
+ * Make sweeps one after the other.  The later ones begin with the totals that the earlier ones leave, and so does a
+ * difference in their last bits.
  */
-Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT, int numSweeps, int numAttempts, Threads threads) {
+Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT,
+             int numSweeps, int numAttempts, Threads threads) {
     HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
     Sweep sweep(membrane, geometry, mesh, p, threads);
     Outcome outcome;
     for (int i = 0; i < numSweeps; i++)
-        outcome.add(sweep.execute(p, kT, numAttempts, FLIP_RANDOM, i, [&] (double change) { outcome.changes.push_back(change); }));
+        outcome.add(sweep.execute(p, kT, numAttempts, FLIP_RANDOM, i,
+                                  [&](double change) { outcome.changes.push_back(change); }));
     outcome.triangles = mesh.getTriangles();
     return outcome;
 }
 
 /**
- * The definition of a sweep: one attempt after the other, each with the difference of two evaluations of the whole membrane in extended precision.
+ * The definition of a sweep: one attempt after the other, each with the difference of two evaluations of the whole
+ * membrane in extended precision.
  */
 Outcome flipOneByOne(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts) {
     HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
@@ -159,8 +165,8 @@ Outcome flipOneByOne(const Membrane& membrane, const HelfrichParameters& p, doub
         }
         HelfrichMesh flipped = mesh;
         flipped.flip(h);
-        long double after = getExactEnergy(membrane, flipped, p), change = after-energy;
-        if (change <= 0 || Philox::uniform(words[2], words[3]) < exp(-change/kT)) {
+        long double after = getExactEnergy(membrane, flipped, p), change = after - energy;
+        if (change <= 0 || Philox::uniform(words[2], words[3]) < exp(-change / kT)) {
             mesh = flipped;
             energy = after;
             outcome.changes.push_back(change);
@@ -175,7 +181,8 @@ Outcome flipOneByOne(const Membrane& membrane, const HelfrichParameters& p, doub
 /**
  * Assert that a sweep decides each attempt as its definition does, with the same changes of energy.
  */
-void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts, const vector<Threads>& all) {
+void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts,
+                     const vector<Threads>& all) {
     Outcome expected = flipOneByOne(membrane, p, kT, numAttempts);
     double scale = fabs((double) computeExactly(membrane, p).getTotal());
     ASSERT(expected.changes.size() > 0);
@@ -186,14 +193,15 @@ void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, doub
         ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
         ASSERT(expected.triangles == outcome.triangles);
         for (size_t i = 0; i < expected.changes.size(); i++)
-            ASSERT_EQUAL_TOL(0.0, (expected.changes[i]-outcome.changes[i])/scale, 1e-12);
+            ASSERT_EQUAL_TOL(0.0, (expected.changes[i] - outcome.changes[i]) / scale, 1e-12);
     }
 }
 
 const double COLD = 20, HOT = 1000;
 
 void testDefinition() {
-    // Batches of a few attempts on small membranes, and two threads on the largest, whose repulsion would take too long here.
+    // Batches of a few attempts on small membranes, and two threads on the largest, whose repulsion would take too long
+    // here.
 
     for (int subdivisions : {0, 1}) {
         Membrane blob = createFlatIcosphere(subdivisions);
@@ -208,10 +216,12 @@ void testDefinition() {
 }
 
 /**
- * Assert that any number of threads, more than there are processors too, gives what one gives to the last bit, with copies of the membrane and without.
+ * Assert that any number of threads, more than there are processors too, gives what one gives to the last bit, with
+ * copies of the membrane and without.
  */
-void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT, int numSweeps, int numAttempts,
-                  const vector<Threads>& all={2, 3, 4, 8, sharing(2), sharing(3), sharing(8)}) {
+void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT,
+                  int numSweeps, int numAttempts,
+                  const vector<Threads>& all = {2, 3, 4, 8, sharing(2), sharing(3), sharing(8)}) {
     Outcome expected = flip(membrane, geometry, p, kT, numSweeps, numAttempts, 1);
     ASSERT(expected.changes.size() > 0);
     HelfrichMesh(expected.triangles, membrane.positions.size()).validate();
@@ -224,7 +234,8 @@ void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, co
 }
 
 void testThreads() {
-    // Every combination of terms on membranes of 12 to 2562 vertices, some of them up to 40,962.  Below 2048 vertices there is work for one thread only.
+    // Every combination of terms on membranes of 12 to 2562 vertices, some of them up to 40,962.  Below 2048 vertices
+    // there is work for one thread only.
 
     for (int subdivisions : {0, 1, 2, 4}) {
         Membrane blob = createFlatIcosphere(subdivisions);
@@ -245,18 +256,19 @@ void testThreads() {
 }
 
 void testThreadsAfterInterruptions() {
-    // All threads know the flips of a sweep that an observer ends early, and triangles that are replaced between sweeps.
+    // All threads know the flips of a sweep that an observer ends early, and triangles that are replaced between
+    // sweeps.
 
     Membrane blob = createFlatIcosphere(4);
     HelfrichGeometry geometry = getGeometry(blob);
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume);
-    auto run = [&] (Threads threads) {
+    auto run = [&](Threads threads) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         Sweep sweep(blob, geometry, mesh, p, threads);
         Outcome outcome;
         int countdown = 100;
         try {
-            sweep.execute(p, HOT, 1001, FLIP_RANDOM, 0, [&] (double) {
+            sweep.execute(p, HOT, 1001, FLIP_RANDOM, 0, [&](double) {
                 if (--countdown == 0)
                     throw runtime_error("enough");
             });
@@ -264,7 +276,7 @@ void testThreadsAfterInterruptions() {
         catch (const runtime_error&) {
         }
         ASSERT_EQUAL(0, countdown);
-        auto observe = [&] (double change) { outcome.changes.push_back(change); };
+        auto observe = [&](double change) { outcome.changes.push_back(change); };
         outcome.add(sweep.execute(p, HOT, 1001, FLIP_RANDOM, 1, observe));
         mesh.validate();
         mesh.setTriangles(blob.triangles);
@@ -284,7 +296,8 @@ void testThreadsAfterInterruptions() {
 }
 
 void testRunningTotals() {
-    // The totals that one sweep of many flips updates do not drift from those of the surface, nor does the sum of the changes of energy from its energy.
+    // The totals that one sweep of many flips updates do not drift from those of the surface, nor does the sum of the
+    // changes of energy from its energy.
 
     bool isLong = (getenv("OPENMM_HELFRICH_LARGE_TESTS") != NULL);
     long long numAttempts = isLong ? 1000000000 : 4000000;
@@ -293,14 +306,18 @@ void testRunningTotals() {
     HelfrichMesh mesh(blob.triangles, blob.positions.size());
     Sweep sweep(blob, mesh, p);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
-    EdgeFlipStatistics statistics = sweep.execute(p, HOT, numAttempts, Philox(1, 2), 3, [&] (double change) { sum += change; });
-    ASSERT(statistics.accepted > numAttempts/4);
+    EdgeFlipStatistics statistics =
+            sweep.execute(p, HOT, numAttempts, Philox(1, 2), 3, [&](double change) { sum += change; });
+    ASSERT(statistics.accepted > numAttempts / 4);
     auto exact = computeExactly({blob.positions, mesh.getTriangles()}, p);
     long double after = exact.getTotal();
-    double drifts[] = {(double) (sweep.getTotals().area/exact.area-1), (double) (sweep.getTotals().volume/exact.volume-1),
-                       (double) (sweep.getTotals().curvature/exact.curvature-1), (double) ((after-before-sum)/max(fabsl(after), fabsl(before)))};
+    double drifts[] = {(double) (sweep.getTotals().area / exact.area - 1),
+                       (double) (sweep.getTotals().volume / exact.volume - 1),
+                       (double) (sweep.getTotals().curvature / exact.curvature - 1),
+                       (double) ((after - before - sum) / max(fabsl(after), fabsl(before)))};
     if (isLong)
-        printf("%lld flips of %lld attempts: A, V, M and E drift by %.1e, %.1e, %.1e, %.1e\n", statistics.accepted, numAttempts, drifts[0], drifts[1], drifts[2], drifts[3]);
+        printf("%lld flips of %lld attempts: A, V, M and E drift by %.1e, %.1e, %.1e, %.1e\n", statistics.accepted,
+               numAttempts, drifts[0], drifts[1], drifts[2], drifts[3]);
     for (double drift : drifts)
         ASSERT_EQUAL_TOL(0.0, drift, 1e-10);
 }
@@ -308,18 +325,18 @@ void testRunningTotals() {
 void testStatisticsAndRandomNumbers() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
-    auto flip = [&] (int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
+    auto flip = [&](int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         Sweep sweep(blob, mesh, p);
         int numObserved = 0;
-        statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&] (double change) {
+        statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&](double change) {
             numObserved++;
             ASSERT(kT > 0 || change <= 0);
         });
         ASSERT_EQUAL(500, statistics.attempted);
         ASSERT_EQUAL(numObserved, statistics.accepted);
         ASSERT(statistics.forbidden > 0 && statistics.accepted > 0);
-        ASSERT(statistics.accepted+statistics.forbidden < statistics.attempted);
+        ASSERT(statistics.accepted + statistics.forbidden < statistics.attempted);
         ASSERT_EQUAL(1, mesh.getRevision());
         return mesh.getTriangles();
     };
@@ -345,14 +362,14 @@ void testSweepThatChangesNothing() {
 }
 
 void testFixedEdges() {
-    // When all edges but one are fixed, all attempts but those on that one are forbidden, and its flips go to and fro.  With a path of fixed edges no sweep, however hot,
-    // takes one away, on one thread or on several.
+    // When all edges but one are fixed, all attempts but those on that one are forbidden, and its flips go to and fro.
+    // With a path of fixed edges no sweep, however hot, takes one away, on one thread or on several.
 
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
     const double hot = 1e6;
     HelfrichMesh all(blob.triangles, blob.positions.size());
-    vector<array<int, 2> > edges;
+    vector<array<int, 2>> edges;
     int open = 0, numAttempts = 20000;
     while (!all.canFlip(open))
         open++;
@@ -362,23 +379,23 @@ void testFixedEdges() {
     all.setFixedEdges(edges);
     Sweep sweepOfAll(blob, all, p);
     EdgeFlipStatistics statistics = sweepOfAll.execute(p, hot, numAttempts, Philox(1, 2), 0);
-    double expected = numAttempts/(double) all.getNumEdges();
-    ASSERT(fabs(statistics.attempted-statistics.forbidden-expected) < 4*sqrt(expected));
-    ASSERT(statistics.accepted > 0.9*(statistics.attempted-statistics.forbidden));
+    double expected = numAttempts / (double) all.getNumEdges();
+    ASSERT(fabs(statistics.attempted - statistics.forbidden - expected) < 4 * sqrt(expected));
+    ASSERT(statistics.accepted > 0.9 * (statistics.attempted - statistics.forbidden));
     all.validate();
 
-    vector<array<int, 2> > path;
+    vector<array<int, 2>> path;
     for (size_t i = 0; i < edges.size(); i += 5)
         path.push_back(edges[i]);
-    vector<vector<array<int, 3> > > results;
+    vector<vector<array<int, 3>>> results;
     long long forbidden = -1;
     for (int numThreads : {1, 2, 3}) {
         HelfrichMesh mesh(blob.triangles, blob.positions.size());
         mesh.setFixedEdges(path);
         Sweep sweep(blob, mesh, p, numThreads);
         statistics = sweep.execute(p, hot, numAttempts, Philox(1, 2), 0);
-        ASSERT(statistics.accepted > numAttempts/4);
-        ASSERT(statistics.forbidden > 0.9*numAttempts*path.size()/mesh.getNumEdges());
+        ASSERT(statistics.accepted > numAttempts / 4);
+        ASSERT(statistics.forbidden > 0.9 * numAttempts * path.size() / mesh.getNumEdges());
         ASSERT(forbidden == -1 || forbidden == statistics.forbidden);
         forbidden = statistics.forbidden;
         for (auto& edge : path)
@@ -390,35 +407,39 @@ void testFixedEdges() {
 }
 
 /**
- * A triangulation of at most eleven labelled vertices: its edges as bits, and on which side of the surface its first triangle lies.  Up to its orientation,
- * the edges alone determine a triangulation of the sphere.
+ * A triangulation of at most eleven labelled vertices: its edges as bits, and on which side of the surface its first
+ * triangle lies.  Up to its orientation, the edges alone determine a triangulation of the sphere.
  */
-uint64_t getState(const vector<array<int, 3> >& triangles) {
+uint64_t getState(const vector<array<int, 3>>& triangles) {
     uint64_t edges = 0;
     array<int, 3> first = {99, 99, 99};
     bool isEven = false;
     for (array<int, 3> sorted : triangles) {
-        bool even = (sorted[0] < sorted[1])^(sorted[1] < sorted[2])^(sorted[2] < sorted[0]);
+        bool even = (sorted[0] < sorted[1]) ^ (sorted[1] < sorted[2]) ^ (sorted[2] < sorted[0]);
         sort(sorted.begin(), sorted.end());
         if (sorted < first) {
             first = sorted;
             isEven = even;
         }
-        edges |= uint64_t(1)<<(sorted[1]*(sorted[1]-1)/2+sorted[0]) | uint64_t(1)<<(sorted[2]*(sorted[2]-1)/2+sorted[0]) |
-                 uint64_t(1)<<(sorted[2]*(sorted[2]-1)/2+sorted[1]);
+        edges |= uint64_t(1) << (sorted[1] * (sorted[1] - 1) / 2 + sorted[0]) |
+                 uint64_t(1) << (sorted[2] * (sorted[2] - 1) / 2 + sorted[0]) |
+                 uint64_t(1) << (sorted[2] * (sorted[2] - 1) / 2 + sorted[1]);
     }
-    return edges | uint64_t(isEven)<<63;
+    return edges | uint64_t(isEven) << 63;
 }
 
 /**
- * The triangulations that flips, but not of fixed edges, reach from that of a membrane with frozen vertices.  Paths end at those whose energy is so high that a run never goes there.
+ * The triangulations that flips, but not of fixed edges, reach from that of a membrane with frozen vertices.  Paths end
+ * at those whose energy is so high that a run never goes there.
  */
 class Ensemble {
 public:
-    Ensemble(const Membrane& membrane, const HelfrichParameters& p, double kT, const vector<array<int, 2> >& fixedEdges={}) : membrane(membrane), fixedEdges(fixedEdges) {
+    Ensemble(const Membrane& membrane, const HelfrichParameters& p, double kT,
+             const vector<array<int, 2>>& fixedEdges = {})
+            : membrane(membrane), fixedEdges(fixedEdges) {
         HelfrichMesh start(membrane.triangles, membrane.positions.size());
         add(start);
-        double limit = getExactEnergy(membrane, start, p)+30*kT;
+        double limit = getExactEnergy(membrane, start, p) + 30 * kT;
         for (size_t i = 0; i < triangulations.size(); i++) {
             HelfrichMesh mesh(triangulations[i], membrane.positions.size());
             mesh.setFixedEdges(fixedEdges);
@@ -435,17 +456,19 @@ public:
     /**
      * The number of times that each triangulation is seen in a run.
      *
-     * @param numCopies  how many copies of the membrane, far from each other, to flip together; the terms must be local if there are several
+     * @param numCopies  how many copies of the membrane, far from each other, to flip together; the terms must be local
+     * if there are several
      */
-    vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed, int numCopies=1, Threads threads=1) const {
+    vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed,
+                       int numCopies = 1, Threads threads = 1) const {
         Membrane copies = createCopies(numCopies);
         HelfrichMesh mesh(copies.triangles, copies.positions.size());
         mesh.setFixedEdges(copyFixedEdges(numCopies));
         Sweep sweep(copies, mesh, p, threads);
         vector<int> counts(triangulations.size(), 0);
-        int numSweeps = numSamples/numCopies;
+        int numSweeps = numSamples / numCopies;
         for (int i = -BURN_IN; i < numSweeps; i++) {
-            sweep.execute(p, kT, attemptsPerSample*numCopies, Philox(seed, RandomStream::EdgeFlips), BURN_IN+i);
+            sweep.execute(p, kT, attemptsPerSample * numCopies, Philox(seed, RandomStream::EdgeFlips), BURN_IN + i);
             for (int copy = 0; copy < numCopies && i >= 0; copy++)
                 counts[indices.at(getState(getCopy(mesh, copy)))]++;
         }
@@ -464,25 +487,27 @@ private:
         int numVertices = membrane.positions.size();
         for (int copy = 0; copy < numCopies; copy++) {
             for (auto& x : membrane.positions)
-                copies.positions.push_back(x+Vec3(10*copy, 0, 0));
+                copies.positions.push_back(x + Vec3(10 * copy, 0, 0));
             for (auto& t : membrane.triangles)
-                copies.triangles.push_back({t[0]+copy*numVertices, t[1]+copy*numVertices, t[2]+copy*numVertices});
+                copies.triangles.push_back(
+                        {t[0] + copy * numVertices, t[1] + copy * numVertices, t[2] + copy * numVertices});
         }
         return copies;
     }
-    vector<array<int, 2> > copyFixedEdges(int numCopies) const {
-        vector<array<int, 2> > copies;
+    vector<array<int, 2>> copyFixedEdges(int numCopies) const {
+        vector<array<int, 2>> copies;
         int numVertices = membrane.positions.size();
         for (int copy = 0; copy < numCopies; copy++)
             for (auto& edge : fixedEdges)
-                copies.push_back({edge[0]+copy*numVertices, edge[1]+copy*numVertices});
+                copies.push_back({edge[0] + copy * numVertices, edge[1] + copy * numVertices});
         return copies;
     }
-    vector<array<int, 3> > getCopy(const HelfrichMesh& mesh, int copy) const {
+    vector<array<int, 3>> getCopy(const HelfrichMesh& mesh, int copy) const {
         int numVertices = membrane.positions.size(), numTriangles = membrane.triangles.size();
-        vector<array<int, 3> > triangles;
-        for (int t = copy*numTriangles; t < (copy+1)*numTriangles; t++)
-            triangles.push_back({mesh.origin(3*t)-copy*numVertices, mesh.origin(3*t+1)-copy*numVertices, mesh.origin(3*t+2)-copy*numVertices});
+        vector<array<int, 3>> triangles;
+        for (int t = copy * numTriangles; t < (copy + 1) * numTriangles; t++)
+            triangles.push_back({mesh.origin(3 * t) - copy * numVertices, mesh.origin(3 * t + 1) - copy * numVertices,
+                                 mesh.origin(3 * t + 2) - copy * numVertices});
         return triangles;
     }
     void add(const HelfrichMesh& mesh) {
@@ -490,16 +515,16 @@ private:
             triangulations.push_back(mesh.getTriangles());
     }
     const Membrane membrane;
-    const vector<array<int, 2> > fixedEdges;
+    const vector<array<int, 2>> fixedEdges;
     map<uint64_t, int> indices;
-    vector<vector<array<int, 3> > > triangulations;
+    vector<vector<array<int, 3>>> triangulations;
 };
 
 vector<double> getProbabilities(const vector<double>& energies, double kT) {
     double lowest = *min_element(energies.begin(), energies.end()), sum = 0;
     vector<double> probabilities;
     for (double energy : energies) {
-        probabilities.push_back(exp((lowest-energy)/kT));
+        probabilities.push_back(exp((lowest - energy) / kT));
         sum += probabilities.back();
     }
     for (double& probability : probabilities)
@@ -508,48 +533,49 @@ vector<double> getProbabilities(const vector<double>& energies, double kT) {
 }
 
 /**
- * By how many standard deviations chi square is too large for counts drawn with the given probabilities (Wilson and Hilferty's approximation).  Rare
- * triangulations share a bin.
+ * By how many standard deviations chi square is too large for counts drawn with the given probabilities (Wilson and
+ * Hilferty's approximation).  Rare triangulations share a bin.
  */
-double getDeviation(const vector<int>& counts, const vector<double>& probabilities, int minBins=100) {
+double getDeviation(const vector<int>& counts, const vector<double>& probabilities, int minBins = 100) {
     int numSamples = 0, numBins = 0;
     for (int count : counts)
         numSamples += count;
     double chiSquare = 0, rareExpected = 0, rareCount = 0;
-    auto addBin = [&] (double count, double expected) {
-        chiSquare += (count-expected)*(count-expected)/expected;
+    auto addBin = [&](double count, double expected) {
+        chiSquare += (count - expected) * (count - expected) / expected;
         numBins++;
     };
     for (size_t i = 0; i < counts.size(); i++) {
-        if (numSamples*probabilities[i] >= 10)
-            addBin(counts[i], numSamples*probabilities[i]);
+        if (numSamples * probabilities[i] >= 10)
+            addBin(counts[i], numSamples * probabilities[i]);
         else {
             rareCount += counts[i];
-            rareExpected += numSamples*probabilities[i];
+            rareExpected += numSamples * probabilities[i];
         }
     }
     if (rareExpected > 0)
         addBin(rareCount, rareExpected);
     ASSERT(numBins > minBins);
-    double freedom = numBins-1, variance = 2/(9*freedom);
-    return (cbrt(chiSquare/freedom)-(1-variance))/sqrt(variance);
+    double freedom = numBins - 1, variance = 2 / (9 * freedom);
+    return (cbrt(chiSquare / freedom) - (1 - variance)) / sqrt(variance);
 }
 
 /**
- * Assert that a run visits triangulations as often as their Boltzmann weights say, at two temperatures, with and without repulsion; and that this test would see the wrong
- * temperature, or a run without repulsion.
+ * Assert that a run visits triangulations as often as their Boltzmann weights say, at two temperatures, with and
+ * without repulsion; and that this test would see the wrong temperature, or a run without repulsion.
  */
-void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& repelling, int numCopies=1, Threads threads=1) {
+void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& repelling, int numCopies = 1,
+                          Threads threads = 1) {
     const int numSamples = 20000, attemptsPerSample = 100;
     HelfrichParameters plain = repelling;
     plain.repulsionModulus = 0;
     Ensemble ensemble(membrane, plain, 1);
     vector<double> energies = ensemble.getEnergies(plain), repellingEnergies = ensemble.getEnergies(repelling);
-    auto check = [&] (const HelfrichParameters& p, double kT, const vector<double>& right, const vector<double>& wrong) {
+    auto check = [&](const HelfrichParameters& p, double kT, const vector<double>& right, const vector<double>& wrong) {
         vector<int> counts = ensemble.sample(p, kT, numSamples, attemptsPerSample, 11, numCopies, threads);
         // A deviation of 2.33 is p = 0.01.
         ASSERT(getDeviation(counts, getProbabilities(right, kT)) < 2.33);
-        ASSERT(getDeviation(counts, getProbabilities(right, 1.5-kT)) > 6);
+        ASSERT(getDeviation(counts, getProbabilities(right, 1.5 - kT)) > 6);
         ASSERT(getDeviation(counts, getProbabilities(wrong, kT)) > 6);
     };
     for (double kT : {1.0, 0.5}) {
@@ -564,26 +590,27 @@ void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& re
 HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, int exclusionLevel) {
     HelfrichParameters p = createParameters(membrane, AllTerms, exclusionLevel);
     auto geometry = computeExactly(membrane, p);
-    p.bendingModulus = 0.3*scale;
-    p.areaModulus = 3*scale;
+    p.bendingModulus = 0.3 * scale;
+    p.areaModulus = 3 * scale;
     p.targetArea = geometry.area;
     p.volumeModulus = scale;
     p.targetVolume = geometry.volume;
     p.areaDifferenceModulus = scale;
     p.leafletSeparation = 1;
-    p.targetAreaDifference = 2*geometry.curvature;
-    p.repulsionOnset = 3*getMeanEdge(membrane);
+    p.targetAreaDifference = 2 * geometry.curvature;
+    p.repulsionOnset = 3 * getMeanEdge(membrane);
     return p;
 }
 
 /**
- * Parameters on the smallest membrane, whose six vertices have 390 triangulations.  An exclusion of level 2 leaves no pair of so few.
+ * Parameters on the smallest membrane, whose six vertices have 390 triangulations.  An exclusion of level 2 leaves no
+ * pair of so few.
  */
 HelfrichParameters createOctahedronParameters(const Membrane& blob) {
     HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
     p.tetherModulus = 0.01;
-    p.tetherMinLength = 0.8*getMeanEdge(blob);
-    p.tetherMaxLength = 1.2*getMeanEdge(blob);
+    p.tetherMinLength = 0.8 * getMeanEdge(blob);
+    p.tetherMaxLength = 1.2 * getMeanEdge(blob);
     p.tetherLengthScale = 1;
     p.tetherExponent = 2;
     p.repulsionModulus = 0.3;
@@ -596,7 +623,8 @@ void testDetailedBalance() {
 }
 
 void testDetailedBalanceOfThreads() {
-    // Only large membranes have work for several threads, and only small ones so few triangulations: take many small ones, each of which samples the same.
+    // Only large membranes have work for several threads, and only small ones so few triangulations: take many small
+    // ones, each of which samples the same.
 
     Membrane blob = createBlob(0, 0.3);
     HelfrichParameters p = createOctahedronParameters(blob);
@@ -606,13 +634,14 @@ void testDetailedBalanceOfThreads() {
 }
 
 void testDetailedBalanceWithFixedEdges() {
-    // The triangulations of six vertices that flips reach without the fixed edges, visited as often as among all others.
+    // The triangulations of six vertices that flips reach without the fixed edges, visited as often as among all
+    // others.
 
     Membrane blob = createBlob(0, 0.3);
     HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
     p.tetherModulus = 0;
     p.repulsionModulus = 0;
-    vector<array<int, 2> > fixedEdges = {{0, 1}, {2, 0}};
+    vector<array<int, 2>> fixedEdges = {{0, 1}, {2, 0}};
     Ensemble ensemble(blob, p, 1, fixedEdges);
     vector<double> energies = ensemble.getEnergies(p);
     ASSERT(energies.size() > 40 && energies.size() < 390);
@@ -622,17 +651,18 @@ void testDetailedBalanceWithFixedEdges() {
 }
 
 void testDetailedBalanceOfSecondNeighbors() {
-    // Eight vertices, a tip, two rings of three and a tip, are the fewest among which some are three edges apart.  A tether with a steep wall leaves a few hundred of their
-    // triangulations.
+    // Eight vertices, a tip, two rings of three and a tip, are the fewest among which some are three edges apart.  A
+    // tether with a steep wall leaves a few hundred of their triangulations.
 
     Membrane rod;
     rod.positions.push_back(Vec3(0, 0, 1.5));
     for (int n = 0; n < 6; n++)
-        rod.positions.push_back(Vec3(cos((2*n+n/3)*M_PI/3), sin((2*n+n/3)*M_PI/3), n < 3 ? 0.5 : -0.5));
+        rod.positions.push_back(
+                Vec3(cos((2 * n + n / 3) * M_PI / 3), sin((2 * n + n / 3) * M_PI / 3), n < 3 ? 0.5 : -0.5));
     rod.positions.push_back(Vec3(0, 0, -1.5));
     for (int i = 1; i <= 3; i++) {
-        int j = i%3+1;
-        for (array<int, 3> t : {array<int, 3>{0, i, j}, {j+3, i+3, 7}, {i, i+3, j}, {j, i+3, j+3}})
+        int j = i % 3 + 1;
+        for (array<int, 3> t : {array<int, 3>{0, i, j}, {j + 3, i + 3, 7}, {i, i + 3, j}, {j, i + 3, j + 3}})
             rod.triangles.push_back(t);
     }
     TestRandom random(7);
@@ -640,8 +670,8 @@ void testDetailedBalanceOfSecondNeighbors() {
         x += random.vector(0.15);
     HelfrichParameters p = createSoftParameters(rod, 0.2, 2);
     p.tetherModulus = 10;
-    p.tetherMinLength = 0.8*getMeanEdge(rod);
-    p.tetherMaxLength = 1.45*getMeanEdge(rod);
+    p.tetherMinLength = 0.8 * getMeanEdge(rod);
+    p.tetherMaxLength = 1.45 * getMeanEdge(rod);
     p.tetherLengthScale = 1;
     p.tetherExponent = 6;
     p.repulsionModulus = 20;

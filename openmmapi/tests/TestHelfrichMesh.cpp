@@ -12,7 +12,7 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-typedef vector<array<int, 3> > Triangles;
+typedef vector<array<int, 3>> Triangles;
 
 /**
  * The triangles, each from its smallest particle, in ascending order: what does not depend on how they are stored.
@@ -34,7 +34,7 @@ void testConnectivity() {
     ASSERT_EQUAL_CONTAINERS(sphere.triangles, mesh.getTriangles());
     mesh.validate();
     for (int h = 0; h < mesh.getNumHalfedges(); h++) {
-        ASSERT_EQUAL(mesh.origin(h), sphere.triangles[h/3][h%3]);
+        ASSERT_EQUAL(mesh.origin(h), sphere.triangles[h / 3][h % 3]);
         ASSERT_EQUAL(mesh.tip(h), mesh.origin(mesh.next(h)));
         ASSERT_EQUAL(mesh.apex(h), mesh.origin(mesh.previous(h)));
         ASSERT_EQUAL(h, mesh.opposite(mesh.opposite(h)));
@@ -63,23 +63,24 @@ void testParticlesOfSeveralMembranes() {
 void testExclusions() {
     Membrane sphere = createSphere(2);
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
-    vector<set<int> > bonded(66);
+    vector<set<int>> bonded(66);
     for (auto& t : sphere.triangles)
         for (int c = 0; c < 3; c++)
-            bonded[t[c]].insert({t[(c+1)%3], t[(c+2)%3]});
+            bonded[t[c]].insert({t[(c + 1) % 3], t[(c + 2) % 3]});
     int numExcluded = 0;
     for (int i = 0; i < 66; i++)
         for (int j = 0; j < 66; j++) {
             if (i == j)
                 continue;
-            bool shareNeighbor = any_of(bonded[i].begin(), bonded[i].end(), [&] (int n) { return bonded[n].count(j) > 0; });
+            bool shareNeighbor =
+                    any_of(bonded[i].begin(), bonded[i].end(), [&](int n) { return bonded[n].count(j) > 0; });
             ASSERT_EQUAL(bonded[i].count(j) > 0, mesh.areBonded(i, j));
             ASSERT(!mesh.areExcluded(i, j, 0));
             ASSERT_EQUAL(mesh.areBonded(i, j), mesh.areExcluded(i, j, 1));
             ASSERT_EQUAL(mesh.areBonded(i, j) || shareNeighbor, mesh.areExcluded(i, j, 2));
             numExcluded += mesh.areExcluded(i, j, 2);
         }
-    ASSERT(numExcluded > 384 && numExcluded < 66*65);
+    ASSERT(numExcluded > 384 && numExcluded < 66 * 65);
 }
 
 void testFlip() {
@@ -105,8 +106,9 @@ void testFlip() {
 }
 
 void testManyFlips() {
-    // Whatever flips are made, the surface stays closed, with Euler characteristic 2 and no vertex of fewer than three neighbors.  (The neighbors of a vertex with three
-    // are bonded to each other, so that no flip can take one away without doubling an edge.)
+    // Whatever flips are made, the surface stays closed, with Euler characteristic 2 and no vertex of fewer than three
+    // neighbors.  (The neighbors of a vertex with three are bonded to each other, so that no flip can take one away
+    // without doubling an edge.)
 
     TestRandom random(3);
     for (int subdivisions : {0, 1, 2}) {
@@ -125,12 +127,12 @@ void testManyFlips() {
             numFlips++;
             for (int v = 0; v < mesh.getNumVertices(); v++)
                 lowestValence = min(lowestValence, mesh.valence(v));
-            set<pair<int, int> > edges;
+            set<pair<int, int>> edges;
             for (auto& t : mesh.getTriangles())
                 for (int c = 0; c < 3; c++)
-                    edges.insert(minmax(t[c], t[(c+1)%3]));
+                    edges.insert(minmax(t[c], t[(c + 1) % 3]));
             ASSERT_EQUAL(mesh.getNumEdges(), (int) edges.size());
-            ASSERT_EQUAL(2, mesh.getNumVertices()-(int) edges.size()+mesh.getNumTriangles());
+            ASSERT_EQUAL(2, mesh.getNumVertices() - (int) edges.size() + mesh.getNumTriangles());
         }
         ASSERT(numFlips > 1000);
         ASSERT(numDoubled > 100);
@@ -153,7 +155,7 @@ void testSetTriangles() {
     mesh.validate();
 }
 
-typedef vector<array<int, 2> > Edges;
+typedef vector<array<int, 2>> Edges;
 
 /**
  * Every seventh of the edges of triangles, as particles in either order.
@@ -163,8 +165,8 @@ Edges chooseEdges(const Triangles& triangles) {
     int n = 0;
     for (auto& t : triangles)
         for (int c = 0; c < 3; c++)
-            if (t[c] < t[(c+1)%3] && n++%7 == 0)
-                edges.push_back(n%2 == 0 ? array<int, 2>{t[c], t[(c+1)%3]} : array<int, 2>{t[(c+1)%3], t[c]});
+            if (t[c] < t[(c + 1) % 3] && n++ % 7 == 0)
+                edges.push_back(n % 2 == 0 ? array<int, 2>{t[c], t[(c + 1) % 3]} : array<int, 2>{t[(c + 1) % 3], t[c]});
     return edges;
 }
 
@@ -190,20 +192,21 @@ void testFixedEdges() {
                 continue;
             mesh.flip(h);
             numFlips++;
-            if (numFlips%10 == 0)
+            if (numFlips % 10 == 0)
                 mesh.validate();
         }
         ASSERT(numFlips > 5000);
         ASSERT(numKept > 1000);
-        auto isChosen = [&] (int a, int b) {
-            return find(edges.begin(), edges.end(), array<int, 2>{a, b}) != edges.end() || find(edges.begin(), edges.end(), array<int, 2>{b, a}) != edges.end();
+        auto isChosen = [&](int a, int b) {
+            return find(edges.begin(), edges.end(), array<int, 2>{a, b}) != edges.end() ||
+                   find(edges.begin(), edges.end(), array<int, 2>{b, a}) != edges.end();
         };
         int numFixed = 0;
         for (int h = 0; h < mesh.getNumHalfedges(); h++) {
             ASSERT_EQUAL(isChosen(mesh.origin(h), mesh.tip(h)), mesh.isFixed(h));
             numFixed += mesh.isFixed(h);
         }
-        ASSERT_EQUAL(2*(int) edges.size(), numFixed);
+        ASSERT_EQUAL(2 * (int) edges.size(), numFixed);
 
         // The triangles of a run that goes on have them too, and those without them leave everything as it was.
 
@@ -227,41 +230,48 @@ void assertThrows(function<void()> action, const vector<string>& details) {
     catch (const OpenMMException& error) {
         for (auto& detail : details)
             if (string(error.what()).find(detail) == string::npos)
-                throwException(__FILE__, __LINE__, "'"+string(error.what())+"' does not say '"+detail+"'");
+                throwException(__FILE__, __LINE__, "'" + string(error.what()) + "' does not say '" + detail + "'");
         return;
     }
-    throwException(__FILE__, __LINE__, "no error that says '"+details[0]+"'");
+    throwException(__FILE__, __LINE__, "no error that says '" + details[0] + "'");
 }
 
 void testInvalidTriangles() {
     const Triangles octahedron = createSphere(0).triangles;
-    auto check = [&] (function<void(Triangles&)> damage, const vector<string>& details) {
+    auto check = [&](function<void(Triangles&)> damage, const vector<string>& details) {
         Triangles triangles = octahedron;
         damage(triangles);
         assertThrows([&] { HelfrichMesh(triangles, 7); }, details);
     };
-    check([] (Triangles& t) { t.clear(); }, {"no triangles"});
-    check([] (Triangles& t) { t[3][1] = 7; }, {"triangle 3 (4, 7, 2)", "index 7", "0 to 6"});
-    check([] (Triangles& t) { t[0][0] = -1; }, {"triangle 0", "-1", "0 to 6"});
-    check([] (Triangles& t) { t[2][1] = t[2][0]; }, {"triangle 2 (3, 3, 2)", "repeats"});
-    check([] (Triangles& t) { t.pop_back(); }, {"edge", "only", "closed"});
-    check([] (Triangles& t) { swap(t[4][0], t[4][1]); }, {"triangles", " 4", "counter-clockwise"});
-    check([] (Triangles& t) { t.push_back(t[5]); }, {"triangle 8 repeats triangle 5", "once"});
-    check([] (Triangles& t) { t.push_back({0, 1, 6}); }, {"edge 0-1", "3 triangles", "two"});
+    check([](Triangles& t) { t.clear(); }, {"no triangles"});
+    check([](Triangles& t) { t[3][1] = 7; }, {"triangle 3 (4, 7, 2)", "index 7", "0 to 6"});
+    check([](Triangles& t) { t[0][0] = -1; }, {"triangle 0", "-1", "0 to 6"});
+    check([](Triangles& t) { t[2][1] = t[2][0]; }, {"triangle 2 (3, 3, 2)", "repeats"});
+    check([](Triangles& t) { t.pop_back(); }, {"edge", "only", "closed"});
+    check([](Triangles& t) { swap(t[4][0], t[4][1]); }, {"triangles", " 4", "counter-clockwise"});
+    check([](Triangles& t) { t.push_back(t[5]); }, {"triangle 8 repeats triangle 5", "once"});
+    check([](Triangles& t) { t.push_back({0, 1, 6}); }, {"edge 0-1", "3 triangles", "two"});
 
     // A pillow of two triangles, back to back, has two neighbors a vertex.
     assertThrows([] { HelfrichMesh({{0, 1, 2}, {2, 1, 0}}, 3); }, {"particle 0", "2 neighbors", "three"});
     // Two tetrahedra that share particle 3.
-    assertThrows([] { HelfrichMesh({{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}, {4, 5, 6}, {4, 3, 5}, {5, 3, 6}, {6, 3, 4}}, 7); }, {"particle 3", "fan"});
+    assertThrows(
+            [] {
+                HelfrichMesh({{0, 1, 2}, {0, 3, 1}, {1, 3, 2}, {2, 3, 0}, {4, 5, 6}, {4, 3, 5}, {5, 3, 6}, {6, 3, 4}},
+                             7);
+            },
+            {"particle 3", "fan"});
 }
 
 void testInvalidFixedEdges() {
     const Triangles octahedron = createSphere(0).triangles;
     HelfrichMesh mesh(octahedron, 8);
     mesh.setFixedEdges({{1, 0}});
-    for (array<int, 2> edge : {array<int, 2>{0, 3}, array<int, 2>{0, 0}, array<int, 2>{0, 7}, array<int, 2>{7, 0}, array<int, 2>{-1, 2}, array<int, 2>{2, 99}})
+    for (array<int, 2> edge : {array<int, 2>{0, 3}, array<int, 2>{0, 0}, array<int, 2>{0, 7}, array<int, 2>{7, 0},
+                               array<int, 2>{-1, 2}, array<int, 2>{2, 99}})
         assertThrows([&] { mesh.setFixedEdges({{2, 0}, edge}); },
-                     {"fixed edge 1 ("+to_string(edge[0])+"-"+to_string(edge[1])+")", "not an edge of the triangles"});
+                     {"fixed edge 1 (" + to_string(edge[0]) + "-" + to_string(edge[1]) + ")",
+                      "not an edge of the triangles"});
     assertThrows([&] { mesh.setFixedEdges({{0, 1}, {2, 0}, {1, 0}}); }, {"fixed edge 2 (1-0)", "twice"});
     HelfrichMesh other(octahedron, 8);
     for (int h = 0; h < other.getNumHalfedges(); h++)
@@ -270,7 +280,8 @@ void testInvalidFixedEdges() {
             break;
         }
     ASSERT(!other.areBonded(0, 1));
-    assertThrows([&] { mesh.setTriangles(other.getTriangles()); }, {"fixed edge 0 (1-0)", "not an edge of the triangles"});
+    assertThrows([&] { mesh.setTriangles(other.getTriangles()); },
+                 {"fixed edge 0 (1-0)", "not an edge of the triangles"});
     ASSERT_EQUAL_CONTAINERS(octahedron, mesh.getTriangles());
     mesh.validate();
     for (int h = 0; h < mesh.getNumHalfedges(); h++)

@@ -1,11 +1,18 @@
 """Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
+
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
 from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, adaptStepSize
 from .annealing import anneal
 from .continuation import ContinuationResult, continueTo
-from .helfrich import EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
+from .helfrich import (
+    EdgeFlipIntegrator,
+    HamiltonianTrajectoryIntegrator,
+    HelfrichForce,
+    HybridMonteCarloIntegrator,
+    ShearWaveIntegrator,
+)
 from .mesh import Mesh, reducedVolume
 from .minimization import MinimizationResult, minimize, minimizeFluid
 from .psf import writePSF
@@ -28,7 +35,15 @@ _LATER = {
     "sweeps": ["sweep"],
     "reweighting": ["reweight"],
     "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
-    "analysis": ["autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion"],
+    "analysis": [
+        "autocorrelationTime",
+        "classifyShape",
+        "describeShape",
+        "describeTrajectory",
+        "fluctuationSpectrum",
+        "meanAndError",
+        "vertexDiffusion",
+    ],
 }
 
 
@@ -41,13 +56,51 @@ def __getattr__(name):
 
 
 __all__ = [
-    "EdgeFlipIntegrator", "HamiltonianTrajectoryIntegrator", "HelfrichForce", "HybridMonteCarloIntegrator", "Mesh", "ObservablesReporter", "readObservables", "writePSF",
-    "AmplitudeAdapter", "AmplitudeTracker", "ShearWaveIntegrator",
-    "StepSizeAdapter", "StepSizeTracker", "adaptStepSize", "anneal",
-    "MinimizationResult", "axisymmetricMinimum", "minimize", "minimizeFluid", "reducedVolume", "spheroid", "spheroidAspectRatio", "surfaceOfRevolution",
-    "ContinuationResult", "continueTo", "resume", "run", "readGrid", "sweep",
-    "autocorrelationTime", "classifyShape", "describeShape", "describeTrajectory", "fluctuationSpectrum", "meanAndError", "vertexDiffusion",
-    "ReplicaExchange", "ThermodynamicState", "reweight",
-    "ExponentialSchedule", "TableSchedule", "createSchedule",
-    "MeshFrame", "MeshReporter", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory",
+    "EdgeFlipIntegrator",
+    "HamiltonianTrajectoryIntegrator",
+    "HelfrichForce",
+    "HybridMonteCarloIntegrator",
+    "Mesh",
+    "ObservablesReporter",
+    "readObservables",
+    "writePSF",
+    "AmplitudeAdapter",
+    "AmplitudeTracker",
+    "ShearWaveIntegrator",
+    "StepSizeAdapter",
+    "StepSizeTracker",
+    "adaptStepSize",
+    "anneal",
+    "MinimizationResult",
+    "axisymmetricMinimum",
+    "minimize",
+    "minimizeFluid",
+    "reducedVolume",
+    "spheroid",
+    "spheroidAspectRatio",
+    "surfaceOfRevolution",
+    "ContinuationResult",
+    "continueTo",
+    "resume",
+    "run",
+    "readGrid",
+    "sweep",
+    "autocorrelationTime",
+    "classifyShape",
+    "describeShape",
+    "describeTrajectory",
+    "fluctuationSpectrum",
+    "meanAndError",
+    "vertexDiffusion",
+    "ReplicaExchange",
+    "ThermodynamicState",
+    "reweight",
+    "ExponentialSchedule",
+    "TableSchedule",
+    "createSchedule",
+    "MeshFrame",
+    "MeshReporter",
+    "meshFrame",
+    "readMeshTrajectory",
+    "writeMeshTrajectory",
 ]

@@ -5,6 +5,7 @@ numbers, which :meth:`getState` and :meth:`setState` carry over a restart withou
 
 Averages taken while step sizes and amplitudes change are not those of a fixed distribution: adapt first, freeze, then sample.
 """
+
 import math
 from dataclasses import dataclass
 from typing import Callable, Optional, Union
@@ -28,12 +29,15 @@ DEFAULT_WAVE_ACCEPTANCE = 0.25
 
 class _Adapter:
     """A step size and a set of numbers, with checks."""
+
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE):
         stepSize = float(valueIn(stepSize, self.UNIT))
         if not (math.isfinite(stepSize) and stepSize > 0):
-            raise ValueError(f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite")
+            raise ValueError(
+                f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite"
+            )
         if not 0 < acceptance < 1:
             raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
@@ -62,8 +66,10 @@ class _Adapter:
             if the state is not one of this class
         """
         if set(state) != {name[1:] for name in vars(self)}:
-            raise ValueError(f"{type(self).__name__}: the state has the entries {', '.join(sorted(state))}; it must be one that getState() returned")
-        vars(self).update({"_"+name: value for name, value in state.items()})
+            raise ValueError(
+                f"{type(self).__name__}: the state has the entries {', '.join(sorted(state))}; it must be one that getState() returned"
+            )
+        vars(self).update({"_" + name: value for name, value in state.items()})
 
 
 class StepSizeAdapter(_Adapter):
@@ -75,6 +81,7 @@ class StepSizeAdapter(_Adapter):
     trajectory to the next, so that its average accepts 0.86 to 0.95 after 100 to 300 trajectories where 0.75 was asked for; with 0.5 it
     accepts 0.73 to 0.83.
     """
+
     GAMMA, T0, KAPPA = 0.5, 10, 0.75
 
     def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE):
@@ -139,8 +146,10 @@ class StepSizeAdapter(_Adapter):
         """
         if not self._isFrozen:
             if not self.isReady:
-                raise ValueError(f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at {self.stepSize:.3g} {self.UNIT.get_symbol()}); "
-                                 "more trajectories are needed")
+                raise ValueError(
+                    f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at {self.stepSize:.3g} {self.UNIT.get_symbol()}); "
+                    "more trajectories are needed"
+                )
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize
 
@@ -148,15 +157,15 @@ class StepSizeAdapter(_Adapter):
         direction = 1 if probability > 0.5 else -1
         if self._direction in (0, direction):
             self._direction = direction
-            self._logStepSize += direction*math.log(2)
+            self._logStepSize += direction * math.log(2)
         else:
             self._direction, self._centre = None, self._logStepSize
 
     def _average(self, probability):
         self._count += 1
-        self._error += (self._acceptance-probability-self._error)/(self._count+self.T0)
-        self._logStepSize = self._centre-math.sqrt(self._count)/self.GAMMA*self._error
-        self._logAverage += self._count**-self.KAPPA*(self._logStepSize-self._logAverage)
+        self._error += (self._acceptance - probability - self._error) / (self._count + self.T0)
+        self._logStepSize = self._centre - math.sqrt(self._count) / self.GAMMA * self._error
+        self._logAverage += self._count**-self.KAPPA * (self._logStepSize - self._logAverage)
 
 
 class StepSizeTracker(_Adapter):
@@ -166,7 +175,9 @@ class StepSizeTracker(_Adapter):
     S. Monro, Ann. Math. Stat. 22, 400 (1951), with a gain that does not fall).
     """
 
-    def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1):
+    def __init__(
+        self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1
+    ):
         """Create a StepSizeTracker.
 
         Parameters
@@ -191,12 +202,13 @@ class StepSizeTracker(_Adapter):
 
     def update(self, acceptanceProbability: float) -> float:
         """Take in the acceptance probability of a trajectory, as :meth:`StepSizeAdapter.update`, and return the step size for the next one, in ps."""
-        self._logStepSize += self._gain*(_checkProbability(acceptanceProbability)-self._acceptance)
+        self._logStepSize += self._gain * (_checkProbability(acceptanceProbability) - self._acceptance)
         return self.stepSize
 
 
 class _Amplitude:
     """Makes an adapter of step sizes one of amplitudes, in nm."""
+
     QUANTITY, UNIT = "amplitude", unit.nanometer
 
     @property
@@ -215,7 +227,9 @@ class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
 class AmplitudeTracker(_Amplitude, StepSizeTracker):
     """Keeps shear waves accepted with a given probability, as a :class:`StepSizeTracker` does trajectories."""
 
-    def __init__(self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1):
+    def __init__(
+        self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1
+    ):
         super().__init__(amplitude, acceptance, gain)
 
 
@@ -234,6 +248,7 @@ class AdaptationResult:
     amplitude : float or None
         the amplitude of shear waves that the simulation has now, in nm, if it makes any
     """
+
     stepSize: float
     acceptance: float
     stepSizes: np.ndarray
@@ -245,18 +260,27 @@ class AdaptationResult:
         return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
-def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, StepSizeTracker, None],
-                 waveAdapter: Union[AmplitudeAdapter, AmplitudeTracker, None] = None) -> Optional[float]:
+def stepAndAdapt(
+    simulation: app.Simulation,
+    adapter: Union[StepSizeAdapter, StepSizeTracker, None],
+    waveAdapter: Union[AmplitudeAdapter, AmplitudeTracker, None] = None,
+) -> Optional[float]:
     """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of shear waves that another does.
 
     Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another kind of step.  Raises a ValueError if
     the trajectories are those of another integrator, which has no test of acceptance.
     """
     integrator = simulation.integrator
-    trajectories, diverged, waves = integrator.getNumTrajectories(), integrator.getNumDivergedTrajectories(), _numWaves(integrator)
+    trajectories, diverged, waves = (
+        integrator.getNumTrajectories(),
+        integrator.getNumDivergedTrajectories(),
+        _numWaves(integrator),
+    )
     simulation.step(1)
     if waveAdapter is not None and _numWaves(integrator) > waves:
-        integrator.getIntegrator(2).setAmplitude(waveAdapter.update(integrator.getIntegrator(2).getLastAcceptanceProbability()))
+        integrator.getIntegrator(2).setAmplitude(
+            waveAdapter.update(integrator.getIntegrator(2).getLastAcceptanceProbability())
+        )
     if adapter is None or integrator.getNumTrajectories() == trajectories:
         return None
     probability = 0.0 if integrator.getNumDivergedTrajectories() > diverged else _acceptanceProbability(integrator)
@@ -264,8 +288,12 @@ def stepAndAdapt(simulation: app.Simulation, adapter: Union[StepSizeAdapter, Ste
     return probability
 
 
-def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DEFAULT_ACCEPTANCE,
-                  progress: Optional[Callable[[int, float], None]] = None) -> AdaptationResult:
+def adaptStepSize(
+    simulation: app.Simulation,
+    steps: int,
+    acceptance: float = DEFAULT_ACCEPTANCE,
+    progress: Optional[Callable[[int, float], None]] = None,
+) -> AdaptationResult:
     """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its shear waves, and leave them there.
 
     The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for it to reach its temperature.
@@ -302,7 +330,7 @@ def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DE
             stepSizes.append(stepSize)
             probabilities.append(probability)
         if progress is not None:
-            progress(step+1, adapter.stepSize)
+            progress(step + 1, adapter.stepSize)
     try:
         integrator.setStepSize(adapter.freeze())
         if waves:
@@ -312,8 +340,13 @@ def adaptStepSize(simulation: app.Simulation, steps: int, acceptance: float = DE
         if waves:
             waves.setAmplitude(originalAmplitude)
         raise ValueError(f"{error} than the {len(probabilities)} of {steps} steps") from None
-    return AdaptationResult(adapter.stepSize, float(np.mean(probabilities[len(probabilities)//2:])), np.array(stepSizes), np.array(probabilities),
-                            waveAdapter and waveAdapter.amplitude)
+    return AdaptationResult(
+        adapter.stepSize,
+        float(np.mean(probabilities[len(probabilities) // 2 :])),
+        np.array(stepSizes),
+        np.array(probabilities),
+        waveAdapter and waveAdapter.amplitude,
+    )
 
 
 def _numWaves(integrator):
@@ -326,13 +359,17 @@ def _acceptanceProbability(integrator):
     if isinstance(trajectory, HamiltonianTrajectoryIntegrator):
         change = valueIn(trajectory.getLastEnergyChange(), unit.kilojoules_per_mole)
     elif hasattr(trajectory, "getGlobalVariableByName"):
-        change = trajectory.getGlobalVariableByName("endEnergy")-trajectory.getGlobalVariableByName("startEnergy")
+        change = trajectory.getGlobalVariableByName("endEnergy") - trajectory.getGlobalVariableByName("startEnergy")
     else:
-        raise ValueError(f"the trajectories are those of a {type(trajectory).__name__}, which accepts every step; only Hybrid Monte Carlo has a step size to adapt")
-    return math.exp(-max(change, 0)/kT)
+        raise ValueError(
+            f"the trajectories are those of a {type(trajectory).__name__}, which accepts every step; only Hybrid Monte Carlo has a step size to adapt"
+        )
+    return math.exp(-max(change, 0) / kT)
 
 
 def _checkProbability(probability):
     if not 0 <= probability <= 1:
-        raise ValueError(f"the acceptance probability is {probability}; it must be from 0 to 1, and 0 for a trajectory that diverged")
+        raise ValueError(
+            f"the acceptance probability is {probability}; it must be from 0 to 1, and 0 for a trajectory that diverged"
+        )
     return float(probability)

@@ -3,6 +3,7 @@
 Trajectories are arrays of positions of shape (frames, N, 3), in nm, wherever they come from: ``mdtraj.load_dcd(...).xyz`` is one.  Functions that need triangles take
 one set for all frames or one for each; a DCD file has none, so that those of a fluid membrane come from a MeshReporter's file.
 """
+
 import math
 from dataclasses import dataclass
 from typing import Iterable, Optional
@@ -41,6 +42,7 @@ class ShapeDescription:
     shapeClass : str
         "sphere", "prolate", "oblate", "stomatocyte" or "budded": see :func:`classifyShape`
     """
+
     area: float
     volume: float
     reducedVolume: float
@@ -56,9 +58,18 @@ def describeShape(mesh: Mesh) -> ShapeDescription:
     """Return size and form of a closed mesh."""
     tensor = gyrationTensor(mesh)
     l3, l2, l1 = np.linalg.eigvalsh(tensor)
-    trace = l1+l2+l3
-    return ShapeDescription(mesh.area, mesh.volume, mesh.reducedVolume, reducedAreaDifference(mesh), tensor, math.sqrt(trace), float(l1-(l2+l3)/2),
-                            float(1-3*(l1*l2+l2*l3+l3*l1)/trace**2), classifyShape(mesh))
+    trace = l1 + l2 + l3
+    return ShapeDescription(
+        mesh.area,
+        mesh.volume,
+        mesh.reducedVolume,
+        reducedAreaDifference(mesh),
+        tensor,
+        math.sqrt(trace),
+        float(l1 - (l2 + l3) / 2),
+        float(1 - 3 * (l1 * l2 + l2 * l3 + l3 * l1) / trace**2),
+        classifyShape(mesh),
+    )
 
 
 def describeTrajectory(frames: Iterable, triangles) -> list:
@@ -72,27 +83,29 @@ def describeTrajectory(frames: Iterable, triangles) -> list:
         the triangles of all frames, or of each
     """
     frames = _frames(frames)
-    triangles = np.broadcast_to(triangles, (len(frames),)+np.shape(triangles)[-2:])
+    triangles = np.broadcast_to(triangles, (len(frames),) + np.shape(triangles)[-2:])
     return [describeShape(Mesh(x, t)) for x, t in zip(frames, triangles)]
 
 
 def toDataFrame(descriptions):
     """Return a pandas.DataFrame with a row for each :class:`ShapeDescription`, without the tensors."""
-    return dataFrame([{name: value for name, value in vars(d).items() if name != "gyrationTensor"} for d in descriptions])
+    return dataFrame(
+        [{name: value for name, value in vars(d).items() if name != "gyrationTensor"} for d in descriptions]
+    )
 
 
 def reducedAreaDifference(mesh: Mesh) -> float:
     """Return M/(4 pi R_A) of a closed mesh: see :class:`ShapeDescription`."""
-    return float(mesh.vertexMeanCurvatures.sum()/(4*math.pi*math.sqrt(mesh.area/(4*math.pi))))
+    return float(mesh.vertexMeanCurvatures.sum() / (4 * math.pi * math.sqrt(mesh.area / (4 * math.pi))))
 
 
 def gyrationTensor(mesh: Mesh) -> np.ndarray:
     """Return the gyration tensor of a surface, (3, 3) in nm^2: the integral over its flat triangles is exact.  See :class:`ShapeDescription`."""
     corners, areas = mesh.vertices[mesh.triangles], mesh.triangleAreas
-    corners = corners-np.average(corners.mean(axis=1), axis=0, weights=areas)
+    corners = corners - np.average(corners.mean(axis=1), axis=0, weights=areas)
     sums = corners.sum(axis=1)
-    moments = np.einsum("tci,tcj->tij", corners, corners)+np.einsum("ti,tj->tij", sums, sums)
-    return np.einsum("t,tij->ij", areas, moments)/(12*areas.sum())
+    moments = np.einsum("tci,tcj->tij", corners, corners) + np.einsum("ti,tj->tij", sums, sums)
+    return np.einsum("t,tij->ij", areas, moments) / (12 * areas.sum())
 
 
 def classifyShape(mesh: Mesh) -> str:
@@ -113,24 +126,24 @@ def classifyShape(mesh: Mesh) -> str:
     if _hasNeck(mesh, axes[:, 2]):
         return "budded"
     c, b, a = np.sqrt(values)
-    if c > 0.9*a:
+    if c > 0.9 * a:
         return "sphere"
-    return "prolate" if a-b > b-c else "oblate"
+    return "prolate" if a - b > b - c else "oblate"
 
 
 def _hasNeck(mesh, axis):
     """Return whether the distance from an axis through the centre has a minimum below half of the maxima on either side."""
-    x = mesh.vertices-np.average(mesh.vertices, axis=0, weights=mesh.vertexAreas)
+    x = mesh.vertices - np.average(mesh.vertices, axis=0, weights=mesh.vertexAreas)
     height = x @ axis
-    distance = np.linalg.norm(x-np.outer(height, axis), axis=1)
+    distance = np.linalg.norm(x - np.outer(height, axis), axis=1)
     # As wide as two edges, so that none is empty, and not so wide that it hides a neck.
-    bins = max(8, int(np.ptp(height)/(2*mesh.edgeLengths.mean())))
-    place = np.minimum(((height-height.min())/np.ptp(height)*bins).astype(int), bins-1)
+    bins = max(8, int(np.ptp(height) / (2 * mesh.edgeLengths.mean())))
+    place = np.minimum(((height - height.min()) / np.ptp(height) * bins).astype(int), bins - 1)
     weight = np.bincount(place, mesh.vertexAreas, bins)
     filled = weight > 0
-    profile = np.bincount(place, mesh.vertexAreas*distance, bins)[filled]/weight[filled]
+    profile = np.bincount(place, mesh.vertexAreas * distance, bins)[filled] / weight[filled]
     before, after = np.maximum.accumulate(profile), np.maximum.accumulate(profile[::-1])[::-1]
-    return bool(np.any(profile < 0.5*np.minimum(before, after)))
+    return bool(np.any(profile < 0.5 * np.minimum(before, after)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +165,7 @@ class FluctuationSpectrum:
     series : (frames, degrees) array of float
         the mean of |u_lm|^2 over m in each frame
     """
+
     radius: float
     degrees: np.ndarray
     powers: np.ndarray
@@ -161,7 +175,14 @@ class FluctuationSpectrum:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each degree."""
-        return dataFrame({"degree": self.degrees, "power": self.powers, "error": self.errors, "autocorrelationTime": self.autocorrelationTimes})
+        return dataFrame(
+            {
+                "degree": self.degrees,
+                "power": self.powers,
+                "error": self.errors,
+                "autocorrelationTime": self.autocorrelationTimes,
+            }
+        )
 
     def fit(self, minDegree: int = 2, maxDegree: Optional[int] = None, edgeLength: float = 0) -> "SpectrumFit":
         """Fit kT/(kappa (l-1)(l+2)[l(l+1)+sigma]) (Milner and Safran, Phys. Rev. A 36, 4371, 1987).
@@ -183,16 +204,20 @@ class FluctuationSpectrum:
         maxDegree = self.degrees[-1] if maxDegree is None else maxDegree
         chosen = (self.degrees >= minDegree) & (self.degrees <= maxDegree)
         if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
-            raise ValueError(f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors that are not 0")
+            raise ValueError(
+                f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors that are not 0"
+            )
         l, power, error = self.degrees[chosen], self.powers[chosen], self.errors[chosen]
-        y = 1/((l-1)*(l+2)*power*meshStiffness(l, float(valueIn(edgeLength, unit.nanometer))/self.radius))
-        weight = power/(y*error)
-        design = np.column_stack((l*(l+1), np.ones(len(l))))*weight[:, np.newaxis]
+        y = 1 / ((l - 1) * (l + 2) * power * meshStiffness(l, float(valueIn(edgeLength, unit.nanometer)) / self.radius))
+        weight = power / (y * error)
+        design = np.column_stack((l * (l + 1), np.ones(len(l)))) * weight[:, np.newaxis]
         covariance = np.linalg.inv(design.T @ design)
-        kappa, product = covariance @ (design.T @ (y*weight))
-        sigma = product/kappa
-        slope = np.array([-sigma, 1])/kappa
-        return SpectrumFit(float(kappa), math.sqrt(covariance[0, 0]), float(sigma), math.sqrt(slope @ covariance @ slope))
+        kappa, product = covariance @ (design.T @ (y * weight))
+        sigma = product / kappa
+        slope = np.array([-sigma, 1]) / kappa
+        return SpectrumFit(
+            float(kappa), math.sqrt(covariance[0, 0]), float(sigma), math.sqrt(slope @ covariance @ slope)
+        )
 
 
 def meshStiffness(degrees, edgeLength: float) -> np.ndarray:
@@ -209,16 +234,19 @@ def meshStiffness(degrees, edgeLength: float) -> np.ndarray:
     edgeLength : float
         a/R, at most 3.8 over the root of (l-1)(l+2), where the wave is as short as the mesh can have; 0 for a continuous membrane
     """
-    k = np.sqrt((np.asarray(degrees)-1)*(np.asarray(degrees)+2.0))
-    if not 0 <= edgeLength <= 3.8/k.max():
-        raise ValueError(f"meshStiffness: the edge length over the radius is {edgeLength}; it must be from 0 to {3.8/k.max():.3g} for these degrees")
-    x = np.maximum(k*edgeLength, 1e-3)  # below which the factor is 1, and the formula 0/0
-    return (4*(1-j0(x))/x**2)**2
+    k = np.sqrt((np.asarray(degrees) - 1) * (np.asarray(degrees) + 2.0))
+    if not 0 <= edgeLength <= 3.8 / k.max():
+        raise ValueError(
+            f"meshStiffness: the edge length over the radius is {edgeLength}; it must be from 0 to {3.8 / k.max():.3g} for these degrees"
+        )
+    x = np.maximum(k * edgeLength, 1e-3)  # below which the factor is 1, and the formula 0/0
+    return (4 * (1 - j0(x)) / x**2) ** 2
 
 
 @dataclass(frozen=True)
 class SpectrumFit:
     """Bending modulus in kT and reduced tension sigma, with standard errors."""
+
     bendingModulus: float
     bendingModulusError: float
     tension: float
@@ -244,11 +272,13 @@ def fluctuationSpectrum(frames, maxDegree: int = 10) -> FluctuationSpectrum:
         if an argument is out of range
     """
     frames = _frames(frames)
-    if maxDegree < 2 or (maxDegree+1)**2 >= frames.shape[1]:
-        raise ValueError(f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree+1)**2} coefficients fewer than the {frames.shape[1]} vertices")
-    degrees = np.arange(2, maxDegree+1)
+    if maxDegree < 2 or (maxDegree + 1) ** 2 >= frames.shape[1]:
+        raise ValueError(
+            f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree + 1) ** 2} coefficients fewer than the {frames.shape[1]} vertices"
+        )
+    degrees = np.arange(2, maxDegree + 1)
     expansions = [_expand(x, maxDegree) for x in frames]
-    series = np.array([[np.mean(u[l*l:(l+1)**2]**2) for l in degrees] for _, u in expansions])
+    series = np.array([[np.mean(u[l * l : (l + 1) ** 2] ** 2) for l in degrees] for _, u in expansions])
     mean, error, time = np.array([_meanErrorTime(column) for column in series.T]).T
     return FluctuationSpectrum(float(np.mean([radius for radius, _ in expansions])), degrees, mean, error, time, series)
 
@@ -265,26 +295,26 @@ def sphericalHarmonicCoefficients(vertices, maxDegree: int) -> np.ndarray:
 def _expand(vertices, maxDegree):
     """Return R and the coefficients."""
     x = np.asarray(vertices, dtype=float)
-    x = x-x.mean(axis=0)
+    x = x - x.mean(axis=0)
     for _ in range(2):  # the centre of volume, and then the triangles seen from there
         triangles = _starTriangles(x)
         a, b, c = (x[triangles[:, i]] for i in range(3))
-        volumes = np.einsum("ti,ti->t", a, np.cross(b, c))/6
-        x = x-np.einsum("t,ti->i", volumes, a+b+c)/(4*volumes.sum())
+        volumes = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+        x = x - np.einsum("t,ti->i", volumes, a + b + c) / (4 * volumes.sum())
     r = np.linalg.norm(x, axis=1)
-    directions = x/r[:, np.newaxis]
+    directions = x / r[:, np.newaxis]
     harmonics = _realHarmonics(directions, maxDegree)
-    weighted = harmonics*_solidAngles(directions, triangles)[:, np.newaxis]
+    weighted = harmonics * _solidAngles(directions, triangles)[:, np.newaxis]
     # Nearly orthonormal, so that the normal equations lose nothing and take a fraction of the time.
     coefficients = np.linalg.solve(harmonics.T @ weighted, weighted.T @ r)
-    radius = coefficients[0]/math.sqrt(4*math.pi)
+    radius = coefficients[0] / math.sqrt(4 * math.pi)
     coefficients[0] = 0
-    return radius, coefficients/radius
+    return radius, coefficients / radius
 
 
 def _starTriangles(x):
     """Return the triangles of points' directions from the origin, counter-clockwise seen from outside."""
-    directions = x/np.linalg.norm(x, axis=1)[:, np.newaxis]
+    directions = x / np.linalg.norm(x, axis=1)[:, np.newaxis]
     triangles = ConvexHull(directions).simplices
     a, b, c = (directions[triangles[:, i]] for i in range(3))
     inwards = np.einsum("ti,ti->t", a, np.cross(b, c)) < 0
@@ -296,8 +326,8 @@ def _solidAngles(directions, triangles):
     """Return the solid angle of each vertex, a third of that of its triangles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 125, 1983)."""
     a, b, c = (directions[triangles[:, i]] for i in range(3))
     triple = np.einsum("ti,ti->t", a, np.cross(b, c))
-    angles = 2*np.arctan2(triple, 1+np.sum(a*b+b*c+c*a, axis=1))
-    return np.bincount(triangles.ravel(), np.repeat(angles/3, 3), len(directions))
+    angles = 2 * np.arctan2(triple, 1 + np.sum(a * b + b * c + c * a, axis=1))
+    return np.bincount(triangles.ravel(), np.repeat(angles / 3, 3), len(directions))
 
 
 def _realHarmonics(directions, maxDegree):
@@ -309,11 +339,14 @@ def _realHarmonics(directions, maxDegree):
 
         def sph_harm_y(l, m, theta, phi):
             return sph_harm(m, l, phi, theta)
+
     theta, phi = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
     columns = []
-    for l in range(maxDegree+1):
-        positive = [math.sqrt(2)*(-1)**m*sph_harm_y(l, m, theta, phi) for m in range(1, l+1)]
-        columns += [y.imag for y in reversed(positive)]+[sph_harm_y(l, 0, theta, phi).real]+[y.real for y in positive]
+    for l in range(maxDegree + 1):
+        positive = [math.sqrt(2) * (-1) ** m * sph_harm_y(l, m, theta, phi) for m in range(1, l + 1)]
+        columns += (
+            [y.imag for y in reversed(positive)] + [sph_harm_y(l, 0, theta, phi).real] + [y.real for y in positive]
+        )
     return np.column_stack(columns)
 
 
@@ -330,7 +363,9 @@ def autocorrelationTime(series) -> float:
     """
     series = np.asarray(series, dtype=float)
     if series.ndim not in (1, 2) or len(series) < 2 or not np.all(np.isfinite(series)):
-        raise ValueError(f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row")
+        raise ValueError(
+            f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row"
+        )
     if np.any(np.ptp(series, axis=0) == 0):
         return 1.0
     autocorr = require("emcee.autocorr", "computing autocorrelation times", "analysis")
@@ -347,12 +382,13 @@ def _meanErrorTime(series):
     if len(series) < 2:
         return float(series.mean()), math.nan, math.nan
     time = autocorrelationTime(series)
-    return float(series.mean()), float(series.std(ddof=1)*math.sqrt(time/len(series))), time
+    return float(series.mean()), float(series.std(ddof=1) * math.sqrt(time / len(series))), time
 
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
     """Mean squared displacement of vertices along the surface, in nm^2, against the lag, in frames: 4D times the lag where they diffuse."""
+
     lags: np.ndarray
     meanSquaredDisplacements: np.ndarray
 
@@ -377,28 +413,38 @@ def vertexDiffusion(frames, triangles, maxLag: Optional[int] = None) -> Diffusio
         the greatest lag, in frames; by default a quarter of their number
     """
     frames = _frames(frames)
-    maxLag = max(1, len(frames)//4) if maxLag is None else maxLag
+    maxLag = max(1, len(frames) // 4) if maxLag is None else maxLag
     if not 1 <= maxLag < len(frames):
-        raise ValueError(f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(frames)-1}, for {len(frames)} frames")
-    frames = frames-frames.mean(axis=1, keepdims=True)
-    triangles = np.broadcast_to(triangles, (len(frames),)+np.shape(triangles)[-2:])
+        raise ValueError(
+            f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(frames) - 1}, for {len(frames)} frames"
+        )
+    frames = frames - frames.mean(axis=1, keepdims=True)
+    triangles = np.broadcast_to(triangles, (len(frames),) + np.shape(triangles)[-2:])
     normals = [_vertexNormals(x, t) for x, t in zip(frames, triangles)]
-    lags = np.arange(1, maxLag+1)
-    return Diffusion(lags, np.array([np.mean([_tangentialSquare(frames[n], frames[n+lag], normals[n]) for n in range(len(frames)-lag)]) for lag in lags]))
+    lags = np.arange(1, maxLag + 1)
+    return Diffusion(
+        lags,
+        np.array(
+            [
+                np.mean([_tangentialSquare(frames[n], frames[n + lag], normals[n]) for n in range(len(frames) - lag)])
+                for lag in lags
+            ]
+        ),
+    )
 
 
 def _tangentialSquare(start, end, normals):
     rotation, _ = Rotation.align_vectors(start, end)
-    displacement = rotation.apply(end)-start
-    return np.mean(np.sum(displacement**2, axis=1)-np.sum(displacement*normals, axis=1)**2)
+    displacement = rotation.apply(end) - start
+    return np.mean(np.sum(displacement**2, axis=1) - np.sum(displacement * normals, axis=1) ** 2)
 
 
 def _vertexNormals(x, triangles):
     a, b, c = (x[triangles[:, i]] for i in range(3))
-    normals, faces = np.zeros_like(x), np.cross(b-a, c-a)
+    normals, faces = np.zeros_like(x), np.cross(b - a, c - a)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], faces)
-    return normals/np.linalg.norm(normals, axis=1)[:, np.newaxis]
+    return normals / np.linalg.norm(normals, axis=1)[:, np.newaxis]
 
 
 def _frames(frames):

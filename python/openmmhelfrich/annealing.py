@@ -1,4 +1,5 @@
 """Simulated annealing: Monte Carlo steps whose temperature follows a schedule, for trajectories and flips alike."""
+
 from dataclasses import dataclass
 from typing import Callable, Optional
 
@@ -25,6 +26,7 @@ class AnnealingResult:
     probabilities : array of float
         the acceptance probability of each trajectory, NaN for a sweep of flips
     """
+
     steps: np.ndarray
     temperatures: np.ndarray
     stepSizes: np.ndarray
@@ -32,11 +34,23 @@ class AnnealingResult:
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each step."""
-        return dataFrame({"step": self.steps, "temperature": self.temperatures, "stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
+        return dataFrame(
+            {
+                "step": self.steps,
+                "temperature": self.temperatures,
+                "stepSize": self.stepSizes,
+                "acceptanceProbability": self.probabilities,
+            }
+        )
 
 
-def anneal(simulation: app.Simulation, schedule, steps: int, tracker: Optional[StepSizeTracker] = None,
-           progress: Optional[Callable[[int, float], None]] = None) -> AnnealingResult:
+def anneal(
+    simulation: app.Simulation,
+    schedule,
+    steps: int,
+    tracker: Optional[StepSizeTracker] = None,
+    progress: Optional[Callable[[int, float], None]] = None,
+) -> AnnealingResult:
     """Make Monte Carlo steps at the temperatures of a schedule, while the step size follows to keep the acceptance.
 
     The schedule is asked with the Simulation's own step, so that a Simulation loaded from a checkpoint cools on from where it was; a tracker's
@@ -64,7 +78,7 @@ def anneal(simulation: app.Simulation, schedule, steps: int, tracker: Optional[S
     tracker = tracker or StepSizeTracker(integrator.getStepSize())
     integrator.setStepSize(tracker.stepSize)
     rows = []
-    for count in range(1, steps+1):
+    for count in range(1, steps + 1):
         step, stepSize, temperature = simulation.currentStep, tracker.stepSize, schedule(simulation.currentStep)
         integrator.setTemperature(temperature)
         probability = stepAndAdapt(simulation, tracker)

@@ -3,6 +3,7 @@
 Nothing here uses triangles.  The outline is its tangent angle psi(s), a sine series in the arc length s, and the bending energy of the surface that it sweeps
 is minimised at fixed reduced volume (U. Seifert, K. Berndl and R. Lipowsky, Phys. Rev. A 44, 1182 (1991), solve the Euler-Lagrange equations of the same energy).
 """
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -33,6 +34,7 @@ class AxisymmetricShape:
         distance from the axis and height of points of the outline, from one pole to the other, as :func:`surfaceOfRevolution` takes it.  The two poles of a
         thin oblate may have passed through each other (below v = 0.503): nothing here keeps a membrane from that
     """
+
     energy: float
     areaDifference: float
     outline: np.ndarray
@@ -56,11 +58,25 @@ def axisymmetricMinimum(branch: str, reducedVolume: float) -> AxisymmetricShape:
     """
     requireBranch(branch, reducedVolume)
     series = _TangentAngle(symmetric=branch != "stomatocyte")
-    start = series.coefficients(_invaginated(reducedVolume) if branch == "stomatocyte" else _spheroid(branch, reducedVolume))
-    found = optimize.minimize(series.energy, start, jac=True, method="SLSQP", options={"maxiter": 1000, "ftol": 1e-12},
-                              constraints={"type": "eq", "fun": lambda c: series.constraints(c, reducedVolume)[0], "jac": lambda c: series.constraints(c, reducedVolume)[1]})
+    start = series.coefficients(
+        _invaginated(reducedVolume) if branch == "stomatocyte" else _spheroid(branch, reducedVolume)
+    )
+    found = optimize.minimize(
+        series.energy,
+        start,
+        jac=True,
+        method="SLSQP",
+        options={"maxiter": 1000, "ftol": 1e-12},
+        constraints={
+            "type": "eq",
+            "fun": lambda c: series.constraints(c, reducedVolume)[0],
+            "jac": lambda c: series.constraints(c, reducedVolume)[1],
+        },
+    )
     if not found.success:
-        raise ValueError(f"axisymmetricMinimum: no {branch} was found at the reduced volume {reducedVolume}: {found.message}")
+        raise ValueError(
+            f"axisymmetricMinimum: no {branch} was found at the reduced volume {reducedVolume}: {found.message}"
+        )
     return series.shape(found.x)
 
 
@@ -69,7 +85,9 @@ def requireBranch(branch, reducedVolume):
     if branch not in BRANCHES:
         raise ValueError(f"axisymmetricMinimum: branch is '{branch}'; it must be one of {', '.join(BRANCHES)}")
     if not _LEAST <= reducedVolume <= _MOST[branch]:
-        raise ValueError(f"axisymmetricMinimum: reducedVolume is {reducedVolume}; for the branch {branch} it must be from {_LEAST} to {_MOST[branch]}")
+        raise ValueError(
+            f"axisymmetricMinimum: reducedVolume is {reducedVolume}; for the branch {branch} it must be from {_LEAST} to {_MOST[branch]}"
+        )
 
 
 class _TangentAngle:
@@ -82,69 +100,96 @@ class _TangentAngle:
 
     def __init__(self, symmetric):
         self._symmetric = symmetric
-        self._modes = np.arange(2, _MODES+1, 2) if symmetric else np.arange(1, _MODES+1)
+        self._modes = np.arange(2, _MODES + 1, 2) if symmetric else np.arange(1, _MODES + 1)
         t, weights = np.polynomial.legendre.leggauss(_NODES)
-        self._s, self._w = (t+1)/2, weights/2
+        self._s, self._w = (t + 1) / 2, weights / 2
         self._sines, self._cosines = self._basis(self._s)
-        self._distance = _integrals(t, weights)/2-np.outer(self._s**3, self._w)
+        self._distance = _integrals(t, weights) / 2 - np.outer(self._s**3, self._w)
 
     def coefficients(self, outline):
         """Return the coefficients of a given outline, without the short waves of its corners."""
         step = np.diff(outline, axis=0)
         length = np.cumsum(np.hypot(*step.T))
-        psi = np.interp(self._s, length/length[-1], np.unwrap(np.arctan2(-step[:, 1], step[:, 0])))
-        return 2*self._modes*((self._w*(psi-np.pi*self._s)) @ (self._sines*self._modes))*np.exp(-(self._modes/30)**2)
+        psi = np.interp(self._s, length / length[-1], np.unwrap(np.arctan2(-step[:, 1], step[:, 0])))
+        return (
+            2
+            * self._modes
+            * ((self._w * (psi - np.pi * self._s)) @ (self._sines * self._modes))
+            * np.exp(-((self._modes / 30) ** 2))
+        )
 
     def energy(self, c):
         """Return the bending energy over 8 pi kappa_B, (1/8) integral of (psi' + sin(psi)/x)^2 x ds."""
         psi, slope, x, dx = self._curve(c)
         if x.min() <= 0:  # a step of the line search that went too far
             return 1e3, np.zeros(len(c))
-        sine, curvature = np.sin(psi), slope+np.sin(psi)/x
-        gradient = (2*self._w*curvature*x) @ (self._cosines+(np.cos(psi)/x)[:, np.newaxis]*self._sines-(sine/x**2)[:, np.newaxis]*dx)+(self._w*curvature**2) @ dx
-        return self._w @ (curvature**2*x)/8, gradient/8
+        sine, curvature = np.sin(psi), slope + np.sin(psi) / x
+        gradient = (2 * self._w * curvature * x) @ (
+            self._cosines + (np.cos(psi) / x)[:, np.newaxis] * self._sines - (sine / x**2)[:, np.newaxis] * dx
+        ) + (self._w * curvature**2) @ dx
+        return self._w @ (curvature**2 * x) / 8, gradient / 8
 
     def constraints(self, c, reducedVolume):
         """Return the excess of the reduced volume, and, where symmetry does not see to it, how far the second pole is from the axis."""
         psi, _, x, dx = self._curve(c)
-        area, dArea = 2*np.pi*max(self._w @ x, 1e-3), 2*np.pi*self._w @ dx  # a step that goes too far may even have a negative one
-        volume = np.pi*self._w @ (x**2*np.sin(psi))
-        dVolume = np.pi*((2*self._w*x*np.sin(psi)) @ dx+(self._w*x**2*np.cos(psi)) @ self._sines)
+        area, dArea = (
+            2 * np.pi * max(self._w @ x, 1e-3),
+            2 * np.pi * self._w @ dx,
+        )  # a step that goes too far may even have a negative one
+        volume = np.pi * self._w @ (x**2 * np.sin(psi))
+        dVolume = np.pi * ((2 * self._w * x * np.sin(psi)) @ dx + (self._w * x**2 * np.cos(psi)) @ self._sines)
         v = reducedVolumeOf(area, volume)
-        values, rows = [v-reducedVolume, self._w @ np.cos(psi)], [v*(dVolume/volume-1.5*dArea/area), -(self._w*np.sin(psi)) @ self._sines]
+        values, rows = (
+            [v - reducedVolume, self._w @ np.cos(psi)],
+            [v * (dVolume / volume - 1.5 * dArea / area), -(self._w * np.sin(psi)) @ self._sines],
+        )
         return (values[:1], rows[:1]) if self._symmetric else (values, rows)
 
     def shape(self, c, points=8001):
         psi, slope, x, _ = self._curve(c)
-        radius = math.sqrt(self._w @ x/2)
+        radius = math.sqrt(self._w @ x / 2)
         s = np.linspace(0, 1, points)
-        psis = np.pi*s+self._basis(s)[0] @ c
-        outline = np.column_stack((cumulative_simpson(np.cos(psis), x=s, initial=0), -cumulative_simpson(np.sin(psis), x=s, initial=0)))/radius
+        psis = np.pi * s + self._basis(s)[0] @ c
+        outline = (
+            np.column_stack(
+                (cumulative_simpson(np.cos(psis), x=s, initial=0), -cumulative_simpson(np.sin(psis), x=s, initial=0))
+            )
+            / radius
+        )
         outline[-1, 0] = 0
         outline.setflags(write=False)  # minima are kept for whoever asks again
-        return AxisymmetricShape(float(self.energy(c)[0]), float(self._w @ (slope*x+np.sin(psi))/(4*radius)), outline)
+        return AxisymmetricShape(
+            float(self.energy(c)[0]), float(self._w @ (slope * x + np.sin(psi)) / (4 * radius)), outline
+        )
 
     def _curve(self, c):
-        psi = np.pi*self._s+self._sines @ c
-        return psi, np.pi+self._cosines @ c, self._distance @ np.cos(psi), -self._distance @ (np.sin(psi)[:, np.newaxis]*self._sines)
+        psi = np.pi * self._s + self._sines @ c
+        return (
+            psi,
+            np.pi + self._cosines @ c,
+            self._distance @ np.cos(psi),
+            -self._distance @ (np.sin(psi)[:, np.newaxis] * self._sines),
+        )
 
     def _basis(self, s):
-        waves = np.pi*np.outer(s, self._modes)
-        return np.sin(waves)/self._modes, np.pi*np.cos(waves)
+        waves = np.pi * np.outer(s, self._modes)
+        return np.sin(waves) / self._modes, np.pi * np.cos(waves)
 
 
 def _integrals(t, weights):
     """Return the matrix that takes values at the nodes of a Gauss-Legendre rule to the integral from -1 to each node."""
     legendre = np.polynomial.legendre
     degrees = np.arange(len(t))
-    toSeries = (legendre.legvander(t, len(t)-1)*weights[:, np.newaxis]).T*(degrees+0.5)[:, np.newaxis]
+    toSeries = (legendre.legvander(t, len(t) - 1) * weights[:, np.newaxis]).T * (degrees + 0.5)[:, np.newaxis]
     return legendre.legval(t, legendre.legint(np.eye(len(t)), lbnd=-1)).T @ toSeries
 
 
 def _spheroid(kind, reducedVolume):
     u = np.linspace(0, np.pi, 4001)
-    return np.column_stack((np.sin(u), spheroidAspectRatio(reducedVolume, kind)*np.cos(u)))
+    return np.column_stack((np.sin(u), spheroidAspectRatio(reducedVolume, kind) * np.cos(u)))
 
 
 def _invaginated(reducedVolume):
-    return invaginatedSphere(optimize.brentq(lambda r: (1-r**3)/(1+r**2)**1.5-reducedVolume, 0.01, 0.99), opening=0.35)
+    return invaginatedSphere(
+        optimize.brentq(lambda r: (1 - r**3) / (1 + r**2) ** 1.5 - reducedVolume, 0.01, 0.99), opening=0.35
+    )

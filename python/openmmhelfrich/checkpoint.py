@@ -4,6 +4,7 @@ The file is a ZIP archive of texts: the System, the Integrator and the State as 
 each platform, and a JSON file with the configuration, the stage, and the sizes of the files that the run appends to.  Live triangles, random
 numbers' counters and the order of the vertices are part of the State, as parameters of the Integrator.
 """
+
 import json
 import zipfile
 from dataclasses import asdict, dataclass
@@ -42,6 +43,7 @@ class RunState:
     isComplete : bool
         whether all stages are done
     """
+
     config: dict
     stage: int
     stageState: dict
@@ -58,10 +60,12 @@ def saveCheckpoint(file, simulation, runState):
     Raises OSError if that fails; the earlier one is whole then.
     """
     state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
-    parts = {"run.json": json.dumps({"format": FORMAT, **asdict(runState)}, indent=1),
-             "system.xml": mm.XmlSerializer.serialize(simulation.system),
-             "integrator.xml": mm.XmlSerializer.serialize(simulation.integrator),
-             "state.xml": mm.XmlSerializer.serialize(state)}
+    parts = {
+        "run.json": json.dumps({"format": FORMAT, **asdict(runState)}, indent=1),
+        "system.xml": mm.XmlSerializer.serialize(simulation.system),
+        "integrator.xml": mm.XmlSerializer.serialize(simulation.integrator),
+        "state.xml": mm.XmlSerializer.serialize(state),
+    }
     with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, text in parts.items():
             archive.writestr(name, text)
@@ -72,7 +76,7 @@ def loadRunState(file):
 
     Raises FileNotFoundError if there is no such file, and ValueError if it is not a checkpoint.
     """
-    state, = _read(file, ("run.json",), _parse)
+    (state,) = _read(file, ("run.json",), _parse)
     if state is None:
         raise ValueError(f"{file} is a checkpoint of another version's format")
     return state
@@ -83,7 +87,9 @@ def loadSimulation(file, platform, properties):
     system, integrator, state = _read(file, ("system.xml", "integrator.xml", "state.xml"), mm.XmlSerializer.deserialize)
     force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
     mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
-    simulation = app.Simulation(mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties)
+    simulation = app.Simulation(
+        mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
+    )
     simulation.context.setState(state)
     return simulation, force
 

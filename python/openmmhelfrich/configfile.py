@@ -1,4 +1,5 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
+
 import textwrap
 
 import tomli_w
@@ -21,19 +22,25 @@ def defaultText():
     parts.append(_comment(_STAGES))
     for kind, model in STAGES.items():
         keys = _keys(model, leaveOut={"kind", *Targets.model_fields})
-        parts.append("\n".join("# "+line for line in f'{_comment(model.__doc__)}\n[[stages]]\nkind = "{kind}"\n{keys}'.splitlines()))
-    return "\n\n".join(parts)+"\n"
+        parts.append(
+            "\n".join(
+                "# " + line for line in f'{_comment(model.__doc__)}\n[[stages]]\nkind = "{kind}"\n{keys}'.splitlines()
+            )
+        )
+    return "\n\n".join(parts) + "\n"
 
 
 def settingsText(config, comments=()):
     """Return the text of a configuration file of a Config, after some comments."""
-    values = config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}} if config.stages else None)
+    values = config.model_dump(
+        mode="json", exclude_none=True, exclude={"sampling": {"steps"}} if config.stages else None
+    )
     return configText(values, comments)
 
 
 def configText(data, comments=()):
     """Return the text of a configuration file of a nested dict, after some comments."""
-    head = "".join(_comment(line)+"\n" for line in comments)
+    head = "".join(_comment(line) + "\n" for line in comments)
     sectionsText = tomli_w.dumps({name: values for name, values in data.items() if name != "stages"})
     return "\n".join([head, sectionsText, *map(_stageText, data.get("stages", ()))]).lstrip("\n")
 
@@ -46,13 +53,15 @@ def writeSettings(file, config, comments=()):
 
 def _stageText(stage):
     keys, path = {name: value for name, value in stage.items() if name != "path"}, stage.get("path")
-    return "[[stages]]\n"+tomli_w.dumps(keys)+(f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
+    return "[[stages]]\n" + tomli_w.dumps(keys) + (f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
 
 
 def _keys(model, leaveOut=()):
     """Return a description and a line for each key; those without a default are commented out."""
     lines = []
-    for name, field in sorted(model.model_fields.items(), key=lambda item: item[0] in Targets.model_fields):  # what a class adds comes first
+    for name, field in sorted(
+        model.model_fields.items(), key=lambda item: item[0] in Targets.model_fields
+    ):  # what a class adds comes first
         if name in leaveOut:
             continue
         lines.append(_comment(field.description))
@@ -62,7 +71,7 @@ def _keys(model, leaveOut=()):
 
 
 def _comment(text):
-    return "\n".join("# "+line for line in _wrap(text))
+    return "\n".join("# " + line for line in _wrap(text))
 
 
 def _wrap(text):

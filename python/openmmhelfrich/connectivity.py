@@ -3,6 +3,7 @@
 A halfedge h = 3*t+corner leads from that corner of triangle t to the next one.  An edge of a closed surface is a pair of
 halfedges that run in opposite directions.
 """
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -25,7 +26,7 @@ def groupHalfedges(triangles, numVertices):
         where each edge begins in `order`; edges ascend by (smaller vertex, larger vertex)
     """
     origin, target = halfedges(triangles)
-    key = np.minimum(origin, target)*numVertices+np.maximum(origin, target)
+    key = np.minimum(origin, target) * numVertices + np.maximum(origin, target)
     order = np.argsort(key, kind="stable")
     key = key[order]
     start = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, dtype=int)
@@ -38,7 +39,7 @@ def pairHalfedges(triangles, numVertices):
     Raises ValueError if an edge has not exactly two.  :func:`check` says more.
     """
     order, start = groupHalfedges(triangles, numVertices)
-    if len(order) != 2*len(start) or np.any(start != 2*np.arange(len(start))):
+    if len(order) != 2 * len(start) or np.any(start != 2 * np.arange(len(start))):
         raise ValueError("the surface is not closed: not every edge belongs to exactly two triangles")
     return order[0::2], order[1::2]
 
@@ -72,8 +73,10 @@ def trianglesFromEdges(edges, vertices):
     rings = {(i, j): neighbours[i] & neighbours[j] for i, j in np.sort(edges, axis=1).tolist()}
     for edge, corners in rings.items():
         if len(corners) != 2:
-            raise ValueError(f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; "
-                             "give a mesh file")
+            raise ValueError(
+                f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; "
+                "give a mesh file"
+            )
     triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
     return _orient(triangles, vertices)
 
@@ -84,7 +87,7 @@ def _turns(count, first, second, agree):
     for f, g, same in zip(first.tolist(), second.tolist(), agree.tolist()):
         beyond[f].append((g, same))
         beyond[g].append((f, same))
-    turned = [None]*count
+    turned = [None] * count
     for start in range(count):
         if turned[start] is not None:
             continue
@@ -102,7 +105,7 @@ def _orient(triangles, vertices):
     """Turn the triangles of closed membranes so that neighbours agree and volumes are positive."""
     first, second = pairHalfedges(triangles, len(vertices))
     origin, _ = halfedges(triangles)
-    turned = _turns(len(triangles), first//3, second//3, origin[first] != origin[second])
+    turned = _turns(len(triangles), first // 3, second // 3, origin[first] != origin[second])
     triangles = np.where(turned[:, np.newaxis], triangles[:, [0, 2, 1]], triangles)
     count, label = labelComponents(triangles, len(vertices))
     for membrane in range(count):
@@ -144,14 +147,16 @@ def _checkTriangles(vertices, triangles):
     if len(repeated):
         raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
     x = vertices[triangles]
-    sides = np.stack((x[:, 1]-x[:, 0], x[:, 2]-x[:, 1], x[:, 0]-x[:, 2]))
+    sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
     with np.errstate(over="ignore", invalid="ignore"):
         doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
     huge = np.flatnonzero(~np.isfinite(doubleArea))
     if len(huge):
-        raise ValueError(f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not those of a membrane")
+        raise ValueError(
+            f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not those of a membrane"
+        )
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
-    flat = np.flatnonzero(doubleArea <= 1e-12*np.einsum("sti,sti->st", sides, sides).max(axis=0))
+    flat = np.flatnonzero(doubleArea <= 1e-12 * np.einsum("sti,sti->st", sides, sides).max(axis=0))
     if len(flat):
         raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
 
@@ -164,18 +169,24 @@ def _checkEdges(triangles, order, start):
         crowded = np.flatnonzero(count > 2)
         if len(crowded):
             e = crowded[0]
-            owners = ", ".join(str(h//3) for h in np.sort(order[start[e]:start[e]+count[e]]))
-            raise ValueError(f"{_edge(triangles, order[start[e]])} belongs to {count[e]} triangles ({owners}); "
-                             "an edge must belong to exactly two")
-        raise ValueError(f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle {order[start[wrong[0]]]//3} only "
-                         f"({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane must be closed")
+            owners = ", ".join(str(h // 3) for h in np.sort(order[start[e] : start[e] + count[e]]))
+            raise ValueError(
+                f"{_edge(triangles, order[start[e]])} belongs to {count[e]} triangles ({owners}); "
+                "an edge must belong to exactly two"
+            )
+        raise ValueError(
+            f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle {order[start[wrong[0]]] // 3} only "
+            f"({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane must be closed"
+        )
     origin, _ = halfedges(triangles)
     first, second = order[0::2], order[1::2]
     same = np.flatnonzero(origin[first] == origin[second])
     if len(same):
         h = first[same[0]]
-        raise ValueError(f"triangles {h//3} and {second[same[0]]//3} run along {_edge(triangles, h)} in the same direction; "
-                         "all triangles must be counter-clockwise seen from outside")
+        raise ValueError(
+            f"triangles {h // 3} and {second[same[0]] // 3} run along {_edge(triangles, h)} in the same direction; "
+            "all triangles must be counter-clockwise seen from outside"
+        )
     _checkRepeatedTriangles(triangles)
 
 
@@ -184,9 +195,11 @@ def _checkRepeatedTriangles(triangles):
     order = np.lexsort(corners.T)
     same = np.flatnonzero(np.all(corners[order[1:]] == corners[order[:-1]], axis=1))
     if len(same):
-        first, second = sorted(order[same[0]:same[0]+2])
-        raise ValueError(f"{_triangle(triangles, second)} has the same three vertices as triangle {first}; "
-                         "a triangle must appear once")
+        first, second = sorted(order[same[0] : same[0] + 2])
+        raise ValueError(
+            f"{_triangle(triangles, second)} has the same three vertices as triangle {first}; "
+            "a triangle must appear once"
+        )
 
 
 def _checkVertices(triangles, numVertices, first, second):
@@ -196,8 +209,11 @@ def _checkVertices(triangles, numVertices, first, second):
     few = np.flatnonzero(valence < 3)
     if len(few):
         v = few[0]
-        raise ValueError(f"vertex {v} belongs to no triangle" if valence[v] == 0 else
-                         f"vertex {v} has {valence[v]} neighbours; a vertex must have at least three")
+        raise ValueError(
+            f"vertex {v} belongs to no triangle"
+            if valence[v] == 0
+            else f"vertex {v} has {valence[v]} neighbours; a vertex must have at least three"
+        )
     opposite = np.empty(len(origin), dtype=np.int64)
     opposite[first], opposite[second] = second, first
     previous = np.arange(len(origin)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
@@ -205,8 +221,10 @@ def _checkVertices(triangles, numVertices, first, second):
     if fans > numVertices:
         _, example = np.unique(fan, return_index=True)
         v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]
-        raise ValueError(f"the surface touches itself at vertex {v}, whose triangles form more than one fan; "
-                         "give each sheet a vertex of its own")
+        raise ValueError(
+            f"the surface touches itself at vertex {v}, whose triangles form more than one fan; "
+            "give each sheet a vertex of its own"
+        )
 
 
 def _checkVolumes(vertices, triangles):
@@ -215,15 +233,17 @@ def _checkVolumes(vertices, triangles):
         part = triangles[label[triangles[:, 0]] == membrane] if count > 1 else triangles
         v = signedVolume(vertices, part)
         if v <= 0:
-            raise ValueError(f"the membrane of vertex {part.min()} is inside out: its volume is {v:.6g}; reverse its triangles, "
-                             "which must be counter-clockwise seen from outside")
+            raise ValueError(
+                f"the membrane of vertex {part.min()} is inside out: its volume is {v:.6g}; reverse its triangles, "
+                "which must be counter-clockwise seen from outside"
+            )
 
 
 def signedVolume(vertices, triangles):
     """Return the volume that the triangles enclose, positive if they are counter-clockwise seen from outside."""
     # The centre is subtracted so that a mesh far from the origin loses no digits.
-    x = vertices[triangles]-vertices[triangles[:, 0]].mean(axis=0)
-    return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2]))/6)
+    x = vertices[triangles] - vertices[triangles[:, 0]].mean(axis=0)
+    return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
 
 
 def _triangle(triangles, t):
@@ -232,4 +252,4 @@ def _triangle(triangles, t):
 
 def _edge(triangles, h):
     t, corner = divmod(int(h), 3)
-    return f"edge ({triangles[t, corner]}, {triangles[t, (corner+1)%3]})"
+    return f"edge ({triangles[t, corner]}, {triangles[t, (corner + 1) % 3]})"

@@ -3,6 +3,7 @@
 Each target may have a lambda of its own.  On the way back the windows are the same, so that hysteresis shows as a difference between the two branches.
 The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 """
+
 import io
 import math
 from dataclasses import dataclass
@@ -20,7 +21,11 @@ _UNITS = {"area": unit.nanometer**2, "volume": unit.nanometer**3, "areaDifferenc
 
 def targetParameters(force):
     """Return the names of the Context parameters of a HelfrichForce's targets, by "area", "volume" and "areaDifference"."""
-    return {"area": force.getTargetAreaParameter(), "volume": force.getTargetVolumeParameter(), "areaDifference": force.getTargetAreaDifferenceParameter()}
+    return {
+        "area": force.getTargetAreaParameter(),
+        "volume": force.getTargetVolumeParameter(),
+        "areaDifference": force.getTargetAreaDifferenceParameter(),
+    }
 
 
 def currentTargets(context, force):
@@ -36,7 +41,7 @@ def setTargets(context, force, targets):
 
 def windowLambdas(windows, thereAndBack):
     """Return how far along a path each window is: from 0 to 1 and, there and back, to 0 again."""
-    uniform = np.linspace(0, 1, int(windows)+1)
+    uniform = np.linspace(0, 1, int(windows) + 1)
     return np.concatenate((uniform, uniform[-2::-1])) if thereAndBack else uniform
 
 
@@ -49,7 +54,14 @@ class ContinuationPath:
         how far along the path each window is
     """
 
-    def __init__(self, start: Dict[str, float], end: Dict[str, float], windows: int, thereAndBack: bool = False, path: Optional[Dict[str, Sequence[float]]] = None):
+    def __init__(
+        self,
+        start: Dict[str, float],
+        end: Dict[str, float],
+        windows: int,
+        thereAndBack: bool = False,
+        path: Optional[Dict[str, Sequence[float]]] = None,
+    ):
         """Create a ContinuationPath.
 
         Parameters
@@ -74,7 +86,7 @@ class ContinuationPath:
         self._values = {}
         for name, value in end.items():
             lambdas = self._lambdasOf(name, (path or {}).get(name), uniform)
-            self._values[name] = lambdas*value+(1-lambdas)*start[name]
+            self._values[name] = lambdas * value + (1 - lambdas) * start[name]
             self._check(name, self._values[name])
         for name in path or {}:
             if name not in end:
@@ -82,8 +94,8 @@ class ContinuationPath:
 
     def targets(self, window: int) -> Dict[str, float]:
         """Return the targets of a window by name, in powers of nm."""
-        points = (len(self.lambdas)+1)//2 if self.lambdas[-1] == 0 else len(self.lambdas)
-        point = window if window < points else len(self.lambdas)-1-window
+        points = (len(self.lambdas) + 1) // 2 if self.lambdas[-1] == 0 else len(self.lambdas)
+        point = window if window < points else len(self.lambdas) - 1 - window
         return {name: float(values[point]) for name, values in self._values.items()}
 
     @staticmethod
@@ -92,14 +104,18 @@ class ContinuationPath:
             return uniform
         given = np.asarray(given, dtype=float)
         if given.shape != uniform.shape or not np.all(np.isfinite(given)):
-            raise ValueError(f"continuation: the path of {name} has {given.size} values; it must have {len(uniform)} finite ones, one more than there are windows")
+            raise ValueError(
+                f"continuation: the path of {name} has {given.size} values; it must have {len(uniform)} finite ones, one more than there are windows"
+            )
         return given
 
     @staticmethod
     def _check(name, values):
         wrong = values[(values <= 0) if name != "areaDifference" else (values == 0)]
         if len(wrong):
-            raise ValueError(f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must {'not be 0' if name == 'areaDifference' else 'be positive'}")
+            raise ValueError(
+                f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must {'not be 0' if name == 'areaDifference' else 'be positive'}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +129,7 @@ class ContinuationResult:
     rows : Table
         all observations, with the window that each belongs to
     """
+
     windows: Table
     rows: Table
 
@@ -121,9 +138,19 @@ class ContinuationResult:
         return self.windows.toDataFrame()
 
 
-def continueTo(simulation: app.Simulation, force: HelfrichForce, targets: Dict[str, Number], windows: int = 10, equilibration: int = 100, steps: int = 100,
-               thereAndBack: bool = False, path: Optional[Dict[str, Sequence[float]]] = None, interval: int = 1, temperature: Optional[Number] = None,
-               progress: Optional[Callable[[int, int], None]] = None) -> ContinuationResult:
+def continueTo(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    targets: Dict[str, Number],
+    windows: int = 10,
+    equilibration: int = 100,
+    steps: int = 100,
+    thereAndBack: bool = False,
+    path: Optional[Dict[str, Sequence[float]]] = None,
+    interval: int = 1,
+    temperature: Optional[Number] = None,
+    progress: Optional[Callable[[int, int], None]] = None,
+) -> ContinuationResult:
     """Lead a membrane's targets to new values while it is sampled, and average over each window of the way.
 
     Parameters
@@ -157,25 +184,29 @@ def continueTo(simulation: app.Simulation, force: HelfrichForce, targets: Dict[s
     start = currentTargets(simulation.context, force)
     line = ContinuationPath(start, absoluteTargets(targets, start), windows, thereAndBack, _absoluteNames(path))
     if interval < 1 or steps < interval or equilibration < 0:
-        raise ValueError(f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be 0, the interval and 1, or more")
+        raise ValueError(
+            f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be 0, the interval and 1, or more"
+        )
     observer, rows = ObservablesReporter(io.StringIO(), interval, force, temperature), []
     for window in range(len(line.lambdas)):
         setTargets(simulation.context, force, line.targets(window))
         simulation.step(equilibration)
-        for _ in range(steps//interval):
+        for _ in range(steps // interval):
             simulation.step(interval)
             rows.append({**observer.observe(simulation), "window": window})
         if progress is not None:
-            progress(window+1, len(line.lambdas))
+            progress(window + 1, len(line.lambdas))
     table = Table.ofRows(rows)
     return ContinuationResult(averageWindows(table, line.lambdas), table)
 
 
 def absoluteTargets(targets, start):
     """Return targets by "area", "volume" and "areaDifference" in powers of nm, for targets that may have units, or a "reducedVolume"."""
-    unknown = set(targets)-{*_UNITS, "reducedVolume"}
+    unknown = set(targets) - {*_UNITS, "reducedVolume"}
     if unknown or not targets:
-        raise ValueError(f"the targets are {', '.join(map(str, targets)) or 'none'}; they must be among area, volume, reducedVolume and areaDifference")
+        raise ValueError(
+            f"the targets are {', '.join(map(str, targets)) or 'none'}; they must be among area, volume, reducedVolume and areaDifference"
+        )
     if "volume" in targets and "reducedVolume" in targets:
         raise ValueError("volume and reducedVolume are both given; give one of them")
     absolute = {name: float(valueIn(targets[name], _UNITS[name])) for name in targets if name != "reducedVolume"}
@@ -186,20 +217,25 @@ def absoluteTargets(targets, start):
         v = float(targets["reducedVolume"])
         if not 0 < v <= 1:
             raise ValueError(f"the target reducedVolume is {v}; it must be above 0 and at most 1")
-        absolute["volume"] = v*absolute.get("area", start["area"])**1.5/(6*math.sqrt(math.pi))
+        absolute["volume"] = v * absolute.get("area", start["area"]) ** 1.5 / (6 * math.sqrt(math.pi))
     return absolute
 
 
 def averageWindows(table, lambdas):
     """Return the averages and standard deviations of a Table's rows over each window, as a Table with a row for each."""
-    names = [name for name in table if name not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance", "flipRate", "flipsForbidden")]
+    names = [
+        name
+        for name in table
+        if name
+        not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance", "flipRate", "flipsForbidden")
+    ]
     rows = []
     for window in np.unique(table["window"]).astype(int):
         chosen = table["window"] == window
         row = {"stage": table["stage"][chosen][0]} if "stage" in table else {}
         row |= {"window": window, "lambda": lambdas[window], "samples": int(chosen.sum())}
         for name in names:
-            row[name], row[name+"Deviation"] = float(table[name][chosen].mean()), float(table[name][chosen].std())
+            row[name], row[name + "Deviation"] = float(table[name][chosen].mean()), float(table[name][chosen].std())
         rows.append(row)
     return Table.ofRows(rows)
 

@@ -1,4 +1,5 @@
 """From one file of membranes to another: mesh trajectories, DCD files, and the mesh formats."""
+
 from pathlib import Path
 from typing import Iterable, List, Optional, Sequence
 from xml.etree import ElementTree
@@ -42,15 +43,23 @@ def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: Optional[in
         if every != 1:
             raise ValueError(f"frame {frame} and every {every} are both given; give one of them")
         if not -len(frames) <= frame < len(frames):
-            raise ValueError(f"{file} has no frame {frame}; it has {len(frames)}: 0 to {len(frames)-1}, or -1 for the last")
+            raise ValueError(
+                f"{file} has no frame {frame}; it has {len(frames)}: 0 to {len(frames) - 1}, or -1 for the last"
+            )
         return [frame % len(frames)]
     if every < 1:
         raise ValueError(f"every is {every}; it must be 1 or more")
     return list(range(0, len(frames), every))
 
 
-def convert(file: PathLike, output: PathLike, frame: Optional[int] = None, every: int = 1, topology: Optional[PathLike] = None,
-            overwrite: bool = False) -> List[Path]:
+def convert(
+    file: PathLike,
+    output: PathLike,
+    frame: Optional[int] = None,
+    every: int = 1,
+    topology: Optional[PathLike] = None,
+    overwrite: bool = False,
+) -> List[Path]:
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
     .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates are in angstroms.
@@ -108,9 +117,11 @@ def requireNew(files: Iterable[PathLike], source: PathLike, overwrite: bool) -> 
     if any(file.samefile(source) for file in existing):
         raise FileExistsError(f"the result would replace {source}; choose another name")
     if existing and not overwrite:
-        more = f" and {len(existing)-3} more" if len(existing) > 3 else ""
-        raise FileExistsError(f"{', '.join(map(str, existing[:3]))}{more} exist{'s' if len(existing) == 1 else ''} already; "
-                              "choose another name, or ask to overwrite files with --overwrite")
+        more = f" and {len(existing) - 3} more" if len(existing) > 3 else ""
+        raise FileExistsError(
+            f"{', '.join(map(str, existing[:3]))}{more} exist{'s' if len(existing) == 1 else ''} already; "
+            "choose another name, or ask to overwrite files with --overwrite"
+        )
 
 
 def _names(output, indices):
@@ -119,8 +130,10 @@ def _names(output, indices):
     if suffix in (*TRAJECTORIES, ".xyz") or (len(indices) == 1 and suffix != ".pvd"):
         return [output]
     digits = max(4, len(str(max(indices, default=0))))
-    numbered = [output.with_name(f"{output.stem}_{i:0{digits}}{'.vtu' if suffix == '.pvd' else output.suffix}") for i in indices]
-    return [output]+numbered if suffix == ".pvd" else numbered
+    numbered = [
+        output.with_name(f"{output.stem}_{i:0{digits}}{'.vtu' if suffix == '.pvd' else output.suffix}") for i in indices
+    ]
+    return [output] + numbered if suffix == ".pvd" else numbered
 
 
 def _writeMesh(file, frame):
@@ -142,4 +155,6 @@ def _writeXYZ(file, frames):
     with open(file, "w") as out:
         for frame in frames:
             out.write(f"{len(frame.mesh.vertices)}\nstep {frame.step}\n")
-            out.writelines("V {:.9g} {:.9g} {:.9g}\n".format(*position) for position in (10*frame.mesh.vertices).tolist())
+            out.writelines(
+                "V {:.9g} {:.9g} {:.9g}\n".format(*position) for position in (10 * frame.mesh.vertices).tolist()
+            )

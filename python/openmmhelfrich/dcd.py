@@ -1,4 +1,5 @@
 """DCD trajectories whose bytes are those of their frames alone, and which can go on after a frame that was cut short."""
+
 import struct
 
 from openmm import app
@@ -48,12 +49,14 @@ def _cut(file, size):
     """Drop what follows the first bytes of a DCD file, and count the frames that are left."""
     with open(file, "r+b") as out:
         out.truncate(size)
-        out.seek(_END-8)
-        atoms, = struct.unpack("<i", out.read(4))
-        frames, rest = divmod(size-_END, 3*(4*atoms+8))
+        out.seek(_END - 8)
+        (atoms,) = struct.unpack("<i", out.read(4))
+        frames, rest = divmod(size - _END, 3 * (4 * atoms + 8))
         if rest:
-            raise ValueError(f"{file} does not hold whole frames up to byte {size}; it is not the trajectory that the run wrote")
+            raise ValueError(
+                f"{file} does not hold whole frames up to byte {size}; it is not the trajectory that the run wrote"
+            )
         out.seek(_COUNTERS)
         _, first, interval, _ = struct.unpack("<4i", out.read(16))
         out.seek(_COUNTERS)
-        out.write(struct.pack("<4i", frames, first, interval, first+(frames-1)*interval))
+        out.write(struct.pack("<4i", frames, first, interval, first + (frames - 1) * interval))

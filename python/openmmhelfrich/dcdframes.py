@@ -1,4 +1,5 @@
 """DCD trajectories as sequences of meshes.  DCD has positions alone: the triangles come from a topology, and stay as they are there."""
+
 from pathlib import Path
 from typing import Optional
 
@@ -13,6 +14,7 @@ from .vtkhdf import Frames, meshFrame
 
 class DCDTrajectory(Frames):
     """The frames of a DCD file, with the triangles of a topology."""
+
     lengthUnit = "nm"
 
     def __init__(self, file: PathLike, topology: Optional[PathLike]):
@@ -35,20 +37,22 @@ class DCDTrajectory(Frames):
         formats = require("mdtraj", "reading DCD files").formats
         self._path = Path(file)
         if topology is None:
-            raise ValueError(f"{file} has no triangles; give a topology that has them: a mesh file, or the PSF file of the run")
+            raise ValueError(
+                f"{file} has no triangles; give a topology that has them: a mesh file, or the PSF file of the run"
+            )
         for path in (self._path, Path(topology)):
             if not path.exists():
                 raise FileNotFoundError(f"there is no file {path}")
         with self._complaint("is not a complete DCD file"):
             self._file = formats.DCDTrajectoryFile(str(file))
             start, interval = np.fromfile(file, "<i4", 5)[3:5].tolist()
-            self.steps = start+interval*np.arange(len(self._file), dtype=np.int64)
+            self.steps = start + interval * np.arange(len(self._file), dtype=np.int64)
             first = self._positions(0)
         self._triangles = _trianglesOf(Path(topology), first, self._path)
 
     def _positions(self, i):
         self._file.seek(i)
-        return self._file.read(1)[0][0].astype(np.float64)/10
+        return self._file.read(1)[0][0].astype(np.float64) / 10
 
     def _read(self, i):
         return meshFrame(int(self.steps[i]), Mesh(self._positions(i), self._triangles))
@@ -60,7 +64,9 @@ def _trianglesOf(topology, positions, dcd):
     mesh = Mesh.read(topology) if isMesh else None
     bonds, size = (None, len(mesh.vertices)) if isMesh else _readBonds(topology)
     if size != len(positions):
-        raise ValueError(f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal")
+        raise ValueError(
+            f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal"
+        )
     try:
         return mesh.triangles if isMesh else trianglesFromEdges(bonds, positions)
     except ValueError as error:

@@ -1,4 +1,5 @@
 """Files that are replaced whole, in a single step."""
+
 import contextlib
 import os
 from pathlib import Path

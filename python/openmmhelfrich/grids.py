@@ -10,6 +10,7 @@ A grid is a TOML file with a configuration, ``base``, which is a file's name or 
 
 Tables ``[variants.NAME]`` are one more axis: each is a part of a configuration, which takes the place of the base's keys.
 """
+
 import copy
 import hashlib
 import itertools
@@ -41,6 +42,7 @@ class Point:
     config : Config
         what to do.  Its seed follows from the point's name, so that neither the order of points nor their number matters
     """
+
     name: str
     parameters: dict
     config: Config
@@ -48,22 +50,26 @@ class Point:
 
 class Range(Section):
     """Equal steps from start to stop, which is among the values if a whole number of steps leads there."""
+
     start: Union[int, float]
     stop: Union[int, float]
     step: Union[int, float]
 
     @model_validator(mode="after")
     def _count(self):
-        if self.step == 0 or (self.stop-self.start)/self.step < 0:
+        if self.step == 0 or (self.stop - self.start) / self.step < 0:
             raise ValueError(f"leads from {self.start} to {self.stop} by steps of {self.step}, which never arrive")
-        if (self.stop-self.start)/self.step >= MOST_POINTS:
+        if (self.stop - self.start) / self.step >= MOST_POINTS:
             raise ValueError(f"has more than {MOST_POINTS} values")
         return self
 
     def values(self):
         """Return the values, without the rounding errors of sums."""
-        count = math.floor((self.stop-self.start)/self.step*(1+1e-12)+1e-9)+1
-        return [value if isinstance(value, int) else round(value, 12) for value in (self.start+i*self.step for i in range(count))]
+        count = math.floor((self.stop - self.start) / self.step * (1 + 1e-12) + 1e-9) + 1
+        return [
+            value if isinstance(value, int) else round(value, 12)
+            for value in (self.start + i * self.step for i in range(count))
+        ]
 
 
 def _axes(tables):
@@ -75,10 +81,14 @@ def _axes(tables):
 
 def _flat(tables, prefix=""):
     for name, value in tables.items():
-        if isinstance(value, dict) and value and not any(key in Range.model_fields and not isinstance(part, dict) for key, part in value.items()):
+        if (
+            isinstance(value, dict)
+            and value
+            and not any(key in Range.model_fields and not isinstance(part, dict) for key, part in value.items())
+        ):
             yield from _flat(value, f"{prefix}{name}.")
         else:
-            yield prefix+name, value
+            yield prefix + name, value
 
 
 def _valuesOf(key, value):
@@ -101,13 +111,25 @@ def _explainRange(mistake):
         return f"has no key '{mistake['loc'][0]}'{nearest(mistake['loc'][0], Range.model_fields)}"
     if mistake["type"] == "missing":
         return f"has no {mistake['loc'][0]}; it must be {_RANGE}"
-    return requirement(mistake) if mistake["type"] == "value_error" else f"{mistake['loc'][0]} is {mistake['input']!r}; {requirement(mistake)}"
+    return (
+        requirement(mistake)
+        if mistake["type"] == "value_error"
+        else f"{mistake['loc'][0]} is {mistake['input']!r}; {requirement(mistake)}"
+    )
 
 
 class Grid(Section):
     """The file of a grid."""
-    base: Annotated[Any, Field(description="the configuration from which the points differ: the name of a file, or a table")]
-    seeds: int = Field(1, ge=1, le=MOST_POINTS, description="how many runs each point of the grid stands for, each with random numbers of its own")
+
+    base: Annotated[
+        Any, Field(description="the configuration from which the points differ: the name of a file, or a table")
+    ]
+    seeds: int = Field(
+        1,
+        ge=1,
+        le=MOST_POINTS,
+        description="how many runs each point of the grid stands for, each with random numbers of its own",
+    )
     grid: Annotated[Dict[str, List[Any]], BeforeValidator(_axes)] = {}
     variants: Dict[str, Dict[str, Any]] = {}
 
@@ -119,7 +141,7 @@ class Grid(Section):
             raise ValueError("seeds and the axis sampling.seed are both given; give one of them")
         if "output.prefix" in self.grid:
             raise ValueError("output.prefix is an axis; each point has a folder of its own already")
-        count = self.seeds*max(1, len(self.variants))*math.prod(len(values) for values in self.grid.values())
+        count = self.seeds * max(1, len(self.variants)) * math.prod(len(values) for values in self.grid.values())
         if count > MOST_POINTS:
             raise ValueError(f"the grid has {count} points; there may be {MOST_POINTS}")
         return self
@@ -137,7 +159,7 @@ def readGrid(file) -> List[Point]:
     """
     path = Path(file)
     grid = _parse(readTOML(path), path)
-    base = grid.base if isinstance(grid.base, dict) else _readBase(path.parent/grid.base)
+    base = grid.base if isinstance(grid.base, dict) else _readBase(path.parent / grid.base)
     mistakes, meshes = _Mistakes(), {}
     points = [_createPoint(base, *place, path, mistakes, meshes) for place in _places(grid)]
     mistakes.raiseAny(len(points))
@@ -167,7 +189,7 @@ def _readBase(file):
     data = readTOML(file)
     mesh = data.get("mesh")
     if isinstance(mesh, dict) and isinstance(mesh.get("file"), str):
-        mesh["file"] = str((file.parent/mesh["file"]).resolve())
+        mesh["file"] = str((file.parent / mesh["file"]).resolve())
     return data
 
 
@@ -176,7 +198,7 @@ def _places(grid):
     names = _shortNames(grid.grid)
     for variant in grid.variants or [None]:
         for values in itertools.product(*grid.grid.values()):
-            for repeat in range(1, grid.seeds+1):
+            for repeat in range(1, grid.seeds + 1):
                 parameters = {} if variant is None else {"variant": variant}
                 parameters.update(zip(names, values))
                 if "sampling.seed" not in grid.grid:
@@ -200,7 +222,7 @@ def _createPoint(base, variant, values, parameters, path, mistakes, meshes):
         if "sampling.seed" not in values:
             config.sampling.seed = _seed(config.sampling.seed, name)
         if config.mesh.file is not None:
-            config.mesh.file = str((path.parent/config.mesh.file).resolve())
+            config.mesh.file = str((path.parent / config.mesh.file).resolve())
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
         _checkRun(config, meshes)
@@ -220,7 +242,11 @@ def _checkRun(config, meshes):
 def _nameOf(parameters):
     text = ",".join(f"{name}={_text(value)}" for name, value in parameters.items())
     plain = re.sub(r"[^\w.,=+-]+", "-", text)
-    return plain if plain == text and len(text) <= 150 else f"{plain[:120]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    return (
+        plain
+        if plain == text and len(text) <= 150
+        else f"{plain[:120]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    )
 
 
 def _text(value):
@@ -230,7 +256,7 @@ def _text(value):
 
 def _seed(seed, name):
     """Return a seed that follows from that of the base and the name of a point."""
-    return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") % (2**31-1)+1
+    return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") % (2**31 - 1) + 1
 
 
 def _merge(data, part):
@@ -250,18 +276,26 @@ def _set(data, key, value, path):
     for name in home:
         data = _stage(data, name, key, path) if isinstance(data, list) else data.setdefault(name, {})
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the stage's name, kind or number")
+        raise ValueError(
+            f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the stage's name, kind or number"
+        )
     data[last] = copy.deepcopy(value)
 
 
 def _stage(stages, name, key, path):
     """Return the stage of a name, or if none has it of a kind or number."""
     stages = [stage for stage in stages if isinstance(stage, dict)]
-    for which in ([stage.get("name") for stage in stages], [stage.get("kind") for stage in stages], [str(i+1) for i in range(len(stages))]):
+    for which in (
+        [stage.get("name") for stage in stages],
+        [stage.get("kind") for stage in stages],
+        [str(i + 1) for i in range(len(stages))],
+    ):
         if which.count(name) == 1:
             return stages[which.index(name)]
     titles = [str(stage.get("name") or stage.get("kind")) for stage in stages]
-    raise ValueError(f"{path}: '{key}' does not name one stage; the stages are {', '.join(f'{i+1} ({title})' for i, title in enumerate(titles)) or 'none'}")
+    raise ValueError(
+        f"{path}: '{key}' does not name one stage; the stages are {', '.join(f'{i + 1} ({title})' for i, title in enumerate(titles)) or 'none'}"
+    )
 
 
 class _Mistakes:
@@ -294,4 +328,4 @@ class _Mistakes:
     def _where(names, count):
         if len(names) == count and count > 1:
             return "every point"
-        return f"point {names[0]}"+(f" and {len(names)-1} more" if len(names) > 1 else "")
+        return f"point {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")

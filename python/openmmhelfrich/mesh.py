@@ -1,4 +1,5 @@
 """Triangulated membranes: made, read, written, checked, and handed to OpenMM."""
+
 import contextlib
 import io
 import math
@@ -73,7 +74,7 @@ class Mesh:
         for _ in range(int(subdivisions)):
             vertices, triangles = _subdivide(vertices, triangles)
             vertices /= np.linalg.norm(vertices, axis=1)[:, np.newaxis]
-        return cls(radius*vertices, triangles)
+        return cls(radius * vertices, triangles)
 
     @classmethod
     def read(cls, file, unit=unit.nanometer):
@@ -133,10 +134,15 @@ class Mesh:
             if the file cannot be written
         """
         import meshio
+
         path = Path(file)
         suffix = path.suffix.lower()
         requireFormat(path)
-        mesh = meshio.Mesh(self.vertices/_lengthOf(unit), [("triangle", self.triangles)], point_data=data if suffix in _WITH_DATA else None)
+        mesh = meshio.Mesh(
+            self.vertices / _lengthOf(unit),
+            [("triangle", self.triangles)],
+            point_data=data if suffix in _WITH_DATA else None,
+        )
         # A complete file takes the place of the old one in a single step, so that no failure leaves half a mesh.
         part = path.with_name(f".{path.stem}.part{path.suffix}")
         try:
@@ -171,7 +177,7 @@ class Mesh:
         atoms, residue, current = [], None, None
         for membrane in label.tolist():
             if membrane != current:
-                residue, current = topology.addResidue("MEM", chain, id=str(membrane+1)), membrane
+                residue, current = topology.addResidue("MEM", chain, id=str(membrane + 1)), membrane
             atoms.append(topology.addAtom("V", None, residue))
         for i, j in self.edges.tolist():
             topology.addBond(atoms[i], atoms[j])
@@ -203,12 +209,12 @@ class Mesh:
     def edgeLengths(self):
         """The length of each edge, in nm, in the order of :attr:`edges`."""
         a, b = self.edges.T
-        return np.linalg.norm(self.vertices[b]-self.vertices[a], axis=1)
+        return np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
 
     @property
     def triangleAreas(self):
         """The area of each triangle, in nm^2."""
-        return np.linalg.norm(self._normals(), axis=1)/2
+        return np.linalg.norm(self._normals(), axis=1) / 2
 
     @property
     def area(self):
@@ -228,7 +234,7 @@ class Mesh:
     @property
     def vertexAreas(self):
         """The area of each vertex, a third of that of its triangles, in nm^2."""
-        return np.bincount(self.triangles.ravel(), np.repeat(self.triangleAreas/3, 3), len(self.vertices))
+        return np.bincount(self.triangles.ravel(), np.repeat(self.triangleAreas / 3, 3), len(self.vertices))
 
     @property
     def vertexMeanCurvatures(self):
@@ -238,24 +244,24 @@ class Mesh:
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
-        edge = self.vertices[target]-self.vertices[origin]
+        edge = self.vertices[target] - self.vertices[origin]
         length = np.linalg.norm(edge, axis=1)
         normals = self._normals()
         normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
-        nf, ng = normals[first//3], normals[second//3]
-        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge)/length
-        curvature = length*np.arctan2(sine, np.einsum("ei,ei->e", nf, ng))/4
-        return np.bincount(origin, curvature, len(self.vertices))+np.bincount(target, curvature, len(self.vertices))
+        nf, ng = normals[first // 3], normals[second // 3]
+        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
+        curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
+        return np.bincount(origin, curvature, len(self.vertices)) + np.bincount(target, curvature, len(self.vertices))
 
     def _normals(self):
         """Return the normal of each triangle, of twice its area."""
         x = self.vertices[self.triangles]
-        return np.cross(x[:, 1]-x[:, 0], x[:, 2]-x[:, 0])
+        return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
     def _withoutLooseVertices(self):
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.triangles] = True
-        return Mesh(self.vertices[used], (np.cumsum(used)-1)[self.triangles])
+        return Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles])
 
     def __repr__(self):
         return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
@@ -263,7 +269,7 @@ class Mesh:
 
 def reducedVolume(area, volume):
     """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape."""
-    return 6*math.sqrt(math.pi)*volume/area**1.5
+    return 6 * math.sqrt(math.pi) * volume / area**1.5
 
 
 def _floats(vertices):
@@ -280,7 +286,9 @@ def _floats(vertices):
 
 def _notFinite(vertices):
     v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
-    return f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
+    return (
+        f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
+    )
 
 
 def _indices(triangles, numVertices):
@@ -295,8 +303,10 @@ def _indices(triangles, numVertices):
     outside = np.argwhere((triangles < 0) | (triangles >= numVertices))
     if len(outside):
         t, corner = outside[0]
-        raise ValueError(f"triangle {t} has the vertex {triangles[t, corner]}; "
-                         f"it must be from 0 to {numVertices-1}, for {numVertices} vertices")
+        raise ValueError(
+            f"triangle {t} has the vertex {triangles[t, corner]}; "
+            f"it must be from 0 to {numVertices - 1}, for {numVertices} vertices"
+        )
     return triangles.astype(np.int32)
 
 
@@ -307,7 +317,9 @@ def _inUnit(value, wanted):
 def _lengthOf(length):
     """Return a length unit in nm."""
     try:
-        value = float((1*length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer))
+        value = float(
+            (1 * length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer)
+        )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None
     if not (math.isfinite(value) and value > 0):
@@ -316,29 +328,68 @@ def _lengthOf(length):
 
 
 def _icosahedron():
-    g = (1+math.sqrt(5))/2
-    vertices = np.array([(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
-                         (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)])
-    triangles = np.array([(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6), (7, 1, 8),
-                          (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)])
-    return vertices/math.sqrt(1+g*g), triangles
+    g = (1 + math.sqrt(5)) / 2
+    vertices = np.array(
+        [
+            (-1, g, 0),
+            (1, g, 0),
+            (-1, -g, 0),
+            (1, -g, 0),
+            (0, -1, g),
+            (0, 1, g),
+            (0, -1, -g),
+            (0, 1, -g),
+            (g, 0, -1),
+            (g, 0, 1),
+            (-g, 0, -1),
+            (-g, 0, 1),
+        ]
+    )
+    triangles = np.array(
+        [
+            (0, 11, 5),
+            (0, 5, 1),
+            (0, 1, 7),
+            (0, 7, 10),
+            (0, 10, 11),
+            (1, 5, 9),
+            (5, 11, 4),
+            (11, 10, 2),
+            (10, 7, 6),
+            (7, 1, 8),
+            (3, 9, 4),
+            (3, 4, 2),
+            (3, 2, 6),
+            (3, 6, 8),
+            (3, 8, 9),
+            (4, 9, 5),
+            (2, 4, 11),
+            (6, 2, 10),
+            (8, 6, 7),
+            (9, 8, 1),
+        ]
+    )
+    return vertices / math.sqrt(1 + g * g), triangles
 
 
 def _subdivide(vertices, triangles):
     """Divide each triangle in four at the middles of its edges."""
     order, start = connectivity.groupHalfedges(triangles, len(vertices))
     middle = np.empty(len(order), dtype=np.int64)
-    middle[order] = len(vertices)+np.repeat(np.arange(len(start)), np.diff(start, append=len(order)))
+    middle[order] = len(vertices) + np.repeat(np.arange(len(start)), np.diff(start, append=len(order)))
     origin, target = (end[order[start]] for end in connectivity.halfedges(triangles))
     a, b, c = triangles.T
     ab, bc, ca = middle.reshape(-1, 3).T
     parts = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)])
-    return np.concatenate((vertices, (vertices[origin]+vertices[target])/2)), parts.transpose(2, 0, 1).reshape(-1, 3)
+    return np.concatenate((vertices, (vertices[origin] + vertices[target]) / 2)), parts.transpose(2, 0, 1).reshape(
+        -1, 3
+    )
 
 
 def _readFile(path):
     """Read a file with the mesh library, whatever way it has to fail."""
     import meshio
+
     suffix = path.suffix.lower()
     try:
         if re.search(_HEAD.get(suffix, b""), path.read_bytes()):
@@ -353,7 +404,7 @@ def _readFile(path):
 
 def _trianglesOf(data):
     """Return the points and the triangles of what the mesh library read."""
-    others = sorted({block.type for block in data.cells}-{"triangle", "line", "vertex"})
+    others = sorted({block.type for block in data.cells} - {"triangle", "line", "vertex"})
     if others:
         raise ValueError(f"the mesh has cells of type {', '.join(others)}; all must be triangles")
     blocks = [block.data for block in data.cells if block.type == "triangle" and len(block.data)]
@@ -365,15 +416,19 @@ def _trianglesOf(data):
 def requireFormat(path, *others):
     """Raise a ValueError if the suffix of a file is neither that of a mesh format nor one of some others."""
     import meshio
+
     suffix = path.suffix.lower()
     if suffix not in meshio.extension_to_filetypes and suffix not in others:
         kind = "format" if others else "mesh format"
-        raise ValueError(f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}")
+        raise ValueError(
+            f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}"
+        )
 
 
 def _refuseNumbersOfNodes(above):
     """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
     from meshio.gmsh import _gmsh41
+
     read = _gmsh41._read_nodes
 
     def checked(*arguments):
@@ -381,6 +436,7 @@ def _refuseNumbersOfNodes(above):
         if numbers.max() > above:
             raise ValueError("a node has a number that is larger than the file")
         return points, numbers, *rest
+
     return mock.patch.object(_gmsh41, "_read_nodes", checked)
 
 

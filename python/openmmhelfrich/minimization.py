@@ -1,4 +1,5 @@
 """Minima of a membrane's energy, at fixed connectivity or with a connectivity that flows."""
+
 import math
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from .helfrich import EdgeFlipIntegrator, HelfrichForce
 from .optional import dataFrame
 from .reporters import valueIn
 
-_ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole/unit.nanometer
+_ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
 # A tether whose energy is a larger part of the bending energy than this bends the shape, or the mesh is still on its way.
 _TETHER_SHARE = 1e-3
@@ -41,6 +42,7 @@ class MinimizationResult:
     warnings : tuple of str
         what a user should know about the minimum, such as a tether that bends it
     """
+
     energies: dict
     energy: unit.Quantity
     rmsForce: unit.Quantity
@@ -57,8 +59,13 @@ class MinimizationResult:
         return dataFrame({"iteration": np.arange(len(self.history)), "energy": self.history})
 
 
-def minimize(simulation: app.Simulation, force: HelfrichForce, tolerance: Union[None, float, unit.Quantity] = None, maxIterations: int = 0,
-             progress: Optional[Callable[[int, float], bool]] = None) -> MinimizationResult:
+def minimize(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    tolerance: Union[None, float, unit.Quantity] = None,
+    maxIterations: int = 0,
+    progress: Optional[Callable[[int, float], bool]] = None,
+) -> MinimizationResult:
     """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's LocalEnergyMinimizer (L-BFGS).
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
@@ -90,8 +97,15 @@ def minimize(simulation: app.Simulation, force: HelfrichForce, tolerance: Union[
         return descent.result(reason, 0, 0)
 
 
-def minimizeFluid(simulation: app.Simulation, force: HelfrichForce, tolerance: Union[None, float, unit.Quantity] = None, maxIterations: int = 10000,
-                  progress: Optional[Callable[[int, float], bool]] = None, soften: bool = True, iterationsPerRound: int = 50) -> MinimizationResult:
+def minimizeFluid(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    tolerance: Union[None, float, unit.Quantity] = None,
+    maxIterations: int = 10000,
+    progress: Optional[Callable[[int, float], bool]] = None,
+    soften: bool = True,
+    iterationsPerRound: int = 50,
+) -> MinimizationResult:
     """Find a minimum of a fluid membrane's energy: L-BFGS takes turns with edge flips at zero temperature until neither lowers the energy.
 
     Where the area, volume and area difference are far from their targets, stiff penalties would crumple the membrane on the way there.  Their moduli are
@@ -123,14 +137,16 @@ def minimizeFluid(simulation: app.Simulation, force: HelfrichForce, tolerance: U
         as for :func:`minimize`; positions, triangles and moduli are then those at the start
     """
     if maxIterations < 1 or iterationsPerRound < 1:
-        raise ValueError(f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must be at least 1")
+        raise ValueError(
+            f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must be at least 1"
+        )
     descent = _Descent(simulation, force, tolerance, maxIterations, progress)
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
         for scale in _softening(simulation, force) if soften else [1.0]:
             with _scaledPenalties(simulation, force, scale):
                 reason, newRounds, newFlips = _settle(descent, flip, iterationsPerRound, 1 if scale == 1 else 10)
-            rounds, flips = rounds+newRounds, flips+newFlips
+            rounds, flips = rounds + newRounds, flips + newFlips
             if descent.isOver:
                 break
         return descent.result(reason, flips, rounds)
@@ -142,13 +158,13 @@ def _settle(descent, flip, iterationsPerRound, looseness):
     while True:
         reason = descent.run(iterationsPerRound, looseness)
         accepted = flip()
-        rounds, flips = rounds+1, flips+accepted
+        rounds, flips = rounds + 1, flips + accepted
         if descent.isOver or (looseness > 1 and rounds == 12):
             return reason, rounds, flips
         if accepted == 0 and reason == _CONVERGED:
             return reason, rounds, flips
         # The flips of a round may open a way that the line search did not find.
-        stalled = stalled+1 if reason == _STALLED else 0
+        stalled = stalled + 1 if reason == _STALLED else 0
         if stalled > 0 and accepted == 0 or stalled == 5:
             return reason, rounds, flips
 
@@ -174,26 +190,43 @@ class _Descent:
 
     def run(self, iterations=0, looseness=1):
         """Make a number of iterations, or as many as it takes, and return the reason for the end."""
-        tolerance, first = looseness*self.tolerance, len(self.history)
+        tolerance, first = looseness * self.tolerance, len(self.history)
         while True:
             energy, rmsForce = self._measure()
             if rmsForce <= tolerance:
                 return _CONVERGED
-            left = [n for n in (iterations and iterations-len(self.history)+first, self.maxIterations and self.maxIterations-len(self.history)) if n]
+            left = [
+                n
+                for n in (
+                    iterations and iterations - len(self.history) + first,
+                    self.maxIterations and self.maxIterations - len(self.history),
+                )
+                if n
+            ]
             recorder = self._descend(tolerance, min(left, default=0))
             if recorder.isStopped or (self.maxIterations and len(self.history) >= self.maxIterations):
                 self.isOver = True
                 return _STOPPED if recorder.isStopped else _LIMIT
-            if iterations and len(self.history)-first >= iterations:
+            if iterations and len(self.history) - first >= iterations:
                 return _CONVERGED if self._measure()[1] <= tolerance else _ROUND
-            if energy-self._measure()[0] <= 1e-9*abs(energy):
+            if energy - self._measure()[0] <= 1e-9 * abs(energy):
                 return _CONVERGED if self._measure()[1] <= tolerance else _STALLED
 
     def result(self, reason, flips, rounds):
         energy, rmsForce = self._measure()
         energies = self.force.getEnergyTermsInContext(self.simulation.context)
-        return MinimizationResult(energies, energy*_ENERGY, rmsForce*_FORCE, len(self.history), flips, rounds, reason == _CONVERGED, reason,
-                                  np.array(self.history), tuple(_warnings(energies)))
+        return MinimizationResult(
+            energies,
+            energy * _ENERGY,
+            rmsForce * _FORCE,
+            len(self.history),
+            flips,
+            rounds,
+            reason == _CONVERGED,
+            reason,
+            np.array(self.history),
+            tuple(_warnings(energies)),
+        )
 
     def _descend(self, tolerance, iterations):
         """Run L-BFGS once.  The Context may be left at a step that the line search has tried: the best positions are the last reported."""
@@ -216,9 +249,11 @@ class _Descent:
         forces = state.getForces(asNumpy=True).value_in_unit(_FORCE)
         system = self.simulation.system
         free = [i for i in range(system.getNumParticles()) if system.getParticleMass(i)._value > 0]
-        energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free]**2))
+        energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free] ** 2))
         if not (math.isfinite(energy) and math.isfinite(rmsForce)):
-            raise mm.OpenMMException(f"minimisation: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; both must be finite")
+            raise mm.OpenMMException(
+                f"minimisation: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; both must be finite"
+            )
         return energy, rmsForce
 
 
@@ -245,18 +280,20 @@ def defaultTolerance(simulation, force):
     """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by default: kappa_B l/(4A)."""
     modulus = valueIn(force.getBendingModulus(), _ENERGY)
     if modulus == 0:
-        raise ValueError("the bending modulus is 0, and so sets no scale for the tolerance of the forces; give a tolerance")
+        raise ValueError(
+            "the bending modulus is 0, and so sets no scale for the tolerance of the forces; give a tolerance"
+        )
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
-    edges = positions[triangles]-positions[np.roll(triangles, -1, axis=1)]
+    edges = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
     area = force.getGeometryInContext(simulation.context).area.value_in_unit(unit.nanometer**2)
-    return 0.25*modulus*float(np.linalg.norm(edges, axis=2).mean())/area
+    return 0.25 * modulus * float(np.linalg.norm(edges, axis=2).mean()) / area
 
 
 def _warnings(energies):
     bending, tether = (valueIn(energies[name], _ENERGY) for name in ("bending", "tether"))
-    if tether > _TETHER_SHARE*bending:
-        share = f", {tether/bending:.1%} of the bending energy," if bending > 0 else ""
+    if tether > _TETHER_SHARE * bending:
+        share = f", {tether / bending:.1%} of the bending energy," if bending > 0 else ""
         yield f"the tether holds {tether:.3g} kJ/mol{share} and so bends the shape: give it wider bounds, or begin with a more even mesh"
 
 
@@ -266,7 +303,7 @@ def _softening(simulation, force):
     penalty = sum(energies[name] for name in _PENALTIES)
     if energies["bending"] == 0 or penalty <= energies["bending"]:
         return [1.0]
-    decades = math.ceil(math.log10(penalty/energies["bending"]))
+    decades = math.ceil(math.log10(penalty / energies["bending"]))
     return [10.0**-n for n in range(decades, -1, -1)]
 
 
@@ -278,8 +315,9 @@ def _scaledPenalties(simulation, force, scale):
 
     def multiply(factor):
         for setter, modulus in zip(setters, moduli):
-            setter(factor*modulus)
+            setter(factor * modulus)
         force.updateParametersInContext(simulation.context)
+
     multiply(scale)
     try:
         yield
@@ -291,9 +329,15 @@ def _scaledPenalties(simulation, force, scale):
 def _zeroTemperatureFlips(simulation, sweeps=5):
     """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns how many it flipped."""
     integrator = simulation.integrator
-    flips = integrator if EdgeFlipIntegrator.isinstance(integrator) else getattr(integrator, "getFlipIntegrator", lambda: None)()
+    flips = (
+        integrator
+        if EdgeFlipIntegrator.isinstance(integrator)
+        else getattr(integrator, "getFlipIntegrator", lambda: None)()
+    )
     if flips is None:
-        raise ValueError(f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a HybridMonteCarloIntegrator or an EdgeFlipIntegrator")
+        raise ValueError(
+            f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a HybridMonteCarloIntegrator or an EdgeFlipIntegrator"
+        )
     flips = flips if flips is integrator else integrator.getIntegrator(1)
     temperature, fraction = flips.getTemperature(), flips.getFraction()
     flips.setTemperature(0)
@@ -303,7 +347,8 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
         before, step = flips.getNumAccepted(), simulation.context.getStepCount()
         flips.step(sweeps)
         simulation.context.setStepCount(step)
-        return flips.getNumAccepted()-before
+        return flips.getNumAccepted() - before
+
     try:
         yield flip
     finally:
@@ -315,7 +360,10 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
 def _restoredOnError(simulation, force):
     """Put positions and triangles back if something fails."""
     context = simulation.context
-    positions, triangles = context.getState(positions=True).getPositions(asNumpy=True), force.getTrianglesInContext(context)
+    positions, triangles = (
+        context.getState(positions=True).getPositions(asNumpy=True),
+        force.getTrianglesInContext(context),
+    )
     try:
         yield
     except BaseException:

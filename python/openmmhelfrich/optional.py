@@ -1,4 +1,5 @@
 """Libraries that only some functions and commands need, and that come with an extra of the package."""
+
 import importlib
 
 
@@ -7,8 +8,10 @@ def require(module, purpose, extra="looking"):
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise ValueError(f"{purpose} needs {module.split('.')[0]}, which cannot be imported ({error}); "
-                         f"pip install 'openmm-helfrich[{extra}]' brings it") from None
+        raise ValueError(
+            f"{purpose} needs {module.split('.')[0]}, which cannot be imported ({error}); "
+            f"pip install 'openmm-helfrich[{extra}]' brings it"
+        ) from None
 
 
 def dataFrame(data):

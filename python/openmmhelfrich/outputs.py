@@ -1,4 +1,5 @@
 """The files that a run writes."""
+
 import contextlib
 import os
 import tempfile
@@ -14,6 +15,7 @@ from .reporters import MeshReporter, ObservablesReporter
 @dataclass
 class Outputs:
     """The names of the files, all of which begin with the run's prefix."""
+
     trajectory: Path
     meshTrajectory: Optional[Path]
     topology: Path
@@ -29,12 +31,25 @@ class Outputs:
     @classmethod
     def of(cls, config):
         """Return the names that a Config asks for, or raise a ValueError if its prefix is only a folder."""
-        if Path(config.output.prefix+"x").stem == "x":
-            raise ValueError(f"[output] prefix is '{config.output.prefix}'; the first part of the files' names must follow the folder")
+        if Path(config.output.prefix + "x").stem == "x":
+            raise ValueError(
+                f"[output] prefix is '{config.output.prefix}'; the first part of the files' names must follow the folder"
+            )
         meshes = ".vtkhdf" if config.output.mesh_trajectory else None
         paths = ("_path.csv", "_path.png") if any(stage.kind == "continue" for stage in config.stages) else (None, None)
-        endings = (".dcd", meshes, ".psf", ".csv", "."+config.output.mesh_format, "_observables.png", "_shape.png", *paths, ".resolved.toml", ".checkpoint")
-        return cls(*(ending and Path(config.output.prefix+ending) for ending in endings))
+        endings = (
+            ".dcd",
+            meshes,
+            ".psf",
+            ".csv",
+            "." + config.output.mesh_format,
+            "_observables.png",
+            "_shape.png",
+            *paths,
+            ".resolved.toml",
+            ".checkpoint",
+        )
+        return cls(*(ending and Path(config.output.prefix + ending) for ending in endings))
 
     def paths(self):
         """Return the paths of all files that the run writes."""
@@ -47,12 +62,16 @@ class Outputs:
         and another OSError if their folder does not take files.
         """
         if source is not None and any(path.exists() and path.samefile(source) for path in self.paths()):
-            raise FileExistsError(f"the results would replace the mesh file {source}; choose another output prefix or mesh_format")
+            raise FileExistsError(
+                f"the results would replace the mesh file {source}; choose another output prefix or mesh_format"
+            )
         existing = [path for path in self.paths() if path.exists()]
         if existing and not (overwrite and all(path.is_file() for path in existing)):
             hint = "; resume goes on with the run that wrote them" if self.checkpoint in existing else ""
-            raise FileExistsError(f"{', '.join(map(str, existing))} exist{'s' if len(existing) == 1 else ''} already; "
-                                  f"choose another output prefix, or ask to overwrite files{hint}")
+            raise FileExistsError(
+                f"{', '.join(map(str, existing))} exist{'s' if len(existing) == 1 else ''} already; "
+                f"choose another output prefix, or ask to overwrite files{hint}"
+            )
         folder = self.table.parent
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +80,9 @@ class Outputs:
         try:
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
-            raise PermissionError(f"{folder} is not writable ({error.strerror}); choose another output prefix") from None
+            raise PermissionError(
+                f"{folder} is not writable ({error.strerror}); choose another output prefix"
+            ) from None
         for path in existing:
             if not os.access(path, os.W_OK):
                 raise PermissionError(f"{path} is not writable; choose another output prefix")
@@ -99,12 +120,29 @@ class Recorder:
             _checkLength(file, sizes.get(name, 0))
         output, lengthUnit = config.output, config.mesh.length_unit
         self._simulation, self._files = simulation, files
-        self.table = _openTable(outputs.table, sizes.get("table", 0), output.observables_interval, force, config.sampling.temperature, lengthUnit, describe)
-        self._trajectory = TrajectoryReporter(outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0))
+        self.table = _openTable(
+            outputs.table,
+            sizes.get("table", 0),
+            output.observables_interval,
+            force,
+            config.sampling.temperature,
+            lengthUnit,
+            describe,
+        )
+        self._trajectory = TrajectoryReporter(
+            outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0)
+        )
         self._meshes = None
         if output.mesh_trajectory:
             frames = sizes.get("meshFrames", 0)
-            self._meshes = MeshReporter(outputs.meshTrajectory, output.trajectory_interval, force, frames > 0, frames or None, lengthUnit=lengthUnit)
+            self._meshes = MeshReporter(
+                outputs.meshTrajectory,
+                output.trajectory_interval,
+                force,
+                frames > 0,
+                frames or None,
+                lengthUnit=lengthUnit,
+            )
         simulation.reporters += self._reporters()
 
     def __enter__(self):
@@ -113,7 +151,9 @@ class Recorder:
     def __exit__(self, kind, *_):
         self._simulation.reporters.clear()
         for reporter in self._reporters():
-            with contextlib.suppress(OSError) if kind else contextlib.nullcontext():  # an error of a full disk has been raised already
+            with (
+                contextlib.suppress(OSError) if kind else contextlib.nullcontext()
+            ):  # an error of a full disk has been raised already
                 reporter.close()
 
     def report(self):
@@ -145,4 +185,6 @@ def _openTable(file, size, interval, force, temperature, lengthUnit, describe):
 def _checkLength(file, size):
     length = file.stat().st_size if file.exists() else 0
     if length < size:
-        raise ValueError(f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that the run cannot go on")
+        raise ValueError(
+            f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that the run cannot go on"
+        )

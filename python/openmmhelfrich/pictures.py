@@ -1,4 +1,5 @@
 """Pictures: the observables of a run against its steps, and a membrane's shape coloured by mean curvature."""
+
 import threading
 
 import numpy as np
@@ -22,9 +23,10 @@ def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
         names for the axes
     """
     from matplotlib.figure import Figure
+
     steps, hasTemperatures = table["step"], "temperature" in table and np.ptp(table["temperature"]) > 0
     figure = Figure(figsize=(8, 11 if hasTemperatures else 9), layout="constrained")
-    energies, area, volume, rates, *more = figure.subplots(4+hasTemperatures, 1, sharex=True)
+    energies, area, volume, rates, *more = figure.subplots(4 + hasTemperatures, 1, sharex=True)
     _plotEnergies(energies, steps, table, energyUnit)
     area.plot(steps, table["area"], color="C0")
     area.set_ylabel(f"area ({lengthUnit}$^2$)")
@@ -83,11 +85,21 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
         names for the axes
     """
     from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8, 7), layout="constrained")
-    quantities = (("E_bending", f"bending energy ({energyUnit})"), ("reducedVolume", "reduced volume"), ("areaDifference", f"area difference ({lengthUnit}$^2$)"))
+    quantities = (
+        ("E_bending", f"bending energy ({energyUnit})"),
+        ("reducedVolume", "reduced volume"),
+        ("areaDifference", f"area difference ({lengthUnit}$^2$)"),
+    )
     for axes, (name, label) in zip(figure.subplots(len(quantities), 1, sharex=True), quantities):
         for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
-            _plotBranches(axes, windows if stage is None else windows.where(windows["stage"] == stage), name, "" if stage is None else f"stage {stage:.0f}, ")
+            _plotBranches(
+                axes,
+                windows if stage is None else windows.where(windows["stage"] == stage),
+                name,
+                "" if stage is None else f"stage {stage:.0f}, ",
+            )
         axes.set_ylabel(label)
         axes.ticklabel_format(useOffset=False)
         if axes.lines:
@@ -98,9 +110,16 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
 
 def _plotBranches(axes, windows, name, prefix):
     last = int(np.argmax(windows["lambda"]))
-    for part, style, text in ((slice(last+1), "o-", "there"), (slice(last, None), "s--", "back")):
+    for part, style, text in ((slice(last + 1), "o-", "there"), (slice(last, None), "s--", "back")):
         if windows["lambda"][part].size > 1:
-            axes.errorbar(windows["lambda"][part], windows[name][part], windows[name+"Deviation"][part], fmt=style, capsize=3, label=prefix+text)
+            axes.errorbar(
+                windows["lambda"][part],
+                windows[name][part],
+                windows[name + "Deviation"][part],
+                fmt=style,
+                capsize=3,
+                label=prefix + text,
+            )
 
 
 def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
@@ -120,6 +139,7 @@ def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
     from matplotlib.colors import LightSource, TwoSlopeNorm
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
     curvature = smoothMeanCurvature(mesh)
     bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
     norm = TwoSlopeNorm(0, -bound, bound)
@@ -127,8 +147,16 @@ def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     colours = _colourMap()(norm(curvature[mesh.triangles].mean(axis=1)))
     # Edges of the triangles' own colour hide the seams between them.
-    axes.add_collection3d(Poly3DCollection(mesh.vertices[mesh.triangles], facecolors=colours, edgecolors=colours, linewidths=0.3,
-                                           shade=True, lightsource=LightSource(azdeg=120-azimuth, altdeg=50)))
+    axes.add_collection3d(
+        Poly3DCollection(
+            mesh.vertices[mesh.triangles],
+            facecolors=colours,
+            edgecolors=colours,
+            linewidths=0.3,
+            shade=True,
+            lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
+        )
+    )
     _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
     _colourBar(figure, axes, norm, lengthUnit)
     _save(figure, file)
@@ -142,12 +170,13 @@ def smoothMeanCurvature(mesh, rounds=2):
     a, b = mesh.edges.T
     curvature, area = mesh.vertexMeanCurvatures, mesh.vertexAreas
     for _ in range(rounds):
-        curvature, area = (x+np.bincount(a, x[b], len(x))+np.bincount(b, x[a], len(x)) for x in (curvature, area))
-    return curvature/area
+        curvature, area = (x + np.bincount(a, x[b], len(x)) + np.bincount(b, x[a], len(x)) for x in (curvature, area))
+    return curvature / area
 
 
 def _colourMap():
     from matplotlib import colormaps
+
     return colormaps["coolwarm"]
 
 
@@ -158,9 +187,9 @@ def _save(figure, file):
 
 def _frame(axes, vertices, elevation, azimuth, lengthUnit):
     """Show all of the vertices at equal scales."""
-    middle, size = (vertices.max(axis=0)+vertices.min(axis=0))/2, np.ptp(vertices, axis=0).max()
+    middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
     for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
-        set_limits(centre-size/2, centre+size/2)
+        set_limits(centre - size / 2, centre + size / 2)
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
@@ -169,4 +198,5 @@ def _frame(axes, vertices, elevation, azimuth, lengthUnit):
 
 def _colourBar(figure, axes, norm, lengthUnit):
     from matplotlib.cm import ScalarMappable
+
     figure.colorbar(ScalarMappable(norm, _colourMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")

@@ -1,4 +1,5 @@
 """PSF files: the topology that goes with a DCD trajectory."""
+
 from .files import replacing
 
 # Columns of the extended format (CHARMM's EXT).  Ten digits an index leave room for any mesh, and blanks between all fields let readers
@@ -27,10 +28,12 @@ def writePSF(file, topology, mass=1.0):
         out.write(f"{len(atoms):10d} !NATOM\n")
         for i, atom in enumerate(atoms):
             residue = atom.residue
-            names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))  # no field may be blank
-            out.write(_ATOM.format(i+1, *names, "0.000000", f"{mass:.6g}", 0))
+            names = (
+                name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name)
+            )  # no field may be blank
+            out.write(_ATOM.format(i + 1, *names, "0.000000", f"{mass:.6g}", 0))
         out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
         for first in range(0, len(bonds), 4):
-            out.write("".join(f"{a.index+1:10d}{b.index+1:10d}" for a, b, *_ in bonds[first:first+4])+"\n")
+            out.write("".join(f"{a.index + 1:10d}{b.index + 1:10d}" for a, b, *_ in bonds[first : first + 4]) + "\n")
         for section in ("NTHETA: angles", "NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors"):
             out.write(f"\n{0:10d} !{section}\n\n")

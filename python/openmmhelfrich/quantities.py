@@ -1,4 +1,5 @@
 """Numbers with units: what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5 um" or "37 C"."""
+
 import re
 from dataclasses import dataclass
 from typing import Optional
@@ -6,17 +7,41 @@ from typing import Optional
 from openmm import unit
 
 # Of each kind, what 1 is in OpenMM's units.  Energies of a single membrane in joule are per membrane, not per mole.
-_JOULE = unit.AVOGADRO_CONSTANT_NA.value_in_unit(unit.mole**-1)/1000
-_ENERGIES = {"kJ/mol": 1.0, "kcal/mol": 4.184, "J/mol": 1e-3, "J": _JOULE, "fJ": 1e-15*_JOULE, "aJ": 1e-18*_JOULE, "zJ": 1e-21*_JOULE,
-             "pN nm": 1e-21*_JOULE, "eV": 1.602176634e-19*_JOULE, "erg": 1e-7*_JOULE}
+_JOULE = unit.AVOGADRO_CONSTANT_NA.value_in_unit(unit.mole**-1) / 1000
+_ENERGIES = {
+    "kJ/mol": 1.0,
+    "kcal/mol": 4.184,
+    "J/mol": 1e-3,
+    "J": _JOULE,
+    "fJ": 1e-15 * _JOULE,
+    "aJ": 1e-18 * _JOULE,
+    "zJ": 1e-21 * _JOULE,
+    "pN nm": 1e-21 * _JOULE,
+    "eV": 1.602176634e-19 * _JOULE,
+    "erg": 1e-7 * _JOULE,
+}
 _LENGTHS = {"pm": 1e-3, "A": 0.1, "Å": 0.1, "nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9}
 _POWERS = {"length": 1, "area": 2, "volume": 3}
 _TIMES = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6}
 _MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
-_OPENMM = {"energy": unit.kilojoules_per_mole, "length": unit.nanometer, "area": unit.nanometer**2, "volume": unit.nanometer**3,
-           "time": unit.picosecond, "mass": unit.dalton, "temperature": unit.kelvin}
-_EXAMPLES = {"energy": "'80 kJ/mol', '20 kT' or '1e-19 J'", "length": "'100 nm' or '0.5 um'", "area": "'12 um^2'", "volume": "'90 um^3' or '90 fL'",
-             "time": "'1 fs'", "mass": "'100 Da'", "temperature": "'310 K' or '37 C'"}
+_OPENMM = {
+    "energy": unit.kilojoules_per_mole,
+    "length": unit.nanometer,
+    "area": unit.nanometer**2,
+    "volume": unit.nanometer**3,
+    "time": unit.picosecond,
+    "mass": unit.dalton,
+    "temperature": unit.kelvin,
+}
+_EXAMPLES = {
+    "energy": "'80 kJ/mol', '20 kT' or '1e-19 J'",
+    "length": "'100 nm' or '0.5 um'",
+    "area": "'12 um^2'",
+    "volume": "'90 um^3' or '90 fL'",
+    "time": "'1 fs'",
+    "mass": "'100 Da'",
+    "temperature": "'310 K' or '37 C'",
+}
 
 
 @dataclass(frozen=True)
@@ -32,6 +57,7 @@ class Scales:
     lengthName : str
         the name of the unit of length
     """
+
     kT: float
     length: Optional[float] = 1.0
     lengthName: str = "nm"
@@ -74,11 +100,11 @@ def plainNumber(value, kind, scales):
     if kind == "energy" and name in ("kT", "kBT", "k_BT"):
         return number
     if kind == "temperature" and name in ("C", "°C"):
-        return number+273.15
+        return number + 273.15
     factor = _units(kind).get(name.replace("³", "^3").replace("²", "^2"))
     if factor is None:
         raise ValueError(f"'{name}' is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number")
-    return _inPlainUnits(number*factor, kind, scales)
+    return _inPlainUnits(number * factor, kind, scales)
 
 
 def _units(kind):
@@ -91,11 +117,13 @@ def _units(kind):
 
 def _inPlainUnits(value, kind, scales):
     if kind == "energy":
-        return value/scales.kT
+        return value / scales.kT
     if kind in _POWERS:
         if scales.length is None:
-            raise ValueError(f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain number, or a length_unit like 'nm' or 'um'")
-        return value/scales.length**_POWERS[kind]
+            raise ValueError(
+                f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain number, or a length_unit like 'nm' or 'um'"
+            )
+        return value / scales.length ** _POWERS[kind]
     return value
 
 

@@ -4,6 +4,7 @@ Every replica is a Simulation of its own, and what moves between them are the st
 The method is that of Hukushima and Nemoto, J. Phys. Soc. Jpn. 65, 1604 (1996), for temperatures, and of Sugita, Kitao and Okamoto, J. Chem. Phys. 113, 6042 (2000), for parameters
 of the energy.
 """
+
 import io
 import json
 import math
@@ -37,6 +38,7 @@ class ThermodynamicState:
     stepSize : float or Quantity, optional
         for trajectories in this state, in ps; by default that of the simulation which begins in it
     """
+
     temperature: Union[float, unit.Quantity]
     parameters: Dict[str, float] = field(default_factory=dict)
     stepSize: Optional[Union[float, unit.Quantity]] = None
@@ -68,7 +70,13 @@ class ReplicaExchange:
         the index of the state that each replica is in
     """
 
-    def __init__(self, simulations: Sequence[app.Simulation], states: Sequence[ThermodynamicState], seed: int = 1, workers: int = 1):
+    def __init__(
+        self,
+        simulations: Sequence[app.Simulation],
+        states: Sequence[ThermodynamicState],
+        seed: int = 1,
+        workers: int = 1,
+    ):
         """Create a ReplicaExchange, with replica k in state k.
 
         Parameters
@@ -92,7 +100,7 @@ class ReplicaExchange:
         self.states = [_resolved(state, simulation) for state, simulation in zip(states, self.simulations)]
         self.replicaStates = np.arange(len(self.states))
         self._history, self._energies = [], []
-        self._attempted, self._accepted = np.zeros((2, len(self.states)-1), dtype=int)
+        self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
         for replica in range(len(self.simulations)):
             self._enter(replica, replica)
 
@@ -114,7 +122,9 @@ class ReplicaExchange:
     @property
     def acceptanceRates(self) -> np.ndarray:
         """The fraction of the attempts that succeeded between each state and the next, NaN before the first."""
-        return np.divide(self._accepted, self._attempted, out=np.full(len(self._attempted), np.nan), where=self._attempted > 0)
+        return np.divide(
+            self._accepted, self._attempted, out=np.full(len(self._attempted), np.nan), where=self._attempted > 0
+        )
 
     def run(self, rounds: int, steps: int, checkpoint: Optional[PathLike] = None, interval: int = 100) -> None:
         """Make rounds.
@@ -138,7 +148,7 @@ class ReplicaExchange:
         for name, value, least in (("rounds", rounds, 0), ("steps", steps, 1), ("interval", interval, 1)):
             if value != int(value) or value < least:
                 raise ValueError(f"ReplicaExchange.run: {name} is {value}; it must be a whole number, {least} or more")
-        for n in range(1, int(rounds)+1):
+        for n in range(1, int(rounds) + 1):
             self._propagate(int(steps))
             energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
             self._history.append(self.replicaStates.copy())
@@ -163,25 +173,40 @@ class ReplicaExchange:
             the reduced energy in each state of n samples from state 0, n from state 1 ..., and n for each state
         """
         history, energies = self.history[discard::stride], self.reducedEnergies[discard::stride]
-        ofState = np.take_along_axis(energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1)  # (rounds, state sampled, state evaluated)
+        ofState = np.take_along_axis(
+            energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1
+        )  # (rounds, state sampled, state evaluated)
         return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
 
     def potentialEnergies(self, discard: int = 0) -> np.ndarray:
         """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a (states, rounds) array."""
         u, counts = self.samples(discard)
-        return np.array([state.thermalEnergy*row.reshape(len(counts), -1)[k] for k, (state, row) in enumerate(zip(self.states, u))])
+        return np.array(
+            [
+                state.thermalEnergy * row.reshape(len(counts), -1)[k]
+                for k, (state, row) in enumerate(zip(self.states, u))
+            ]
+        )
 
     def save(self, file: PathLike) -> None:
         """Write everything that :meth:`load` needs to a file, which replaces an earlier one in a single step."""
-        data = {"format": FORMAT, "seed": self.seed, "states": [_asDict(state) for state in self.states], "replicaStates": self.replicaStates.tolist(),
-                "attempted": self._attempted.tolist(), "accepted": self._accepted.tolist()}
+        data = {
+            "format": FORMAT,
+            "seed": self.seed,
+            "states": [_asDict(state) for state in self.states],
+            "replicaStates": self.replicaStates.tolist(),
+            "attempted": self._attempted.tolist(),
+            "accepted": self._accepted.tolist(),
+        }
         arrays = io.BytesIO()
         np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
             archive.writestr("rounds.npz", arrays.getvalue())
             for replica, simulation in enumerate(self.simulations):
-                state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+                state = simulation.context.getState(
+                    positions=True, velocities=True, parameters=True, integratorParameters=True
+                )
                 archive.writestr(f"replica{replica}.xml", mm.XmlSerializer.serialize(state))
 
     def load(self, file: PathLike) -> None:
@@ -196,12 +221,20 @@ class ReplicaExchange:
         """
         data, arrays, contents = _read(file, len(self.states))
         states = [ThermodynamicState(**state) for state in data["states"]]
-        for name, there, here in (("seed", data["seed"], self.seed), ("temperatures and parameters", *([(s.temperature, s.parameters) for s in k] for k in (states, self.states)))):
+        for name, there, here in (
+            ("seed", data["seed"], self.seed),
+            (
+                "temperatures and parameters",
+                *([(s.temperature, s.parameters) for s in k] for k in (states, self.states)),
+            ),
+        ):
             if there != here:
                 raise ValueError(f"ReplicaExchange.load: {file} has the {name} {there}; here it is {here}")
         for replica, (simulation, state) in enumerate(zip(self.simulations, contents)):
             if len(state.getPositions()) != simulation.system.getNumParticles():
-                raise ValueError(f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; here it has {simulation.system.getNumParticles()}")
+                raise ValueError(
+                    f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; here it has {simulation.system.getNumParticles()}"
+                )
         for simulation, state in zip(self.simulations, contents):
             simulation.context.setState(state)
         self.states, self.replicaStates = states, np.array(data["replicaStates"])
@@ -226,23 +259,29 @@ class ReplicaExchange:
             key = tuple(state.parameters.values())
             if key not in energies:
                 _setParameters(context, state)
-                energies[key] = context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
+                energies[key] = (
+                    context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
+                )
         _setParameters(context, own)
-        reduced = np.array([energies[tuple(state.parameters.values())]/state.thermalEnergy for state in self.states])
+        reduced = np.array([energies[tuple(state.parameters.values())] / state.thermalEnergy for state in self.states])
         if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
-            raise ValueError(f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} rounds; they must be numbers, and finite in its own state, "
-                             f"{self.replicaStates[replica]}")
+            raise ValueError(
+                f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} rounds; they must be numbers, and finite in its own state, "
+                f"{self.replicaStates[replica]}"
+            )
         return reduced
 
     def _exchange(self, u):
-        uniform = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.numRounds])).random(len(self.states))
+        uniform = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.numRounds])).random(
+            len(self.states)
+        )
         replicaOf = np.argsort(self.replicaStates)
-        for i in range((self.numRounds-1) % 2, len(self.states)-1, 2):
-            a, b = replicaOf[i], replicaOf[i+1]
+        for i in range((self.numRounds - 1) % 2, len(self.states) - 1, 2):
+            a, b = replicaOf[i], replicaOf[i + 1]
             self._attempted[i] += 1
-            if uniform[i] < math.exp(min(0, u[a, i]+u[b, i+1]-u[b, i]-u[a, i+1])):
+            if uniform[i] < math.exp(min(0, u[a, i] + u[b, i + 1] - u[b, i] - u[a, i + 1])):
                 self._accepted[i] += 1
-                self._enter(a, i+1)
+                self._enter(a, i + 1)
                 self._enter(b, i)
 
     def _enter(self, replica, index):
@@ -250,17 +289,19 @@ class ReplicaExchange:
         simulation, state = self.simulations[replica], self.states[index]
         context, integrator = simulation.context, simulation.integrator
         hasChanged = index != self.replicaStates[replica]
-        factor = math.sqrt(state.thermalEnergy/self.states[self.replicaStates[replica]].thermalEnergy)
+        factor = math.sqrt(state.thermalEnergy / self.states[self.replicaStates[replica]].thermalEnergy)
         self.replicaStates[replica] = index
         _setTemperature(integrator, state.temperature)
         integrator.setStepSize(state.stepSize)
         _setParameters(context, state)
         if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
-            context.setVelocities(factor*context.getState(velocities=True).getVelocities(asNumpy=True))
+            context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
 
     def _check(self, simulations, states):
         if len(simulations) != len(states) or len(states) < 2:
-            raise ValueError(f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be two or more, and as many of the one as of the other")
+            raise ValueError(
+                f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be two or more, and as many of the one as of the other"
+            )
         for name, value, least in (("seed", self.seed, 0), ("workers", self._workers, 1)):
             if value != int(value) or value < least:
                 raise ValueError(f"ReplicaExchange: {name} is {value}; it must be a whole number, {least} or more")
@@ -268,22 +309,33 @@ class ReplicaExchange:
             raise ValueError("ReplicaExchange: a simulation is given twice; each replica must have one of its own")
         for k, (simulation, state) in enumerate(zip(simulations, states)):
             if not hasattr(simulation.integrator, "setTemperature"):
-                raise ValueError(f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has no temperature")
+                raise ValueError(
+                    f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has no temperature"
+                )
             if set(state.parameters) != set(states[0].parameters):
-                raise ValueError(f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of state 0, {sorted(states[0].parameters)}")
+                raise ValueError(
+                    f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of state 0, {sorted(states[0].parameters)}"
+                )
             for name, value in state.parameters.items():
                 if name not in dict(simulation.context.getParameters()):
-                    raise ValueError(f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has {', '.join(simulation.context.getParameters()) or 'none'}")
+                    raise ValueError(
+                        f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has {', '.join(simulation.context.getParameters()) or 'none'}"
+                    )
                 if not math.isfinite(value):
-                    raise ValueError(f"ReplicaExchange: in state {k} the parameter '{name}' is {value}; it must be finite")
+                    raise ValueError(
+                        f"ReplicaExchange: in state {k} the parameter '{name}' is {value}; it must be finite"
+                    )
 
 
 def _resolved(state, simulation):
     """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
     stepSize = simulation.integrator.getStepSize() if state.stepSize is None else state.stepSize
     state.thermalEnergy  # raises if it is not positive
-    return ThermodynamicState(float(valueIn(state.temperature, unit.kelvin)), {name: float(state.parameters[name]) for name in sorted(state.parameters)},
-                              float(valueIn(stepSize, unit.picosecond)))
+    return ThermodynamicState(
+        float(valueIn(state.temperature, unit.kelvin)),
+        {name: float(state.parameters[name]) for name in sorted(state.parameters)},
+        float(valueIn(stepSize, unit.picosecond)),
+    )
 
 
 def _asDict(state):
@@ -311,7 +363,10 @@ def _read(file, replicas):
             data = json.loads(archive.read("exchange.json"))
             with np.load(io.BytesIO(archive.read("rounds.npz"))) as arrays:
                 arrays = dict(arrays)
-            states = [mm.XmlSerializer.deserialize(archive.read(f"replica{replica}.xml").decode()) for replica in range(min(replicas, len(data["states"])))]
+            states = [
+                mm.XmlSerializer.deserialize(archive.read(f"replica{replica}.xml").decode())
+                for replica in range(min(replicas, len(data["states"])))
+            ]
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError):
         raise ValueError(f"{file} is not a file that ReplicaExchange.save wrote, or is damaged") from None
     if data.get("format") != FORMAT:

@@ -1,4 +1,5 @@
 """Reporters for openmm.app.Simulation."""
+
 import csv
 import math
 import weakref
@@ -49,7 +50,7 @@ class ObservablesReporter:
         self._force = force
         self._energyUnit, self._energyScale = "kJ/mol", 1.0
         if temperature is not None:
-            self._energyUnit, self._energyScale = "kT", 1/thermalEnergy(temperature)
+            self._energyUnit, self._energyScale = "kT", 1 / thermalEnergy(temperature)
         self._lengthUnit, self._describe = lengthUnit, describe
         self._ownsFile = not hasattr(file, "write")
         self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file
@@ -58,7 +59,7 @@ class ObservablesReporter:
 
     def describeNextReport(self, simulation):
         """Get information about the next report this object will generate."""
-        steps = self._reportInterval-simulation.currentStep % self._reportInterval
+        steps = self._reportInterval - simulation.currentStep % self._reportInterval
         return {"steps": steps, "periodic": None, "include": []}
 
     def report(self, simulation, state):
@@ -82,11 +83,13 @@ class ObservablesReporter:
             row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
         if hasattr(integrator, "getShearWaveProbability") and integrator.getNumIntegrators() > 2:
             row["waveAcceptance"] = integrator.getShearWaveAcceptanceRate()
-            row[f"waveAmplitude ({self._lengthUnit})"] = valueIn(integrator.getShearWaveIntegrator().getAmplitude(), unit.nanometer)
+            row[f"waveAmplitude ({self._lengthUnit})"] = valueIn(
+                integrator.getShearWaveIntegrator().getAmplitude(), unit.nanometer
+            )
         flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
         if hasattr(flips, "getFlipRate"):
             row["flipRate"] = flips.getFlipRate()
-            row["flipsForbidden"] = flips.getNumForbidden()/max(1, flips.getNumAttempted())
+            row["flipsForbidden"] = flips.getNumForbidden() / max(1, flips.getNumAttempted())
         if hasattr(integrator, "getNumDivergedTrajectories"):
             row["diverged"] = integrator.getNumDivergedTrajectories()
         if self._describe:
@@ -105,16 +108,20 @@ class ObservablesReporter:
 
     def _energies(self, context):
         terms = self._force.getEnergyTermsInContext(context)
-        values = [valueIn(terms[name], unit.kilojoules_per_mole)*self._energyScale for name in ENERGY_TERMS]
+        values = [valueIn(terms[name], unit.kilojoules_per_mole) * self._energyScale for name in ENERGY_TERMS]
         names = [f"E_{name} ({self._energyUnit})" for name in ENERGY_TERMS]
         return {f"energy ({self._energyUnit})": sum(values), **dict(zip(names, values))}
 
     def _geometry(self, context):
         geometry, u = self._force.getGeometryInContext(context), self._lengthUnit
         area, volume = valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)
-        return {f"area ({u}^2)": area, f"volume ({u}^3)": volume, "reducedVolume": reducedVolume(area, volume),
-                f"areaDifference ({u}^2)": valueIn(geometry.areaDifference, unit.nanometer**2),
-                f"meanCurvature ({u})": valueIn(geometry.integratedMeanCurvature, unit.nanometer)}
+        return {
+            f"area ({u}^2)": area,
+            f"volume ({u}^3)": volume,
+            "reducedVolume": reducedVolume(area, volume),
+            f"areaDifference ({u}^2)": valueIn(geometry.areaDifference, unit.nanometer**2),
+            f"meanCurvature ({u})": valueIn(geometry.integratedMeanCurvature, unit.nanometer),
+        }
 
 
 class MeshReporter:
@@ -129,8 +136,16 @@ class MeshReporter:
     as `numFrames`: later frames, which the run will make again, are dropped.
     """
 
-    def __init__(self, file: PathLike, reportInterval: int, force: HelfrichForce, append: bool = False, numFrames: Optional[int] = None,
-                 precision: str = "double", lengthUnit: str = "nm"):
+    def __init__(
+        self,
+        file: PathLike,
+        reportInterval: int,
+        force: HelfrichForce,
+        append: bool = False,
+        numFrames: Optional[int] = None,
+        precision: str = "double",
+        lengthUnit: str = "nm",
+    ):
         """Create a MeshReporter.
 
         Parameters
@@ -171,7 +186,7 @@ class MeshReporter:
 
     def describeNextReport(self, simulation):
         """Get information about the next report this object will generate."""
-        steps = self._reportInterval-simulation.currentStep % self._reportInterval
+        steps = self._reportInterval - simulation.currentStep % self._reportInterval
         return {"steps": steps, "periodic": False, "include": ["positions"]}
 
     def report(self, simulation, state):
@@ -183,7 +198,13 @@ class MeshReporter:
         # The vertices are numbered anew if other particles lie between them.
         triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
         mesh = Mesh(positions[self._vertices], triangles)
-        self._writer.add(MeshFrame(simulation.currentStep, mesh, {"MeanCurvature": np.float32(curvatures/areas), "Area": np.float32(areas)}))
+        self._writer.add(
+            MeshFrame(
+                simulation.currentStep,
+                mesh,
+                {"MeanCurvature": np.float32(curvatures / areas), "Area": np.float32(areas)},
+            )
+        )
 
     def getNumFrames(self) -> int:
         """Get the number of frames so far, in the file and waiting."""
@@ -204,8 +225,10 @@ class MeshReporter:
         with readMeshTrajectory(file) as trajectory:
             mesh = trajectory[0].mesh
         if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
-            raise ValueError(f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
-                             f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}")
+            raise ValueError(
+                f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
+                f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}"
+            )
 
 
 class Table(dict):
@@ -214,7 +237,9 @@ class Table(dict):
     @classmethod
     def ofRows(cls, rows):
         """Create a Table from dicts with the same keys, of whose names the units in brackets are left out."""
-        return cls((plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ()))
+        return cls(
+            (plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ())
+        )
 
     @classmethod
     def concatenate(cls, tables):
@@ -267,7 +292,7 @@ def thermalEnergy(temperature):
     temperature = valueIn(temperature, unit.kelvin)
     if not (math.isfinite(temperature) and temperature > 0):
         raise ValueError(f"the temperature is {temperature} K; it must be positive")
-    return (unit.MOLAR_GAS_CONSTANT_R*temperature*unit.kelvin).value_in_unit(unit.kilojoules_per_mole)
+    return (unit.MOLAR_GAS_CONSTANT_R * temperature * unit.kelvin).value_in_unit(unit.kilojoules_per_mole)
 
 
 def valueIn(value, wanted):

@@ -3,6 +3,7 @@
 A schedule is anything that can be called with a step and returns a temperature in K.  It depends on nothing but the step, so that a run that
 is stopped and continued goes on as if it never had stopped.
 """
+
 import math
 from dataclasses import dataclass
 from typing import Callable, Sequence, Union
@@ -36,6 +37,7 @@ class ExponentialSchedule:
     ValueError
         if one of them is out of range
     """
+
     start: Temperature
     rate: float
     minimum: Temperature
@@ -47,19 +49,24 @@ class ExponentialSchedule:
         if not (math.isfinite(self.rate) and self.rate >= 0):
             raise ValueError(f"ExponentialSchedule: rate is {self.rate}; it must be finite and not negative")
         if self.minimum > self.start:
-            raise ValueError(f"ExponentialSchedule: minimum is {self.minimum} K; it must not be above the start, {self.start} K")
+            raise ValueError(
+                f"ExponentialSchedule: minimum is {self.minimum} K; it must not be above the start, {self.start} K"
+            )
 
     @classmethod
     def over(cls, steps: int, start: Temperature, minimum: Temperature, firstStep: int = 0) -> "ExponentialSchedule":
         """Create the schedule that reaches its minimum after a number of steps."""
-        start, minimum = _temperature("ExponentialSchedule: start", start), _temperature("ExponentialSchedule: minimum", minimum)
+        start, minimum = (
+            _temperature("ExponentialSchedule: start", start),
+            _temperature("ExponentialSchedule: minimum", minimum),
+        )
         if not steps > 0:
             raise ValueError(f"ExponentialSchedule: steps is {steps}; it must be positive")
-        return cls(start, math.log(start/minimum)/steps, minimum, firstStep)
+        return cls(start, math.log(start / minimum) / steps, minimum, firstStep)
 
     def __call__(self, step: int) -> float:
         """Return the temperature at a step, in K."""
-        return max(self.start*math.exp(-self.rate*max(step-self.firstStep, 0)), self.minimum)
+        return max(self.start * math.exp(-self.rate * max(step - self.firstStep, 0)), self.minimum)
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,7 @@ class TableSchedule:
     ValueError
         if their numbers differ, the steps do not ascend, or a temperature is not positive
     """
+
     steps: Sequence[float]
     temperatures: Sequence[float]
 
@@ -85,9 +93,11 @@ class TableSchedule:
         steps = tuple(map(float, self.steps))
         temperatures = tuple(float(t) for t in valueIn(self.temperatures, unit.kelvin))
         if len(steps) != len(temperatures) or not steps:
-            raise ValueError(f"TableSchedule: there are {len(steps)} steps and {len(temperatures)} temperatures; there must be as many of both, at least one")
+            raise ValueError(
+                f"TableSchedule: there are {len(steps)} steps and {len(temperatures)} temperatures; there must be as many of both, at least one"
+            )
         for i, step in enumerate(steps):
-            if not math.isfinite(step) or (i > 0 and step <= steps[i-1]):
+            if not math.isfinite(step) or (i > 0 and step <= steps[i - 1]):
                 raise ValueError(f"TableSchedule: step {i} is {step:g}; steps must be finite and ascend")
             _temperature(f"TableSchedule: the temperature at step {step:g}", temperatures[i])
         object.__setattr__(self, "steps", steps)
@@ -120,7 +130,9 @@ def createSchedule(schedule) -> Schedule:
     try:
         steps, temperatures = schedule
     except (TypeError, ValueError):
-        raise ValueError(f"the schedule is {schedule!r}; it must be a temperature, a pair of steps and temperatures, or a function of the step") from None
+        raise ValueError(
+            f"the schedule is {schedule!r}; it must be a temperature, a pair of steps and temperatures, or a function of the step"
+        ) from None
     return TableSchedule(steps, temperatures)
 
 

@@ -1,4 +1,5 @@
 """From a configuration to an openmm.app.Simulation.  Each step is a function that a script can call on its own."""
+
 import math
 import random
 from pathlib import Path
@@ -24,8 +25,10 @@ def loadMesh(config):
         raise ValueError(f"{source}: {error}") from None
     length = mesh.edgeLengths.mean()
     if not 0.01 <= length <= 10:
-        raise ValueError(f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between 0.01 and 10, "
-                         f"where the tether's power laws are meant to be used: try scale = {config.mesh.scale*10**-round(math.log10(4*length)):g} in [mesh]")
+        raise ValueError(
+            f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between 0.01 and 10, "
+            f"where the tether's power laws are meant to be used: try scale = {config.mesh.scale * 10 ** -round(math.log10(4 * length)):g} in [mesh]"
+        )
     return mesh
 
 
@@ -34,21 +37,23 @@ def createForce(config, mesh):
     kT, membrane = thermalEnergy(config.sampling.temperature), config.membrane
     force = HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(membrane.bending_modulus*kT)
-    force.setAreaModulus(membrane.area_modulus*kT)
-    force.setVolumeModulus(membrane.volume_modulus*kT)
-    force.setAreaDifferenceModulus(membrane.area_difference_modulus*kT)
+    force.setBendingModulus(membrane.bending_modulus * kT)
+    force.setAreaModulus(membrane.area_modulus * kT)
+    force.setVolumeModulus(membrane.volume_modulus * kT)
+    force.setAreaDifferenceModulus(membrane.area_difference_modulus * kT)
     force.setLeafletSeparation(membrane.leaflet_separation)
     area, volume, areaDifference = targets(config, mesh)
     force.setTargetArea(area)
     force.setTargetVolume(volume)
     force.setTargetAreaDifference(areaDifference)
     modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
-    force.setTether(modulus*kT, minLength, maxLength, config.tether.exponent)
+    force.setTether(modulus * kT, minLength, maxLength, config.tether.exponent)
     force.setTetherLengthScale(lengthScale)
     if config.repulsion.modulus > 0:
         onset = config.repulsion.onset or minLength
-        force.setRepulsion(config.repulsion.modulus*kT, onset, config.repulsion.exponent, config.repulsion.exclusion_level)
+        force.setRepulsion(
+            config.repulsion.modulus * kT, onset, config.repulsion.exponent, config.repulsion.exclusion_level
+        )
     return force
 
 
@@ -58,10 +63,10 @@ def targets(config, mesh):
     area = membrane.target_area or mesh.area
     volume = membrane.target_volume or mesh.volume
     if membrane.reduced_volume is not None:
-        volume = membrane.reduced_volume*area**1.5/(6*math.sqrt(math.pi))
+        volume = membrane.reduced_volume * area**1.5 / (6 * math.sqrt(math.pi))
     areaDifference = membrane.target_area_difference
     if areaDifference is None:
-        areaDifference = 2*membrane.leaflet_separation*mesh.vertexMeanCurvatures.sum()
+        areaDifference = 2 * membrane.leaflet_separation * mesh.vertexMeanCurvatures.sum()
     return area, volume, areaDifference
 
 
@@ -72,13 +77,15 @@ def tetherParameters(config, mesh):
     Edges beyond them at the start cost no more than a few hundred kT, and soon come back.
     """
     tether, mean = config.tether, mesh.edgeLengths.mean()
-    minLength, maxLength = tether.min_length or 0.83*mean, tether.max_length or 1.33*mean
+    minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
-        raise ValueError(f"[tether] min_length is {minLength:.4g} and max_length {maxLength:.4g}; min_length must be less")
+        raise ValueError(
+            f"[tether] min_length is {minLength:.4g} and max_length {maxLength:.4g}; min_length must be less"
+        )
     r, modulus = tether.exponent, tether.modulus
     lengthScale = tether.length_scale or (mean if modulus is None else 1.0)
     if modulus is None:
-        modulus = 4/(r**(r+1)*(0.1*mean/lengthScale)**r)
+        modulus = 4 / (r ** (r + 1) * (0.1 * mean / lengthScale) ** r)
     return modulus, minLength, maxLength, lengthScale
 
 
@@ -90,7 +97,7 @@ def defaultStepSize(config, mesh):
     three trajectories in four and to let none of two thousand diverge.
     """
     sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-    return 2.4*math.sqrt(sampling.mass/(_stiffness(config, mesh)*kT))/len(mesh.vertices)**0.25
+    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
 
 
 def _stiffness(config, mesh):
@@ -101,13 +108,15 @@ def _stiffness(config, mesh):
     """
     membrane, number, length = config.membrane, len(mesh.vertices), mesh.edgeLengths.mean()
     area, volume, _ = targets(config, mesh)
-    bending = 100*membrane.bending_modulus/length**2
-    constraints = 0.7*membrane.area_modulus/(number*length**2)+2*membrane.volume_modulus*area**2/(number*volume**2)
+    bending = 100 * membrane.bending_modulus / length**2
+    constraints = 0.7 * membrane.area_modulus / (number * length**2) + 2 * membrane.volume_modulus * area**2 / (
+        number * volume**2
+    )
     modulus, minLength, _, lengthScale = tetherParameters(config, mesh)
     r = config.tether.exponent
-    decades = math.log(max(modulus/(minLength/lengthScale)**r, 1.0))
-    spring = r*(r-1)*(r**(r+1)*modulus)**(2/r)/lengthScale**2
-    return bending+constraints+((decades+1)**2/minLength)**2+4*spring
+    decades = math.log(max(modulus / (minLength / lengthScale) ** r, 1.0))
+    spring = r * (r - 1) * (r ** (r + 1) * modulus) ** (2 / r) / lengthScale**2
+    return bending + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
 
 
 def resolve(config, mesh):
@@ -129,7 +138,10 @@ def resolve(config, mesh):
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
     windows = [stage.steps for stage in config.stages if stage.kind == "continue"]
-    output.trajectory_interval, output.observables_interval = min(output.trajectory_interval, steps), min(output.observables_interval, steps, *windows)
+    output.trajectory_interval, output.observables_interval = (
+        min(output.trajectory_interval, steps),
+        min(output.observables_interval, steps, *windows),
+    )
     if config.mesh.file is not None:
         config.mesh.file = str(Path(config.mesh.file).resolve())
     return config
@@ -141,7 +153,9 @@ def createSimulation(config, mesh, force):
     system = mesh.createSystem(sampling.mass)
     system.addForce(force)
     stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
-    integrator = HybridMonteCarloIntegrator(sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability)
+    integrator = HybridMonteCarloIntegrator(
+        sampling.temperature, stepSize, sampling.steps_per_trajectory, sampling.flip_fraction, sampling.flip_probability
+    )
     integrator.setSplitting(sampling.integrator)
     integrator.setTetherSubsteps(sampling.tether_substeps)
     integrator.setTrajectoryJitter(sampling.trajectory_jitter)
@@ -161,11 +175,13 @@ def createShearWaves(config, mesh):
     The longest wave has the wave number 1/R of a sphere with the target area.  The amplitude to begin with is a rule of thumb: the energy of a strain s
     changes by about s sqrt(N) kT, whatever the moduli.
     """
-    sampling, radius = config.sampling, math.sqrt(targets(config, mesh)[0]/(4*math.pi))
+    sampling, radius = config.sampling, math.sqrt(targets(config, mesh)[0] / (4 * math.pi))
     amplitude = sampling.shear_wave_amplitude
     if not isinstance(amplitude, float):
-        amplitude = 0.7*radius/math.sqrt(len(mesh.vertices))
-    return ShearWaveIntegrator(sampling.temperature, amplitude, 1/radius, sampling.shear_wave_cutoff/radius, sampling.shear_waves_per_step)
+        amplitude = 0.7 * radius / math.sqrt(len(mesh.vertices))
+    return ShearWaveIntegrator(
+        sampling.temperature, amplitude, 1 / radius, sampling.shear_wave_cutoff / radius, sampling.shear_waves_per_step
+    )
 
 
 def currentMesh(simulation, force):
@@ -183,5 +199,7 @@ def platformOf(config):
     if threads is not None and name != "CPU":
         raise ValueError(f"[platform] threads is {threads}; only the CPU platform has threads, not {name}")
     if config.platform.precision != "double" and name != "CPU":
-        raise ValueError(f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', not {name}")
+        raise ValueError(
+            f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', not {name}"
+        )
     return mm.Platform.getPlatformByName(name), {} if threads is None else {"Threads": str(threads)}

@@ -3,6 +3,7 @@
 All conditions of a step (temperature, targets, length of the trajectory) follow from its number alone.  What a stage remembers beside its number is
 what was found at its start and the state of the step size's adapter: a few numbers, which a checkpoint holds.
 """
+
 import numpy as np
 
 from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, stepAndAdapt
@@ -11,12 +12,19 @@ from .minimization import minimize, minimizeFluid
 from .reporters import thermalEnergy
 from .schedules import ExponentialSchedule, TableSchedule, createSchedule
 
-_TARGET_NAMES = {"target_area": "area", "target_volume": "volume", "reduced_volume": "reducedVolume", "target_area_difference": "areaDifference"}
+_TARGET_NAMES = {
+    "target_area": "area",
+    "target_volume": "volume",
+    "reduced_volume": "reducedVolume",
+    "target_area_difference": "areaDifference",
+}
 
 
 def createStage(settings, config, simulation, force):
     """Return the stage that one of a Config's stages describes, at its beginning."""
-    return {"minimize": _Minimize, "sample": _Sample, "anneal": _Anneal, "continue": _Continue}[settings.kind](settings, config, simulation, force)
+    return {"minimize": _Minimize, "sample": _Sample, "anneal": _Anneal, "continue": _Continue}[settings.kind](
+        settings, config, simulation, force
+    )
 
 
 class Stage:
@@ -35,6 +43,7 @@ class Stage:
     listen : callable
         called within a long advance(), with no arguments; if it returns True the stage stops there
     """
+
     unit, isWhole = "step", False
 
     def __init__(self, settings, config, simulation, force):
@@ -55,16 +64,25 @@ class Stage:
     def acceptance(self):
         """Return the fractions of trajectories and of flips accepted since the stage began."""
         counts = np.subtract(self._counters(), self._startCounters)
-        return counts[1]/max(counts[0], 1), counts[3]/max(counts[2], 1)
+        return counts[1] / max(counts[0], 1), counts[3] / max(counts[2], 1)
 
     def getState(self):
         """Return what the stage remembers, fit for JSON."""
-        return {"position": self.position, "startTargets": self._startTargets, "startCounters": self._startCounters,
-                "adapter": self._adapter and self._adapter.getState(), "waveAdapter": self._waveAdapter and self._waveAdapter.getState()}
+        return {
+            "position": self.position,
+            "startTargets": self._startTargets,
+            "startCounters": self._startCounters,
+            "adapter": self._adapter and self._adapter.getState(),
+            "waveAdapter": self._waveAdapter and self._waveAdapter.getState(),
+        }
 
     def setState(self, state):
         """Go on from a state that getState() returned."""
-        self.position, self._startTargets, self._startCounters = state["position"], state["startTargets"], state["startCounters"]
+        self.position, self._startTargets, self._startCounters = (
+            state["position"],
+            state["startTargets"],
+            state["startCounters"],
+        )
         self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
         if self._adapter:
             self._adapter.setState(state["adapter"])
@@ -74,15 +92,22 @@ class Stage:
     def notes(self):
         """Return what is worth telling at the end of the stage."""
         trajectories, *_, diverged = np.subtract(self._counters(), self._startCounters)
-        if diverged <= 0.01*trajectories:  # they were rejected, as they should be
+        if diverged <= 0.01 * trajectories:  # they were rejected, as they should be
             return []
-        return [f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size avoids this"]
+        return [
+            f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size avoids this"
+        ]
 
     def _counters(self):
         integrator = self._simulation.integrator
         flips = integrator.getFlipIntegrator()
-        return [integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories(), flips.getNumAttempted(), flips.getNumAccepted(),
-                integrator.getNumDivergedTrajectories()]
+        return [
+            integrator.getNumTrajectories(),
+            integrator.getNumAcceptedTrajectories(),
+            flips.getNumAttempted(),
+            flips.getNumAccepted(),
+            integrator.getNumDivergedTrajectories(),
+        ]
 
     def _endTargets(self):
         given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
@@ -104,6 +129,7 @@ class Stage:
 
 class _Minimize(Stage):
     """A minimum of the energy.  It is found as a whole: a run that is stopped meanwhile begins it anew, from the checkpoint at its beginning."""
+
     unit, isWhole = "iteration", True
 
     def __init__(self, *arguments):
@@ -118,7 +144,7 @@ class _Minimize(Stage):
         """Minimise, and count this as a step."""
         simulation, settings = self._simulation, self._settings
         setTargets(simulation.context, self._force, self._endTargets())
-        tolerance = settings.tolerance and settings.tolerance*thermalEnergy(self._config.sampling.temperature)
+        tolerance = settings.tolerance and settings.tolerance * thermalEnergy(self._config.sampling.temperature)
         isStopped = False
 
         def progress(iterations, energy):
@@ -126,16 +152,19 @@ class _Minimize(Stage):
             self.position, self._energy = iterations, energy
             isStopped = self.listen()
             return isStopped
+
         search = minimizeFluid if settings.fluid else minimize
         result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
         if not isStopped:
-            simulation.context.setStepCount(simulation.currentStep+1)
-            self._result = [f"{self.title}: {result.reason}, after {result.iterations} iterations{f' and {result.flips} flips' if settings.fluid else ''}",
-                            *(f"{self.title}: {warning}" for warning in result.warnings)]
+            simulation.context.setStepCount(simulation.currentStep + 1)
+            self._result = [
+                f"{self.title}: {result.reason}, after {result.iterations} iterations{f' and {result.flips} flips' if settings.fluid else ''}",
+                *(f"{self.title}: {warning}" for warning in result.warnings),
+            ]
 
     def status(self, energy):
         """Return the energy of the present iteration, in a few words."""
-        return f"energy {self._energy/thermalEnergy(self._config.sampling.temperature):.6g} kT"
+        return f"energy {self._energy / thermalEnergy(self._config.sampling.temperature):.6g} kT"
 
     def getState(self):
         return {**super().getState(), "result": self._result}
@@ -150,6 +179,7 @@ class _Minimize(Stage):
 
 class _MonteCarlo(Stage):
     """A number of Monte Carlo steps, whose conditions are functions of the step."""
+
     WAVE_ADAPTER = AmplitudeTracker
 
     def advance(self):
@@ -187,6 +217,7 @@ class _MonteCarlo(Stage):
 
 class _Sample(_MonteCarlo):
     """Constant conditions; an automatic step size or amplitude adapts in the burn-in."""
+
     WAVE_ADAPTER = AmplitudeAdapter
 
     def _createAdapter(self):
@@ -201,7 +232,9 @@ class _Sample(_MonteCarlo):
         return not all(adapter.isFrozen for adapter in self._adapters)
 
     def _stepped(self):
-        isBurnedIn = self.position >= burnIn(self._config.sampling, self.steps) and all(adapter.isReady for adapter in self._adapters)
+        isBurnedIn = self.position >= burnIn(self._config.sampling, self.steps) and all(
+            adapter.isReady for adapter in self._adapters
+        )
         if self._isAdapting(self.position) and isBurnedIn:
             if self._adapter:
                 self._simulation.integrator.setStepSize(self._adapter.freeze())
@@ -213,8 +246,11 @@ class _Sample(_MonteCarlo):
         notes = []
         for adapter in self._adapters:
             value = f"{adapter.stepSize:.4g} {self._config.mesh.length_unit if adapter is self._waveAdapter else 'ps'}"
-            notes.append(f"{self.title}: {adapter.QUANTITY} {value}, chosen for an acceptance of {adapter.acceptance:.0%}" if adapter.isFrozen else
-                         f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been chosen; it is {value}")
+            notes.append(
+                f"{self.title}: {adapter.QUANTITY} {value}, chosen for an acceptance of {adapter.acceptance:.0%}"
+                if adapter.isFrozen
+                else f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been chosen; it is {value}"
+            )
         return [*notes, *super().notes()]
 
 
@@ -232,7 +268,7 @@ class _Anneal(_MonteCarlo):
         start, first = settings.start_temperature or temperature, settings.cooling_start
         if settings.rate is not None:
             return ExponentialSchedule(start, settings.rate, settings.end_temperature, first)
-        return ExponentialSchedule.over(settings.steps-first, start, settings.end_temperature, first)
+        return ExponentialSchedule.over(settings.steps - first, start, settings.end_temperature, first)
 
     def _temperature(self, n):
         return self._schedule(n)
@@ -265,7 +301,7 @@ class _Continue(_MonteCarlo):
         return ContinuationPath(self._startTargets, self._endTargets(), s.windows, s.there_and_back, path)
 
     def _place(self, n):
-        return divmod(n, self._settings.equilibration+self._settings.steps)
+        return divmod(n, self._settings.equilibration + self._settings.steps)
 
     def _targets(self, n):
         window, step = self._place(n)
@@ -282,11 +318,10 @@ class _Continue(_MonteCarlo):
         return super()._isAdapting(n) and self._place(n)[1] < self._settings.equilibration
 
     def window(self):
-        window, step = self._place(min(self.position, self.steps-1))
+        window, step = self._place(min(self.position, self.steps - 1))
         return window, step >= self._settings.equilibration
 
 
 def burnIn(sampling, steps):
     """Return the number of steps of a stage during which an automatic step size adapts."""
-    return sampling.burn_in or min(steps//5, 1000)
-
+    return sampling.burn_in or min(steps // 5, 1000)

@@ -1,4 +1,5 @@
 """Whole runs: from a configuration, or from a checkpoint, through the stages to the results."""
+
 import contextlib
 import errno
 import os
@@ -56,8 +57,13 @@ def run(config: Union[Config, dict, PathLike], progress: Optional[Callable[["Stu
     return study.finish(progress)
 
 
-def resume(prefix: PathLike, steps: Optional[int] = None, progress: Optional[Callable[["Study"], None]] = None, platform: Optional[str] = None,
-           threads: Optional[int] = None) -> Summary:
+def resume(
+    prefix: PathLike,
+    steps: Optional[int] = None,
+    progress: Optional[Callable[["Study"], None]] = None,
+    platform: Optional[str] = None,
+    threads: Optional[int] = None,
+) -> Summary:
     """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
 
     What the run would have written had it never been stopped is what it writes: the files are the same to the last byte.
@@ -82,7 +88,9 @@ def resume(prefix: PathLike, steps: Optional[int] = None, progress: Optional[Cal
     """
     file = Path(f"{prefix}.checkpoint")
     if not file.exists():
-        raise FileNotFoundError(f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has begun: start one with run")
+        raise FileNotFoundError(
+            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has begun: start one with run"
+        )
     state = loadRunState(file)
     config = parseConfig(state.config, str(file))
     config.output.prefix = str(prefix)
@@ -123,7 +131,12 @@ class Study:
     def __init__(self, config, outputs, simulation, force, state=None):
         self.config, self.outputs, self.simulation, self.force = config, outputs, simulation, force
         state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
-        self.index, self.notes, self._versions, self._sizes = state.stage, list(state.notes), state.versions, state.sizes
+        self.index, self.notes, self._versions, self._sizes = (
+            state.stage,
+            list(state.notes),
+            state.versions,
+            state.sizes,
+        )
         self._recorder, self._savedAt = None, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
@@ -135,27 +148,41 @@ class Study:
         with self._readable():
             writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
             self._writeSettings()
-            with StopSignals() as stop, Recorder(self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes) as self._recorder:
+            with (
+                StopSignals() as stop,
+                Recorder(
+                    self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes
+                ) as self._recorder,
+            ):
                 if not self._sizes:
                     self._recorder.table.report(self.simulation, None)  # the table begins with the start
                 self._advance(stop, progress)
                 if self.stage.isDone or not self.stage.isWhole:
                     self.save()
-            summary = summarise(self, self.simulation.currentStep-firstStep, time.perf_counter()-start, stop.signal)
+            summary = summarise(self, self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
             self._draw(summary)
         return summary
 
     @property
     def isComplete(self):
         """Whether nothing is left to do."""
-        return self.index == len(self.config.stages)-1 and self.stage.isDone
+        return self.index == len(self.config.stages) - 1 and self.stage.isDone
 
     def save(self):
         """Write a checkpoint."""
         if self._recorder:
             self._sizes = self._recorder.sync()
         settings = self.config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}})
-        state = RunState(settings, self.index, self.stage.getState(), self._sizes, self.notes, self._versions, self.simulation.currentStep, self.isComplete)
+        state = RunState(
+            settings,
+            self.index,
+            self.stage.getState(),
+            self._sizes,
+            self.notes,
+            self._versions,
+            self.simulation.currentStep,
+            self.isComplete,
+        )
         saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
         self._savedAt = time.monotonic(), self.simulation.currentStep
 
@@ -179,6 +206,7 @@ class Study:
             except KeyboardInterrupt:
                 isInterrupted = True
             return isInterrupted or stop.signal is not None
+
         while True:
             self.stage.listen = isToStop
             if self.stage.isWhole and not self.stage.isDone:
@@ -203,15 +231,21 @@ class Study:
 
     def _note(self):
         """Keep what the stage has to tell at its end."""
-        new = [note for note in (f"stage {self.index+1}, {note}" for note in self.stage.notes()) if note not in self.notes]
+        new = [
+            note
+            for note in (f"stage {self.index + 1}, {note}" for note in self.stage.notes())
+            if note not in self.notes
+        ]
         if new:
             self.notes += new
             self._writeSettings()
 
     def _saveIfDue(self):
         output, (seconds, step) = self.config.output, self._savedAt
-        isDue = output.checkpoint_interval is not None and self.simulation.currentStep >= step+output.checkpoint_interval
-        if isDue or time.monotonic() >= seconds+output.checkpoint_seconds:
+        isDue = (
+            output.checkpoint_interval is not None and self.simulation.currentStep >= step + output.checkpoint_interval
+        )
+        if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
             self.save()
 
     def _describe(self):
@@ -219,10 +253,16 @@ class Study:
         integrator, u = self.simulation.integrator, self.config.mesh.length_unit
         targets = currentTargets(self.simulation.context, self.force)
         window, isEquilibrated = self.stage.window()
-        return {"temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin), "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond),
-                "stage": self.index+1, "window": window, "equilibrated": int(isEquilibrated),
-                f"targetArea ({u}^2)": targets["area"], f"targetVolume ({u}^3)": targets["volume"],
-                f"targetAreaDifference ({u}^2)": targets["areaDifference"]}
+        return {
+            "temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin),
+            "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond),
+            "stage": self.index + 1,
+            "window": window,
+            "equilibrated": int(isEquilibrated),
+            f"targetArea ({u}^2)": targets["area"],
+            f"targetVolume ({u}^3)": targets["volume"],
+            f"targetAreaDifference ({u}^2)": targets["areaDifference"],
+        }
 
     def _writeSettings(self):
         lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
@@ -235,16 +275,21 @@ class Study:
             yield
         except OSError as error:
             what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
-            raise OSError(f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step {self._savedAt[1]} is safe: "
-                          f"openmm-helfrich resume {self.config.output.prefix} goes on from there") from None
+            raise OSError(
+                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step {self._savedAt[1]} is safe: "
+                f"openmm-helfrich resume {self.config.output.prefix} goes on from there"
+            ) from None
 
     def _draw(self, summary):
         mesh, lengthUnit = currentMesh(self.simulation, self.force), self.config.mesh.length_unit
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
-        paths = [averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
-                 for stage, rows in zip(self.config.stages, self._recordedRows(summary.table)) if stage.kind == "continue" and len(rows["step"])]
+        paths = [
+            averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
+            for stage, rows in zip(self.config.stages, self._recordedRows(summary.table))
+            if stage.kind == "continue" and len(rows["step"])
+        ]
         if paths:
             windows = Table.concatenate(paths)
             windows.write(self.outputs.path)
@@ -252,13 +297,22 @@ class Study:
 
     def _recordedRows(self, table):
         """Return the equilibrated rows of each stage."""
-        return [table.where((table["stage"] == i+1) & (table["equilibrated"] == 1)) for i in range(len(self.config.stages))]
+        return [
+            table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1))
+            for i in range(len(self.config.stages))
+        ]
 
 
 def versions():
     """Return the versions of the software that results depend on."""
     from . import __version__
-    return {"openmm-helfrich": __version__, "OpenMM": mm.Platform.getOpenMMVersion(), "numpy": versionOf("numpy"), "Python": python.python_version()}
+
+    return {
+        "openmm-helfrich": __version__,
+        "OpenMM": mm.Platform.getOpenMMVersion(),
+        "numpy": versionOf("numpy"),
+        "Python": python.python_version(),
+    }
 
 
 class StopSignals:
@@ -269,6 +323,7 @@ class StopSignals:
     signal : int or None
         the one that came
     """
+
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
     def __init__(self):
@@ -294,7 +349,9 @@ def _asConfig(config):
     if isinstance(config, dict):
         config = parseConfig(config)
         if config.output.prefix is None:
-            raise ValueError("[output] prefix is missing; a configuration that is not a file has no name to take it from")
+            raise ValueError(
+                "[output] prefix is missing; a configuration that is not a file has no name to take it from"
+            )
         return config
     return readConfig(config)
 
@@ -312,11 +369,19 @@ def _addSteps(config, steps):
 def _changePlatform(config, state, platform, threads):
     """Use another platform, or other versions, than before: not without saying so."""
     if platform is not None and platform != config.platform.name:
-        state.notes.append(f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one platform but for rounding errors")
+        state.notes.append(
+            f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one platform but for rounding errors"
+        )
         config.platform.name, config.platform.threads = platform, None
     if threads is not None:
         config.platform.threads = threads
-    changed = [f"{name} {number} instead of {state.versions.get(name)}" for name, number in versions().items() if state.versions.get(name) != number]
+    changed = [
+        f"{name} {number} instead of {state.versions.get(name)}"
+        for name, number in versions().items()
+        if state.versions.get(name) != number
+    ]
     if changed:
-        state.notes.append(f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run that was never stopped")
+        state.notes.append(
+            f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run that was never stopped"
+        )
         state.versions = versions()

@@ -4,6 +4,7 @@ A point is a run in a folder of its own, and its checkpoint is all that a worker
 anywhere.  A lock on a file in the folder keeps two workers from one point; the operating system takes it from a worker that dies.  When the run has
 ended, ``result.json`` says what came of it, and a point that has one is finished.
 """
+
 import contextlib
 import csv
 import fcntl
@@ -55,6 +56,7 @@ class PointStatus:
     observables : dict
         what came of it
     """
+
     point: Point
     status: str = "waiting"
     stage: str = ""
@@ -77,6 +79,7 @@ class SweepResult:
     signal : int or None
         what stopped the sweep
     """
+
     points: List[PointStatus]
     table: Path
     signal: Optional[int] = None
@@ -86,8 +89,13 @@ class SweepResult:
         return sum(point.status == status for point in self.points)
 
 
-def sweep(grid: PathLike, output: Optional[PathLike] = None, scheduler: Optional[str] = None, workers: Optional[int] = None,
-          progress: Optional[Callable[[List[PointStatus]], None]] = None) -> SweepResult:
+def sweep(
+    grid: PathLike,
+    output: Optional[PathLike] = None,
+    scheduler: Optional[str] = None,
+    workers: Optional[int] = None,
+    progress: Optional[Callable[[List[PointStatus]], None]] = None,
+) -> SweepResult:
     """Run what is left of a grid.
 
     Parameters
@@ -118,7 +126,7 @@ def sweep(grid: PathLike, output: Optional[PathLike] = None, scheduler: Optional
         _place(point, folder)
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
-    result = SweepResult(states, folder/"summary.csv")
+    result = SweepResult(states, folder / "summary.csv")
     folder.mkdir(parents=True, exist_ok=True)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
@@ -134,7 +142,7 @@ def runPoint(config, name, sweepName):
     folder = _folder(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with _locked(folder/"lock") as isOurs:
+        with _locked(folder / "lock") as isOurs:
             if not isOurs:
                 return {"status": "busy"}
             if not _resultFile(config).exists():
@@ -151,21 +159,38 @@ def runPoint(config, name, sweepName):
 def _place(point, folder):
     """Give a point its folder; raise a ValueError if that holds a run of other settings."""
     config = point.config
-    config.output.prefix, config.output.overwrite = str(folder/point.name/"run"), True  # the folder belongs to the point, and the lock to its run
+    config.output.prefix, config.output.overwrite = (
+        str(folder / point.name / "run"),
+        True,
+    )  # the folder belongs to the point, and the lock to its run
     file = _settingsFile(config)
     if file.exists():
         before, now = (_comparable(c) for c in (readConfig(file), config))
-        changed = [f"{key} is {now.get(key)!r}, and was {before.get(key)!r}" for key in {**before, **now} if before.get(key) != now.get(key)]
+        changed = [
+            f"{key} is {now.get(key)!r}, and was {before.get(key)!r}"
+            for key in {**before, **now}
+            if before.get(key) != now.get(key)
+        ]
         if changed:
-            raise ValueError(f"point {point.name} was begun with other settings: {changed[0]}; choose another output folder, or delete {folder/point.name}")
+            raise ValueError(
+                f"point {point.name} was begun with other settings: {changed[0]}; choose another output folder, or delete {folder / point.name}"
+            )
 
 
 def _comparable(config):
     """Return what a point's results depend on, by key."""
-    data = config.model_dump(mode="json", exclude={"output": {"prefix", "overwrite", "checkpoint_interval", "checkpoint_seconds"}, "platform": {"threads"}})
+    data = config.model_dump(
+        mode="json",
+        exclude={
+            "output": {"prefix", "overwrite", "checkpoint_interval", "checkpoint_seconds"},
+            "platform": {"threads"},
+        },
+    )
     stages = data.pop("stages")
-    return {**{f"[{section}] {key}": value for section, values in data.items() for key, value in values.items()},
-            **{f"stage {i+1} {key}": value for i, stage in enumerate(stages) for key, value in stage.items()}}
+    return {
+        **{f"[{section}] {key}": value for section, values in data.items() for key, value in values.items()},
+        **{f"stage {i + 1} {key}": value for i, stage in enumerate(stages) for key, value in stage.items()},
+    }
 
 
 def _folder(config):
@@ -173,18 +198,18 @@ def _folder(config):
 
 
 def _settingsFile(config):
-    return _folder(config)/"point.toml"
+    return _folder(config) / "point.toml"
 
 
 def _resultFile(config):
-    return _folder(config)/"result.json"
+    return _folder(config) / "result.json"
 
 
 @contextlib.contextmanager
 def _locked(file):
     """Lock a file and tell whether that was possible within a few seconds."""
     with open(file, "a") as lock:
-        end = time.monotonic()+SECONDS_FOR_A_LOCK
+        end = time.monotonic() + SECONDS_FOR_A_LOCK
         while True:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -210,7 +235,9 @@ def _goOn(config, progress):
 
 def _writeSettings(config):
     with replacing(_settingsFile(config)) as part:
-        part.write_text(settingsText(config, ["The settings of this point, as openmm-helfrich run takes them."]), encoding="utf-8")
+        part.write_text(
+            settingsText(config, ["The settings of this point, as openmm-helfrich run takes them."]), encoding="utf-8"
+        )
 
 
 def _isStopped(summary):
@@ -222,22 +249,30 @@ class _Messenger:
 
     def __init__(self, name, sweepName):
         from distributed import get_worker
+
         self._name, self._sweep, self._log, self._saidAt = name, sweepName, get_worker().log_event, -math.inf
 
     def __call__(self, study):
         if self._sweep in _stopping:
             raise KeyboardInterrupt
         now = time.monotonic()
-        if now >= self._saidAt+SECONDS_BETWEEN_MESSAGES:
+        if now >= self._saidAt + SECONDS_BETWEEN_MESSAGES:
             self._saidAt = now
             stage = study.stage
-            self._log(self._sweep, {"name": self._name, "stage": f"{study.index+1}/{len(study.config.stages)} {stage.title}",
-                                    "position": stage.position, "steps": stage.steps})
+            self._log(
+                self._sweep,
+                {
+                    "name": self._name,
+                    "stage": f"{study.index + 1}/{len(study.config.stages)} {stage.title}",
+                    "position": stage.position,
+                    "steps": stage.steps,
+                },
+            )
 
 
 def _writeResult(config):
     with replacing(_resultFile(config)) as part:
-        part.write_text(json.dumps(observe(config), indent=1)+"\n", encoding="utf-8")
+        part.write_text(json.dumps(observe(config), indent=1) + "\n", encoding="utf-8")
 
 
 def _readResult(config):
@@ -251,13 +286,29 @@ def observe(config) -> dict:
     """
     outputs, kappa = Outputs.of(config), config.membrane.bending_modulus
     table, shape = readObservables(outputs.table), describeShape(Mesh.read(outputs.mesh))
-    mean = {name: float(lateValues(table, name).mean()) for name in ("energy", *(f"E_{term}" for term in ENERGY_TERMS), "area", "volume", "reducedVolume", "meanCurvature")}
+    mean = {
+        name: float(lateValues(table, name).mean())
+        for name in (
+            "energy",
+            *(f"E_{term}" for term in ENERGY_TERMS),
+            "area",
+            "volume",
+            "reducedVolume",
+            "meanCurvature",
+        )
+    }
     last = {name: float(table[name][-1]) for name in ("acceptance", "flipAcceptance", "diverged")}
-    return {"steps": int(table["step"][-1]), "shapeClass": shape.shapeClass,
-            "E_bending/8 pi kappa": mean["E_bending"]/(8*math.pi*kappa) if kappa > 0 else None,
-            "reducedVolume": mean["reducedVolume"], "reducedAreaDifference": mean["meanCurvature"]/math.sqrt(4*math.pi*mean["area"]),
-            **{f"{name} (kT)": mean[name] for name in mean if name.startswith(("energy", "E_"))},
-            f"area ({config.mesh.length_unit}^2)": mean["area"], f"volume ({config.mesh.length_unit}^3)": mean["volume"], **last}
+    return {
+        "steps": int(table["step"][-1]),
+        "shapeClass": shape.shapeClass,
+        "E_bending/8 pi kappa": mean["E_bending"] / (8 * math.pi * kappa) if kappa > 0 else None,
+        "reducedVolume": mean["reducedVolume"],
+        "reducedAreaDifference": mean["meanCurvature"] / math.sqrt(4 * math.pi * mean["area"]),
+        **{f"{name} (kT)": mean[name] for name in mean if name.startswith(("energy", "E_"))},
+        f"area ({config.mesh.length_unit}^2)": mean["area"],
+        f"volume ({config.mesh.length_unit}^3)": mean["volume"],
+        **last,
+    }
 
 
 def _takeFinished(states):
@@ -278,8 +329,16 @@ def _client(scheduler, workers):
         with client:
             yield client
         return
-    with distributed.LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address="127.0.0.1:0",
-                                  silence_logs="CRITICAL") as cluster, distributed.Client(cluster) as client:
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            dashboard_address="127.0.0.1:0",
+            silence_logs="CRITICAL",
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
         client.register_worker_callbacks(_ignoreInterrupts)
         yield client
 
@@ -317,14 +376,17 @@ class _Dispatcher:
         self._client.unsubscribe_topic(self._name)
 
     def _handOut(self):
-        free = max(0, sum(self._client.nthreads().values())-len(self._running))
+        free = max(0, sum(self._client.nthreads().values()) - len(self._running))
         for point in self._waiting[:free]:
-            future = self._client.submit(runPoint, point.config, point.name, self._name, key=f"{point.name}-{uuid.uuid4().hex}", pure=False)
+            future = self._client.submit(
+                runPoint, point.config, point.name, self._name, key=f"{point.name}-{uuid.uuid4().hex}", pure=False
+            )
             self._running[future] = point
         del self._waiting[:free]
 
     def _wait(self):
         from distributed import TimeoutError, wait
+
         if not self._running:
             time.sleep(SECONDS_BETWEEN_MESSAGES)  # no worker is there yet
             return
@@ -339,7 +401,11 @@ class _Dispatcher:
             if outcome["status"] == "busy":  # with another sweep, or a worker that is thought dead: later perhaps
                 self._waiting.append(point)
                 continue
-            state.status, state.reason, state.observables = outcome["status"], outcome.get("reason", ""), outcome.get("observables", {})
+            state.status, state.reason, state.observables = (
+                outcome["status"],
+                outcome.get("reason", ""),
+                outcome.get("observables", {}),
+            )
             hasNews = True
         if hasNews:
             _writeTable(self._result)
@@ -350,7 +416,10 @@ class _Dispatcher:
             return future.result()
         error = future.exception()
         if type(error).__name__ == "KilledWorker":
-            return {"status": "failed", "reason": f"{error.allowed_failures+1} workers died while they ran it; the next sweep goes on from its checkpoint"}
+            return {
+                "status": "failed",
+                "reason": f"{error.allowed_failures + 1} workers died while they ran it; the next sweep goes on from its checkpoint",
+            }
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
     def _hear(self, event):
@@ -371,5 +440,12 @@ def _writeTable(result):
         writer.writerow([*heads, "status", *columns, "reason", "folder"])
         for state in result.points:
             status = state.status if state.status in ("done", "failed") else "unfinished"
-            writer.writerow([*(state.point.parameters.get(name) for name in heads), status,
-                             *(state.observables.get(name) for name in columns), state.reason, state.point.name])
+            writer.writerow(
+                [
+                    *(state.point.parameters.get(name) for name in heads),
+                    status,
+                    *(state.observables.get(name) for name in columns),
+                    state.reason,
+                    state.point.name,
+                ]
+            )

@@ -4,6 +4,7 @@ TriMem's energies are multiples of a unit in which its initial temperature is a 
 is called 300 K here.  Its targets are fractions of the mesh's own area, volume and mean curvature; ours are areas and volumes.  Terms
 and their exponents are the same.
 """
+
 import configparser
 import math
 from pathlib import Path
@@ -18,8 +19,13 @@ MINIMAL_TEMPERATURE = 1e-6  # in TriMem's unit
 LARGEST_WINDOWS = 20
 
 # What concerns the way in which TriMem computes or prints, and has no counterpart.
-_WITHOUT_COUNTERPART = {"general": {"output_format", "restart_prefix"}, "surfacerepulsion": {"n_search", "rlist", "refresh"}, "hmc": {"init_step"},
-                        "bonds": {"a0"}, "minimization": {"out_every"}}
+_WITHOUT_COUNTERPART = {
+    "general": {"output_format", "restart_prefix"},
+    "surfacerepulsion": {"n_search", "rlist", "refresh"},
+    "hmc": {"init_step"},
+    "bonds": {"a0"},
+    "minimization": {"out_every"},
+}
 
 
 def convertConfig(file):
@@ -42,7 +48,14 @@ def convertConfig(file):
     mesh = Mesh.read(source.mesh)
     data, comments = _convert(source, mesh)
     parseConfig(data, str(path))
-    return configText(data, [f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.", *comments, *source.leftOut()])
+    return configText(
+        data,
+        [
+            f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.",
+            *comments,
+            *source.leftOut(),
+        ],
+    )
 
 
 class _Source:
@@ -52,7 +65,11 @@ class _Source:
         if not path.exists():
             raise FileNotFoundError(f"there is no configuration file {path}")
         self.stem = str(path.with_suffix(""))
-        self._parser, self._path, self._asked = configparser.ConfigParser(inline_comment_prefixes=("#", ";")), path, set()
+        self._parser, self._path, self._asked = (
+            configparser.ConfigParser(inline_comment_prefixes=("#", ";")),
+            path,
+            set(),
+        )
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
         except (configparser.Error, UnicodeDecodeError) as error:
@@ -61,7 +78,9 @@ class _Source:
             raise ValueError(f"{path} is not a configuration of TriMem: it has no section [ENERGY]")
         self.mesh = Path(self.text("GENERAL", "input", str(path.with_suffix(".stl"))))
         if not self.mesh.exists():
-            raise FileNotFoundError(f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed")
+            raise FileNotFoundError(
+                f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed"
+            )
 
     def text(self, section, key, default):
         """Return a value as a string."""
@@ -76,7 +95,9 @@ class _Source:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise ValueError(f"{self._path}: [{section}] {key} is {text!r}; it must be {'a whole number' if isinstance(default, int) else 'a number'}")
+            raise ValueError(
+                f"{self._path}: [{section}] {key} is {text!r}; it must be {'a whole number' if isinstance(default, int) else 'a number'}"
+            )
         return value
 
     def meshForAnyFolder(self):
@@ -85,11 +106,18 @@ class _Source:
 
     def leftOut(self):
         """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
-        keys = [(section, key) for section in self._parser.sections() for key in self._parser[section] if (section.lower(), key) not in self._asked]
+        keys = [
+            (section, key)
+            for section in self._parser.sections()
+            for key in self._parser[section]
+            if (section.lower(), key) not in self._asked
+        ]
         known = [key for section, key in keys if key in _WITHOUT_COUNTERPART.get(section.lower(), ())]
-        unknown = [f"[{section}] {key}" for section, key in keys if key not in _WITHOUT_COUNTERPART.get(section.lower(), ())]
+        unknown = [
+            f"[{section}] {key}" for section, key in keys if key not in _WITHOUT_COUNTERPART.get(section.lower(), ())
+        ]
         lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
-        return lines+[f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+        return lines + [f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
 
 
 def _convert(source, mesh):
@@ -101,18 +129,30 @@ def _convert(source, mesh):
         raise ValueError(f"[HMC] initial_temperature is {unit:g}; it must be positive")
 
     def energy(key):
-        return source.number("ENERGY", key, 1.0)/unit
+        return source.number("ENERGY", key, 1.0) / unit
+
     length = float(mesh.edgeLengths.mean())
-    moduli = {"bending_modulus": energy("kappa_b"), "area_modulus": energy("kappa_a"), "volume_modulus": energy("kappa_v"), "area_difference_modulus": energy("kappa_c")}
+    moduli = {
+        "bending_modulus": energy("kappa_b"),
+        "area_modulus": energy("kappa_a"),
+        "volume_modulus": energy("kappa_v"),
+        "area_difference_modulus": energy("kappa_c"),
+    }
     start, end = _targets(source, mesh)
-    for name in [name for name in start if not moduli[name.removeprefix("target_")+"_modulus"]]:
+    for name in [name for name in start if not moduli[name.removeprefix("target_") + "_modulus"]]:
         del start[name], end[name]  # of a term that is off
-    data = {"mesh": {"file": str(source.meshForAnyFolder())},
-            "membrane": {**moduli, **start},
-            "tether": {"modulus": energy("kappa_t"), "min_length": source.number("BONDS", "lc1", 0.75*length),
-                       "max_length": source.number("BONDS", "lc0", 1.25*length), "exponent": source.number("BONDS", "r", 2)},
-            "sampling": _sampling(source, unit),
-            "output": _output(source)}
+    data = {
+        "mesh": {"file": str(source.meshForAnyFolder())},
+        "membrane": {**moduli, **start},
+        "tether": {
+            "modulus": energy("kappa_t"),
+            "min_length": source.number("BONDS", "lc1", 0.75 * length),
+            "max_length": source.number("BONDS", "lc0", 1.25 * length),
+            "exponent": source.number("BONDS", "r", 2),
+        },
+        "sampling": _sampling(source, unit),
+        "output": _output(source),
+    }
     onset, modulus = source.number("SURFACEREPULSION", "lc1", 0.0), energy("kappa_r")
     exponent, level = source.number("SURFACEREPULSION", "r", 2), source.number("SURFACEREPULSION", "exclusion_level", 2)
     if onset > 0 and modulus > 0:
@@ -123,12 +163,16 @@ def _convert(source, mesh):
 
 def _targets(source, mesh):
     """Return our targets at TriMem's continuation_lambda, and at its lambda of 1."""
-    own = {"target_area": ("area_fraction", mesh.area), "target_volume": ("volume_fraction", mesh.volume),
-           "target_area_difference": ("curvature_fraction", 2*float(mesh.vertexMeanCurvatures.sum()))}
+    own = {
+        "target_area": ("area_fraction", mesh.area),
+        "target_volume": ("volume_fraction", mesh.volume),
+        "target_area_difference": ("curvature_fraction", 2 * float(mesh.vertexMeanCurvatures.sum())),
+    }
     fractions = {name: source.number("ENERGY", key, 1.0) for name, (key, _) in own.items()}
 
     def at(progress):
-        return {name: (1-progress*(1-fractions[name]))*own[name][1] for name in own}
+        return {name: (1 - progress * (1 - fractions[name])) * own[name][1] for name in own}
+
     return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
 
 
@@ -137,16 +181,24 @@ def _sampling(source, unit):
     fraction = source.number("HMC", "flip_ratio", 0.1)
     mass = source.number("HMC", "momentum_variance", 1.0)
     # A step is as long against the motion of a vertex when step^2 energy/(mass length^2) is the same number.
-    step = source.number("HMC", "step_size", 1.0)*math.sqrt(unit/thermalEnergy(TEMPERATURE))
-    return {"temperature": TEMPERATURE, "step_size": step, "steps_per_trajectory": source.number("HMC", "traj_steps", 10), "mass": mass,
-            "flip_fraction": 0.0 if source.text("HMC", "flip_type", "serial") == "none" else fraction}
+    step = source.number("HMC", "step_size", 1.0) * math.sqrt(unit / thermalEnergy(TEMPERATURE))
+    return {
+        "temperature": TEMPERATURE,
+        "step_size": step,
+        "steps_per_trajectory": source.number("HMC", "traj_steps", 10),
+        "mass": mass,
+        "flip_fraction": 0.0 if source.text("HMC", "flip_type", "serial") == "none" else fraction,
+    }
 
 
 def _output(source):
     """Return our section [output]."""
     output = {"prefix": source.text("GENERAL", "output_prefix", source.stem)}
-    for key, value in (("trajectory_interval", source.number("HMC", "thin", 10)), ("observables_interval", source.number("GENERAL", "info", 1)),
-                       ("checkpoint_interval", source.number("GENERAL", "checkpoint_every", 0))):
+    for key, value in (
+        ("trajectory_interval", source.number("HMC", "thin", 10)),
+        ("observables_interval", source.number("GENERAL", "info", 1)),
+        ("checkpoint_interval", source.number("GENERAL", "checkpoint_every", 0)),
+    ):
         if value > 0:
             output[key] = value
     return output
@@ -156,22 +208,39 @@ def _stages(source, start, end):
     """Return our stages, and comments on them."""
     iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
     rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)
-    delta, progress = source.number("ENERGY", "continuation_delta", 0.0), source.number("ENERGY", "continuation_lambda", 1.0)
+    delta, progress = (
+        source.number("ENERGY", "continuation_delta", 0.0),
+        source.number("ENERGY", "continuation_lambda", 1.0),
+    )
     if source.text("GENERAL", "algorithm", "hmc") == "minimize":
         return [{"kind": "minimize", "fluid": False, "max_iterations": iterations}], []
     stages, comments = [], []
     if delta > 0 and progress < 1 and start != end:
-        moving = min(math.ceil((1-progress)/delta), steps)
-        reached = min(1.0, moving*delta/(1-progress))
+        moving = min(math.ceil((1 - progress) / delta), steps)
+        reached = min(1.0, moving * delta / (1 - progress))
         windows = min(LARGEST_WINDOWS, moving)
-        goals = {name: start[name]+reached*(end[name]-start[name]) for name in start if end[name] != start[name]}
-        stages.append({"kind": "continue", "windows": windows, "equilibration": 0, "steps": max(1, round(moving/(windows+1))), **goals})
+        goals = {name: start[name] + reached * (end[name] - start[name]) for name in start if end[name] != start[name]}
+        stages.append(
+            {
+                "kind": "continue",
+                "windows": windows,
+                "equilibration": 0,
+                "steps": max(1, round(moving / (windows + 1))),
+                **goals,
+            }
+        )
         comments.append(f"lambda moves in {windows} windows instead of at every step.")
-        steps, first = steps-moving, first-moving
+        steps, first = steps - moving, first - moving
         if first < 0 and rate > 0:
             comments.append("Cooling begins after the continuation, and not during it.")
     if steps > 0:
         cools = rate > 0 and max(first, 0) < steps
-        cooling = {"kind": "anneal", "steps": steps, "end_temperature": MINIMAL_TEMPERATURE*TEMPERATURE, "rate": rate, "cooling_start": max(first, 0)}
+        cooling = {
+            "kind": "anneal",
+            "steps": steps,
+            "end_temperature": MINIMAL_TEMPERATURE * TEMPERATURE,
+            "rate": rate,
+            "cooling_start": max(first, 0),
+        }
         stages.append(cooling if cools else {"kind": "sample", "steps": steps})
     return stages, comments

@@ -5,6 +5,7 @@ specification (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_forma
 triangles are those of the first frame, so that the sizes of the one part and the Offsets of its triangles are stored once, and each frame is a
 chunk of every other array: what a frame costs does not depend on how many there are, and the last ones can be dropped.
 """
+
 import contextlib
 import os
 import shutil
@@ -38,6 +39,7 @@ class MeshFrame(NamedTuple):
     data : dict
         arrays of shape (N,) by name, a value for each vertex: "MeanCurvature", in 1/nm, and "Area", in nm^2, from a MeshReporter
     """
+
     step: int
     mesh: Mesh
     data: Dict[str, np.ndarray]
@@ -46,10 +48,12 @@ class MeshFrame(NamedTuple):
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
     """Return a MeshFrame of a closed mesh with the mean curvature and the area of its vertices."""
     area = mesh.vertexAreas
-    return MeshFrame(step, mesh, {"MeanCurvature": mesh.vertexMeanCurvatures/area, "Area": area})
+    return MeshFrame(step, mesh, {"MeanCurvature": mesh.vertexMeanCurvatures / area, "Area": area})
 
 
-def writeMeshTrajectory(file: PathLike, frames: Iterable[MeshFrame], keep: int = 0, precision: str = "double", lengthUnit: str = "nm") -> None:
+def writeMeshTrajectory(
+    file: PathLike, frames: Iterable[MeshFrame], keep: int = 0, precision: str = "double", lengthUnit: str = "nm"
+) -> None:
     """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one, never half of one.
 
     Parameters
@@ -140,7 +144,7 @@ class MeshTrajectoryWriter:
     @property
     def numFrames(self) -> int:
         """The number of frames, with those that wait."""
-        return self._kept+len(self._waiting)
+        return self._kept + len(self._waiting)
 
     def add(self, frame: MeshFrame) -> None:
         """Add a MeshFrame."""
@@ -148,7 +152,7 @@ class MeshTrajectoryWriter:
             raise ValueError(f"{self._path} is closed; no frame can be added")
         self._waiting.append(frame)
         size = _sizeOf(frame)
-        if time.monotonic() >= self._nextFlush or size*len(self._waiting) > 64e6:
+        if time.monotonic() >= self._nextFlush or size * len(self._waiting) > 64e6:
             self.flush()
 
     def flush(self) -> None:
@@ -158,7 +162,7 @@ class MeshTrajectoryWriter:
             writeMeshTrajectory(self._path, self._waiting, self._kept, **self._options)
             self._kept, self._waiting, self._surplus = self.numFrames, [], False
         end = time.monotonic()
-        self._nextFlush = end+max(60, 50*(end-start))
+        self._nextFlush = end + max(60, 50 * (end - start))
 
     def close(self) -> None:
         """Flush, and take no more frames."""
@@ -190,7 +194,9 @@ class Frames:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"{self._path} has no frame {index}; it has {len(self)}: 0 to {len(self)-1}, or -1 for the last")
+            raise IndexError(
+                f"{self._path} has no frame {index}; it has {len(self)}: 0 to {len(self) - 1}, or -1 for the last"
+            )
         index %= len(self)
         with self._complaint(f"is damaged at frame {index}"):
             return self._read(index)
@@ -228,12 +234,16 @@ class MeshTrajectory(Frames):
         if not self._path.exists():
             raise FileNotFoundError(f"there is no mesh trajectory {file}")
         try:
-            self._file = h5py.File(self._path, locking=False)  # files are replaced, never changed, and not every file system has locks
+            self._file = h5py.File(
+                self._path, locking=False
+            )  # files are replaced, never changed, and not every file system has locks
         except OSError:
             raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
         self._root = _polyData(self._file, self._path)
         with self._complaint("is damaged"):
-            self.steps = np.asarray(self._root["Steps/Values"][:int(self._root["Steps"].attrs["NSteps"])]).astype(np.int64)
+            self.steps = np.asarray(self._root["Steps/Values"][: int(self._root["Steps"].attrs["NSteps"])]).astype(
+                np.int64
+            )
             self.lengthUnit = str(self._file.attrs.get("lengthUnit", "nm"))
 
     def _read(self, i):
@@ -244,12 +254,19 @@ class MeshTrajectory(Frames):
         numVertices = int(self._root["NumberOfPoints"][part])
         numCells, numCorners = int(polygons["NumberOfCells"][part]), int(polygons["NumberOfConnectivityIds"][part])
         cell, first = int(steps["CellOffsets"][i, 2]), int(steps["ConnectivityIdOffsets"][i, 2])
-        if np.any(np.diff(polygons["Offsets"][cell+part:cell+part+numCells+1]) != 3):
+        if np.any(np.diff(polygons["Offsets"][cell + part : cell + part + numCells + 1]) != 3):
             raise ValueError("it has cells that are not triangles")
         point = int(steps["PointOffsets"][i])
-        mesh = Mesh(self._root["Points"][point:point+numVertices], polygons["Connectivity"][first:first+numCorners].reshape(-1, 3))
+        mesh = Mesh(
+            self._root["Points"][point : point + numVertices],
+            polygons["Connectivity"][first : first + numCorners].reshape(-1, 3),
+        )
         offsets = {name: int(d[i]) for name, d in steps.get("PointDataOffsets", {}).items()}
-        return MeshFrame(int(self.steps[i]), mesh, {name: self._root["PointData"][name][start:start+numVertices] for name, start in offsets.items()})
+        return MeshFrame(
+            int(self.steps[i]),
+            mesh,
+            {name: self._root["PointData"][name][start : start + numVertices] for name, start in offsets.items()},
+        )
 
 
 def _count(path):
@@ -278,7 +295,9 @@ def _polyData(file, path):
         raise ValueError(f"{path} is not a VTKHDF file; it has no group VTKHDF with a Type")
     kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
     if kind != "PolyData" or "Steps" not in root:
-        raise ValueError(f"{path} holds {kind}{'' if 'Steps' in root else ' without time steps'}; PolyData with steps is expected")
+        raise ValueError(
+            f"{path} holds {kind}{'' if 'Steps' in root else ' without time steps'}; PolyData with steps is expected"
+        )
     return root
 
 
@@ -302,13 +321,20 @@ def _create(out, frame, precision, lengthUnit):
     root.attrs["Version"] = VERSION
     root.attrs.create("Type", b"PolyData", dtype="S8")  # of fixed length: VTK takes no other
     root["NumberOfPoints"] = np.array([numVertices])
-    root.create_dataset("Points", (0, 3), "f8" if precision == "double" else "f4", maxshape=(None, 3), chunks=(numVertices, 3), **COMPRESSION)
+    root.create_dataset(
+        "Points",
+        (0, 3),
+        "f8" if precision == "double" else "f4",
+        maxshape=(None, 3),
+        chunks=(numVertices, 3),
+        **COMPRESSION,
+    )
     for kind in KINDS:
         cells = root.create_group(kind)
         count = numTriangles if kind == "Polygons" else 0
-        cells["NumberOfCells"], cells["NumberOfConnectivityIds"] = np.array([count]), np.array([3*count])
-        cells.create_dataset("Offsets", data=3*np.arange(count+1), **COMPRESSION)
-        cells.create_dataset("Connectivity", (0,), "i8", maxshape=(None,), chunks=(max(1, 3*count),), **COMPRESSION)
+        cells["NumberOfCells"], cells["NumberOfConnectivityIds"] = np.array([count]), np.array([3 * count])
+        cells.create_dataset("Offsets", data=3 * np.arange(count + 1), **COMPRESSION)
+        cells.create_dataset("Connectivity", (0,), "i8", maxshape=(None,), chunks=(max(1, 3 * count),), **COMPRESSION)
     data, steps = root.create_group("PointData"), root.create_group("Steps")
     offsets = steps.create_group("PointDataOffsets")
     for name in frame.data:
@@ -332,12 +358,15 @@ def _growing(group, name, columns=None, kind="i8"):
 def _resize(root, count):
     """Make room for a number of frames, or drop those beyond it."""
     numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
-    root["Points"].resize(count*numVertices, axis=0)
-    root["Polygons/Connectivity"].resize(count*numCorners, axis=0)
+    root["Points"].resize(count * numVertices, axis=0)
+    root["Polygons/Connectivity"].resize(count * numCorners, axis=0)
     for values in root["PointData"].values():
-        values.resize(count*numVertices, axis=0)
+        values.resize(count * numVertices, axis=0)
     steps = root["Steps"]
-    for entries in [*steps["PointDataOffsets"].values(), *(steps[name] for name in steps if name != "PointDataOffsets")]:
+    for entries in [
+        *steps["PointDataOffsets"].values(),
+        *(steps[name] for name in steps if name != "PointDataOffsets"),
+    ]:
         entries.resize(count, axis=0)
     steps.attrs["NSteps"] = count
 
@@ -348,18 +377,26 @@ def _append(root, frame):
     count = int(steps.attrs["NSteps"])
     expected = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfCells"][0]), set(data)
     if (len(mesh.vertices), len(mesh.triangles), set(frame.data)) != expected:
-        raise ValueError(f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles "
-                         f"and the data {sorted(frame.data)}; "
-                         f"those before it have {expected[0]}, {expected[1]} and {sorted(expected[2])}")
-    _resize(root, count+1)
-    point, corner = count*len(mesh.vertices), count*mesh.triangles.size
+        raise ValueError(
+            f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles "
+            f"and the data {sorted(frame.data)}; "
+            f"those before it have {expected[0]}, {expected[1]} and {sorted(expected[2])}"
+        )
+    _resize(root, count + 1)
+    point, corner = count * len(mesh.vertices), count * mesh.triangles.size
     root["Points"][point:] = mesh.vertices
     root["Polygons/Connectivity"][corner:] = mesh.triangles.ravel()
     for name, values in frame.data.items():
         data[name][point:] = values
         steps["PointDataOffsets"][name][count] = point
-    entries = {"Values": frame.step, "PartOffsets": 0, "NumberOfParts": 1, "PointOffsets": point,
-               "CellOffsets": 0, "ConnectivityIdOffsets": [0, 0, corner, 0]}
+    entries = {
+        "Values": frame.step,
+        "PartOffsets": 0,
+        "NumberOfParts": 1,
+        "PointOffsets": point,
+        "CellOffsets": 0,
+        "ConnectivityIdOffsets": [0, 0, corner, 0],
+    }
     for name, entry in entries.items():
         steps[name][count] = entry
 
@@ -368,16 +405,20 @@ def _requireRoom(part, frames):
     """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program with it."""
     if not hasattr(os, "posix_fallocate"):
         return
-    raw = sum(_sizeOf(frame)+1024 for frame in frames)
+    raw = sum(_sizeOf(frame) + 1024 for frame in frames)
     with open(part, "ab") as out:
         size = out.tell()
-        os.posix_fallocate(out.fileno(), 0, size+raw+65536)
+        os.posix_fallocate(out.fileno(), 0, size + raw + 65536)
         out.truncate(size)
 
 
 def _sizeOf(frame):
     """Return the number of bytes of a frame in a file, before compression; indices have 64 bits there."""
-    return frame.mesh.vertices.nbytes+2*frame.mesh.triangles.nbytes+sum(values.nbytes for values in frame.data.values())
+    return (
+        frame.mesh.vertices.nbytes
+        + 2 * frame.mesh.triangles.nbytes
+        + sum(values.nbytes for values in frame.data.values())
+    )
 
 
 @contextlib.contextmanager
@@ -387,4 +428,8 @@ def _plainErrors(path):
         yield
     except (OSError, RuntimeError) as error:
         number = getattr(error, "errno", None)
-        raise OSError(number, f"{path} cannot be written: {os.strerror(number)}") if number else OSError(f"{path} cannot be written: {error}") from None
+        raise (
+            OSError(number, f"{path} cannot be written: {os.strerror(number)}")
+            if number
+            else OSError(f"{path} cannot be written: {error}")
+        ) from None

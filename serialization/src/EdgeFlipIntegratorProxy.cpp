@@ -23,7 +23,8 @@ void EdgeFlipIntegratorProxy::serialize(const void* object, SerializationNode& n
 
 void* EdgeFlipIntegratorProxy::deserialize(const SerializationNode& node) const {
     requireVersion(node, VERSION, getTypeName());
-    unique_ptr<EdgeFlipIntegrator> integrator(new EdgeFlipIntegrator(node.getDoubleProperty("temperature"), node.getDoubleProperty("fraction")));
+    unique_ptr<EdgeFlipIntegrator> integrator(
+            new EdgeFlipIntegrator(node.getDoubleProperty("temperature"), node.getDoubleProperty("fraction")));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

@@ -9,12 +9,14 @@ using namespace std;
 
 static const int VERSION = 1;
 
-HamiltonianTrajectoryIntegratorProxy::HamiltonianTrajectoryIntegratorProxy() : SerializationProxy("HamiltonianTrajectoryIntegrator") {
+HamiltonianTrajectoryIntegratorProxy::HamiltonianTrajectoryIntegratorProxy()
+        : SerializationProxy("HamiltonianTrajectoryIntegrator") {
 }
 
 void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
-    const HamiltonianTrajectoryIntegrator& integrator = *reinterpret_cast<const HamiltonianTrajectoryIntegrator*>(object);
+    const HamiltonianTrajectoryIntegrator& integrator =
+            *reinterpret_cast<const HamiltonianTrajectoryIntegrator*>(object);
     node.setDoubleProperty("temperature", integrator.getTemperature());
     node.setDoubleProperty("stepSize", integrator.getStepSize());
     node.setIntProperty("stepsPerTrajectory", integrator.getStepsPerTrajectory());
@@ -29,8 +31,9 @@ void HamiltonianTrajectoryIntegratorProxy::serialize(const void* object, Seriali
 
 void* HamiltonianTrajectoryIntegratorProxy::deserialize(const SerializationNode& node) const {
     requireVersion(node, VERSION, getTypeName());
-    unique_ptr<HamiltonianTrajectoryIntegrator> integrator(new HamiltonianTrajectoryIntegrator(node.getDoubleProperty("temperature"),
-            node.getDoubleProperty("stepSize"), node.getIntProperty("stepsPerTrajectory")));
+    unique_ptr<HamiltonianTrajectoryIntegrator> integrator(new HamiltonianTrajectoryIntegrator(
+            node.getDoubleProperty("temperature"), node.getDoubleProperty("stepSize"),
+            node.getIntProperty("stepsPerTrajectory")));
     integrator->setForcePrecision(node.getStringProperty("forcePrecision", "double"));
     integrator->setTrajectoryJitter(node.getDoubleProperty("trajectoryJitter", 0.0));
     integrator->setSplitting(node.getStringProperty("splitting", "leapfrog"));

@@ -20,12 +20,16 @@ static void storeTether(const HelfrichForce& force, SerializationNode& node) {
     double modulus, minLength, maxLength;
     int exponent;
     force.getTether(modulus, minLength, maxLength, exponent);
-    node.setDoubleProperty("modulus", modulus).setDoubleProperty("minLength", minLength).setDoubleProperty("maxLength", maxLength).setIntProperty("exponent", exponent);
+    node.setDoubleProperty("modulus", modulus)
+            .setDoubleProperty("minLength", minLength)
+            .setDoubleProperty("maxLength", maxLength)
+            .setIntProperty("exponent", exponent);
     node.setDoubleProperty("lengthScale", force.getTetherLengthScale());
 }
 
 static void loadTether(HelfrichForce& force, const SerializationNode& node, int version) {
-    force.setTether(node.getDoubleProperty("modulus"), node.getDoubleProperty("minLength"), node.getDoubleProperty("maxLength"), node.getIntProperty("exponent"));
+    force.setTether(node.getDoubleProperty("modulus"), node.getDoubleProperty("minLength"),
+                    node.getDoubleProperty("maxLength"), node.getIntProperty("exponent"));
     if (version > 2)
         force.setTetherLengthScale(node.getDoubleProperty("lengthScale"));
 }
@@ -34,17 +38,21 @@ static void storeRepulsion(const HelfrichForce& force, SerializationNode& node) 
     double modulus, onset;
     int exponent, exclusionLevel;
     force.getRepulsion(modulus, onset, exponent, exclusionLevel);
-    node.setDoubleProperty("modulus", modulus).setDoubleProperty("onset", onset).setIntProperty("exponent", exponent).setIntProperty("exclusionLevel", exclusionLevel);
+    node.setDoubleProperty("modulus", modulus)
+            .setDoubleProperty("onset", onset)
+            .setIntProperty("exponent", exponent)
+            .setIntProperty("exclusionLevel", exclusionLevel);
 }
 
 static void loadRepulsion(HelfrichForce& force, const SerializationNode& node) {
-    force.setRepulsion(node.getDoubleProperty("modulus"), node.getDoubleProperty("onset"), node.getIntProperty("exponent"), node.getIntProperty("exclusionLevel"));
+    force.setRepulsion(node.getDoubleProperty("modulus"), node.getDoubleProperty("onset"),
+                       node.getIntProperty("exponent"), node.getIntProperty("exclusionLevel"));
 }
 
 static void storeFixedEdges(const HelfrichForce& force, SerializationNode& node) {
-    vector<int> particles(2*force.getNumFixedEdges());
+    vector<int> particles(2 * force.getNumFixedEdges());
     for (int i = 0; i < force.getNumFixedEdges(); i++)
-        force.getFixedEdgeParameters(i, particles[2*i], particles[2*i+1]);
+        force.getFixedEdgeParameters(i, particles[2 * i], particles[2 * i + 1]);
     node.setIntProperty("count", force.getNumFixedEdges());
     storeIntegers(particles, "particles", node);
 }
@@ -52,10 +60,11 @@ static void storeFixedEdges(const HelfrichForce& force, SerializationNode& node)
 static void loadFixedEdges(HelfrichForce& force, const SerializationNode& node) {
     vector<int> particles = loadIntegers("particles", node);
     int count = node.getIntProperty("count");
-    if (count < 0 || 2LL*count != (long long) particles.size())
-        throw OpenMMException("HelfrichForce: the serialized fixed edges are not complete: "+to_string(particles.size())+" particles for "+to_string(count)+" edges");
+    if (count < 0 || 2LL * count != (long long) particles.size())
+        throw OpenMMException("HelfrichForce: the serialized fixed edges are not complete: " +
+                              to_string(particles.size()) + " particles for " + to_string(count) + " edges");
     for (int i = 0; i < count; i++)
-        force.addFixedEdge(particles[2*i], particles[2*i+1]);
+        force.addFixedEdge(particles[2 * i], particles[2 * i + 1]);
 }
 
 void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) const {

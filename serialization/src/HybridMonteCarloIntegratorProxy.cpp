@@ -32,7 +32,8 @@ static void addShearWaves(const SerializationNode& node, HybridMonteCarloIntegra
     unique_ptr<Integrator> third(node.getChildNode("ShearWaves").decodeObject<Integrator>());
     ShearWaveIntegrator* shearWaves = dynamic_cast<ShearWaveIntegrator*>(third.get());
     if (shearWaves == nullptr)
-        throw OpenMMException("HybridMonteCarloIntegrator: the node 'ShearWaves' does not describe a ShearWaveIntegrator");
+        throw OpenMMException(
+                "HybridMonteCarloIntegrator: the node 'ShearWaves' does not describe a ShearWaveIntegrator");
     integrator.addShearWaves(shearWaves, node.getDoubleProperty("shearWaveProbability"));
     third.release();
 }
@@ -43,8 +44,9 @@ void* HybridMonteCarloIntegratorProxy::deserialize(const SerializationNode& node
     unique_ptr<Integrator> second(node.getChildNode("Flips").decodeObject<Integrator>());
     EdgeFlipIntegrator* flips = dynamic_cast<EdgeFlipIntegrator*>(second.get());
     if (flips == nullptr)
-        throw OpenMMException(getTypeName()+": the node 'Flips' does not describe an EdgeFlipIntegrator");
-    unique_ptr<HybridMonteCarloIntegrator> integrator(new HybridMonteCarloIntegrator(trajectory.get(), flips, node.getDoubleProperty("flipProbability")));
+        throw OpenMMException(getTypeName() + ": the node 'Flips' does not describe an EdgeFlipIntegrator");
+    unique_ptr<HybridMonteCarloIntegrator> integrator(
+            new HybridMonteCarloIntegrator(trajectory.get(), flips, node.getDoubleProperty("flipProbability")));
     trajectory.release();
     second.release();
     addShearWaves(node, *integrator);

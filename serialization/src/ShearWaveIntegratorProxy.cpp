@@ -26,8 +26,10 @@ void ShearWaveIntegratorProxy::serialize(const void* object, SerializationNode& 
 
 void* ShearWaveIntegratorProxy::deserialize(const SerializationNode& node) const {
     requireVersion(node, VERSION, getTypeName());
-    unique_ptr<ShearWaveIntegrator> integrator(new ShearWaveIntegrator(node.getDoubleProperty("temperature"), node.getDoubleProperty("amplitude"),
-            node.getDoubleProperty("minWaveNumber"), node.getDoubleProperty("maxWaveNumber"), node.getIntProperty("movesPerStep")));
+    unique_ptr<ShearWaveIntegrator> integrator(
+            new ShearWaveIntegrator(node.getDoubleProperty("temperature"), node.getDoubleProperty("amplitude"),
+                                    node.getDoubleProperty("minWaveNumber"), node.getDoubleProperty("maxWaveNumber"),
+                                    node.getIntProperty("movesPerStep")));
     integrator->setRandomNumberSeed(node.getIntProperty("randomSeed"));
     integrator->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
     return integrator.release();

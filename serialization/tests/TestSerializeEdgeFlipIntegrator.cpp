@@ -24,7 +24,8 @@ void testRoundTrip() {
 }
 
 void testOtherVersion() {
-    stringstream stream("<Integrator type=\"EdgeFlipIntegrator\" version=\"7\" temperature=\"1\" fraction=\"1\" randomSeed=\"1\"/>");
+    stringstream stream("<Integrator type=\"EdgeFlipIntegrator\" version=\"7\" temperature=\"1\" fraction=\"1\" "
+                        "randomSeed=\"1\"/>");
     try {
         XmlSerializer::deserialize<Integrator>(stream);
     }

@@ -35,7 +35,8 @@ void testRoundTrip() {
 }
 
 void testOtherVersion() {
-    stringstream stream("<Integrator type=\"HamiltonianTrajectoryIntegrator\" version=\"7\" temperature=\"1\" stepSize=\"1\" stepsPerTrajectory=\"1\" randomSeed=\"1\"/>");
+    stringstream stream("<Integrator type=\"HamiltonianTrajectoryIntegrator\" version=\"7\" temperature=\"1\" "
+                        "stepSize=\"1\" stepsPerTrajectory=\"1\" randomSeed=\"1\"/>");
     try {
         XmlSerializer::deserialize<Integrator>(stream);
     }

@@ -32,7 +32,7 @@ static void makeForce(HelfrichForce& force) {
     force.addFixedEdge(2, 1);
     force.addFixedEdge(0, 3);
     force.setBendingModulus(0.1);
-    force.setAreaModulus(1.0/3);
+    force.setAreaModulus(1.0 / 3);
     force.setTargetArea(1e300);
     force.setVolumeModulus(0.3);
     force.setTargetVolume(1e-300);
@@ -104,7 +104,7 @@ void testVersionWithoutFixedEdges() {
     makeForce(force);
     string xml = replaced(toXml(force), "version=\"3\"", "version=\"1\"");
     size_t start = xml.find("<FixedEdges"), end = xml.find("/>", start);
-    unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end+2-start));
+    unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end + 2 - start));
     ASSERT_EQUAL(0, copy->getNumFixedEdges());
     ASSERT(force.getTriangles() == copy->getTriangles());
 }
@@ -117,7 +117,7 @@ static void assertRejected(const string& xml, const string& message) {
         ASSERT(string(error.what()).find(message) != string::npos);
         return;
     }
-    throwException(__FILE__, __LINE__, "no exception that says '"+message+"'");
+    throwException(__FILE__, __LINE__, "no exception that says '" + message + "'");
 }
 
 void testDamagedText() {

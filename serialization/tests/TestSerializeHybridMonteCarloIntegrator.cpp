@@ -52,7 +52,7 @@ void testOwnSeeds(const string& engine) {
     string xml = toXml(integrator);
     ASSERT_EQUAL(xml, toXml(*fromXml(xml)));
     for (string seed : {"17", "18", "19"})
-        ASSERT(xml.find("randomSeed=\""+seed+"\"") != string::npos);
+        ASSERT(xml.find("randomSeed=\"" + seed + "\"") != string::npos);
 }
 
 void testOtherTrajectories() {
@@ -92,14 +92,16 @@ static void assertRejected(string xml, const string& old, const string& with, co
         ASSERT(string(error.what()).find(message) != string::npos);
         return;
     }
-    throwException(__FILE__, __LINE__, "no exception that says '"+message+"'");
+    throwException(__FILE__, __LINE__, "no exception that says '" + message + "'");
 }
 
 void testDamagedText() {
     string flips = "type=\"EdgeFlipIntegrator\"";
-    string text = "<Integrator type=\"HybridMonteCarloIntegrator\" version=\"1\" flipProbability=\"0.5\" randomSeed=\"1\">"
+    string text =
+            "<Integrator type=\"HybridMonteCarloIntegrator\" version=\"1\" flipProbability=\"0.5\" randomSeed=\"1\">"
             "<Trajectory type=\"VerletIntegrator\" version=\"1\" stepSize=\"1\" constraintTolerance=\"1e-5\"/>"
-            "<Flips version=\"1\" temperature=\"1\" fraction=\"1\" randomSeed=\"1\" "+flips+"/></Integrator>";
+            "<Flips version=\"1\" temperature=\"1\" fraction=\"1\" randomSeed=\"1\" " +
+            flips + "/></Integrator>";
     fromXml(text);
     assertRejected(text, "version=\"1\"", "version=\"3\"", "HybridMonteCarloIntegrator: unsupported version 3");
     assertRejected(text, flips, "type=\"VerletIntegrator\" stepSize=\"1\" constraintTolerance=\"1e-5\"", "'Flips'");

@@ -27,7 +27,8 @@ void testRoundTrip() {
 }
 
 void testOtherVersion() {
-    stringstream stream("<Integrator type=\"ShearWaveIntegrator\" version=\"7\" temperature=\"1\" amplitude=\"1\" randomSeed=\"1\"/>");
+    stringstream stream("<Integrator type=\"ShearWaveIntegrator\" version=\"7\" temperature=\"1\" amplitude=\"1\" "
+                        "randomSeed=\"1\"/>");
     try {
         XmlSerializer::deserialize<Integrator>(stream);
     }

@@ -1,4 +1,5 @@
-/* Checkpoints of integrators with some of their bytes changed, or without their end.  Positions and the rest of a Context's checkpoint are OpenMM's own to read. */
+/* Checkpoints of integrators with some of their bytes changed, or without their end.  Positions and the rest of a
+ * Context's checkpoint are OpenMM's own to read. */
 
 #include "Fuzzing.h"
 #include <cstring>
@@ -11,19 +12,19 @@ using namespace std;
 static void editBytes(FuzzedDataProvider& data, string& bytes) {
     int numEdits = data.ConsumeIntegralInRange(0, 4);
     for (int i = 0; i < numEdits && bytes.size() > 8; i++) {
-        size_t position = data.ConsumeIntegralInRange<size_t>(0, bytes.size()-8);
+        size_t position = data.ConsumeIntegralInRange<size_t>(0, bytes.size() - 8);
         switch (data.ConsumeIntegralInRange(0, 4)) {
             case 0:
                 bytes[position] = data.ConsumeIntegral<char>();
                 break;
             case 1: {
                 int value = data.ConsumeIntegral<int>();
-                memcpy(&bytes[position/4*4], &value, 4);
+                memcpy(&bytes[position / 4 * 4], &value, 4);
                 break;
             }
             case 2: {
                 int value = data.ConsumeIntegralInRange(-1, 24);
-                memcpy(&bytes[position/4*4], &value, 4);
+                memcpy(&bytes[position / 4 * 4], &value, 4);
                 break;
             }
             case 3:

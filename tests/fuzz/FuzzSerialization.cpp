@@ -1,4 +1,5 @@
-/* Serialised forces, integrators and states of integrators with some of their properties and nodes changed.  The XML around them is OpenMM's own to read. */
+/* Serialised forces, integrators and states of integrators with some of their properties and nodes changed.  The XML
+ * around them is OpenMM's own to read. */
 
 #include "Fuzzing.h"
 #include "openmm/serialization/SerializationNode.h"
@@ -21,22 +22,22 @@ static void collectNodes(SerializationNode& node, vector<SerializationNode*>& no
 static string editText(FuzzedDataProvider& data, string text) {
     size_t start = data.ConsumeIntegralInRange<size_t>(0, text.size());
     size_t length = data.ConsumeBool() ? text.size() : data.ConsumeIntegralInRange(0, 12);
-    return text.replace(start, min(length, text.size()-start), data.ConsumeRandomLengthString(24));
+    return text.replace(start, min(length, text.size() - start), data.ConsumeRandomLengthString(24));
 }
 
 static void editNode(FuzzedDataProvider& data, SerializationNode& root) {
     vector<SerializationNode*> nodes;
     collectNodes(root, nodes);
-    SerializationNode& node = *nodes[data.ConsumeIntegralInRange<size_t>(0, nodes.size()-1)];
+    SerializationNode& node = *nodes[data.ConsumeIntegralInRange<size_t>(0, nodes.size() - 1)];
     const map<string, string> properties = node.getProperties();
     vector<SerializationNode>& children = node.getChildren();
     int kind = data.ConsumeIntegralInRange(0, 5);
     if (kind < 4 && !properties.empty()) {
-        auto property = next(properties.begin(), data.ConsumeIntegralInRange<size_t>(0, properties.size()-1));
+        auto property = next(properties.begin(), data.ConsumeIntegralInRange<size_t>(0, properties.size() - 1));
         node.setStringProperty(property->first, editText(data, property->second));
     }
     else if (!children.empty()) {
-        auto child = children.begin()+data.ConsumeIntegralInRange<size_t>(0, children.size()-1);
+        auto child = children.begin() + data.ConsumeIntegralInRange<size_t>(0, children.size() - 1);
         if (kind == 4)
             children.erase(child);
         else

@@ -9,10 +9,10 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static void editTriangles(FuzzedDataProvider& data, vector<array<int, 3> >& triangles) {
+static void editTriangles(FuzzedDataProvider& data, vector<array<int, 3>>& triangles) {
     int numEdits = data.ConsumeIntegralInRange(0, 6);
     for (int i = 0; i < numEdits && !triangles.empty(); i++) {
-        auto triangle = triangles.begin()+data.ConsumeIntegralInRange<size_t>(0, triangles.size()-1);
+        auto triangle = triangles.begin() + data.ConsumeIntegralInRange<size_t>(0, triangles.size() - 1);
         switch (data.ConsumeIntegralInRange(0, 4)) {
             case 0:
                 (*triangle)[data.ConsumeIntegralInRange(0, 2)] = data.ConsumeIntegral<int>();
@@ -35,7 +35,7 @@ static void editTriangles(FuzzedDataProvider& data, vector<array<int, 3> >& tria
 static void flip(FuzzedDataProvider& data, HelfrichMesh& mesh) {
     int numFlips = data.ConsumeIntegralInRange(0, 30);
     for (int i = 0; i < numFlips; i++) {
-        int h = data.ConsumeIntegralInRange(0, mesh.getNumHalfedges()-1);
+        int h = data.ConsumeIntegralInRange(0, mesh.getNumHalfedges() - 1);
         if (mesh.canFlip(h))
             mesh.flip(h);
     }
@@ -45,7 +45,8 @@ static void flip(FuzzedDataProvider& data, HelfrichMesh& mesh) {
 static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& membrane) {
     // Energies need not make sense here: what becomes of the connectivity does.
 
-    HelfrichParameters p = createParameters(membrane, data.ConsumeIntegral<uint8_t>()&AllTerms, data.ConsumeIntegralInRange(0, 2));
+    HelfrichParameters p =
+            createParameters(membrane, data.ConsumeIntegral<uint8_t>() & AllTerms, data.ConsumeIntegralInRange(0, 2));
     vector<Vec3> positions = membrane.positions;
     for (auto& x : positions)
         if (data.remaining_bytes() > 8 && data.ConsumeBool())
@@ -56,11 +57,12 @@ static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& 
     geometry.vertexMeanCurvatures.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(-10.0, 10.0));
     EdgeFlipSweep sweep(mesh);
     HelfrichNeighborList neighbors;
-    neighbors.build(positions, 1.1*p.repulsionOnset);
+    neighbors.build(positions, 1.1 * p.repulsionOnset);
     neighbors.divide(mesh);
     sweep.setPositions(positions, geometry, EdgeFlipSweep::needsNeighborList(p) ? &neighbors : NULL);
-    EdgeFlipStatistics statistics = sweep.execute(p, data.ConsumeFloatingPointInRange(0.0, 1e6), 200, Philox(data.ConsumeIntegral<int>(), 1), 0);
-    require(statistics.attempted == 200 && statistics.accepted+statistics.forbidden <= 200, "the counts of a sweep");
+    EdgeFlipStatistics statistics = sweep.execute(p, data.ConsumeFloatingPointInRange(0.0, 1e6), 200,
+                                                  Philox(data.ConsumeIntegral<int>(), 1), 0);
+    require(statistics.attempted == 200 && statistics.accepted + statistics.forbidden <= 200, "the counts of a sweep");
     mesh.validate();
 }
 
@@ -68,7 +70,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     FuzzedDataProvider data(bytes, size);
     static const Membrane blob = createBlob(1), octahedron = createBlob(0);
     const Membrane& membrane = data.ConsumeBool() ? blob : octahedron;
-    vector<array<int, 3> > triangles = membrane.triangles;
+    vector<array<int, 3>> triangles = membrane.triangles;
     editTriangles(data, triangles);
     try {
         HelfrichMesh mesh(triangles, membrane.positions.size());

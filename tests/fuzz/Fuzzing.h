@@ -1,7 +1,8 @@
 #ifndef FUZZING_H_
 #define FUZZING_H_
 
-/* What the fuzzers have in common.  A fuzzer breaks what it finds broken by abort(): libFuzzer keeps the input that led there. */
+/* What the fuzzers have in common.  A fuzzer breaks what it finds broken by abort(): libFuzzer keeps the input that led
+ * there. */
 
 #include "Membranes.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
@@ -53,8 +54,8 @@ public:
         setRandomNumberSeed(1);
     }
     using HybridMonteCarloIntegrator::createCheckpoint;
-    using HybridMonteCarloIntegrator::loadCheckpoint;
     using HybridMonteCarloIntegrator::deserializeParameters;
+    using HybridMonteCarloIntegrator::loadCheckpoint;
     using HybridMonteCarloIntegrator::serializeParameters;
 };
 

@@ -12,21 +12,24 @@ class HelfrichForceImpl;
 
 /**
  * This Integrator changes the connectivity of the System's membranes and leaves the particles where they are.  One step
- * is one sweep of edge flips over each HelfrichForce of the System: a fraction of its number of edges of attempts, each of which draws an edge
- * uniformly, replaces it by the other diagonal of its two triangles, and accepts this with the Metropolis probability
- * min(1, exp(-dE/kT)).  An attempt is rejected by rule, whatever its energy, when it would connect two vertices twice or leave a vertex
- * with fewer than three neighbours, and when the edge is one that HelfrichForce::addFixedEdge() marks.
+ * is one sweep of edge flips over each HelfrichForce of the System: a fraction of its number of edges of attempts, each
+ * of which draws an edge uniformly, replaces it by the other diagonal of its two triangles, and accepts this with the
+ * Metropolis probability min(1, exp(-dE/kT)).  An attempt is rejected by rule, whatever its energy, when it would
+ * connect two vertices twice or leave a vertex with fewer than three neighbours, and when the edge is one that
+ * HelfrichForce::addFixedEdge() marks.
  *
- * The random numbers come from a counter-based generator whose whole state is the seed and the number of sweeps made.  These and the live
- * triangles are part of the checkpoint and of the State (as integrator parameters), so that a simulation continued from either
- * repeats exactly what an uninterrupted one does, and Context::reinitialize(true) keeps the triangles.
+ * The random numbers come from a counter-based generator whose whole state is the seed and the number of sweeps made.
+ * These and the live triangles are part of the checkpoint and of the State (as integrator parameters), so that a
+ * simulation continued from either repeats exactly what an uninterrupted one does, and Context::reinitialize(true)
+ * keeps the triangles.
  */
 class OPENMM_EXPORT_HELFRICH EdgeFlipIntegrator : public OpenMM::Integrator {
 public:
     /**
      * Create an EdgeFlipIntegrator.
      *
-     * @param temperature  the temperature of the Metropolis test, in Kelvin; at 0 K only flips that do not raise the energy are accepted
+     * @param temperature  the temperature of the Metropolis test, in Kelvin; at 0 K only flips that do not raise the
+     * energy are accepted
      * @param fraction     the number of attempts in a sweep, as a fraction of the number of edges
      */
     EdgeFlipIntegrator(double temperature, double fraction);
@@ -57,8 +60,8 @@ public:
         return randomNumberSeed;
     }
     /**
-     * Set the random number seed.  Two simulations with the same seed make the same attempts, whatever the platform and the number of threads.  If the
-     * seed is 0 (the default), a unique one is chosen when a Context is created.
+     * Set the random number seed.  Two simulations with the same seed make the same attempts, whatever the platform and
+     * the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is created.
      */
     void setRandomNumberSeed(int seed);
     /**
@@ -74,8 +77,8 @@ public:
         return numAccepted;
     }
     /**
-     * Get the number of attempts since the Context was created that were rejected by rule, because the flip would have connected two vertices twice or left a
-     * vertex with fewer than three neighbours, or the edge is fixed.
+     * Get the number of attempts since the Context was created that were rejected by rule, because the flip would have
+     * connected two vertices twice or left a vertex with fewer than three neighbours, or the edge is fixed.
      */
     long long getNumForbidden() const {
         return numForbidden;
@@ -87,8 +90,8 @@ public:
         return numSweeps;
     }
     /**
-     * Get the flip rate: the number of flips accepted per edge and sweep since the Context was created, or 0 before the first sweep.  The edges are those
-     * of all membranes of the Context.
+     * Get the flip rate: the number of flips accepted per edge and sweep since the Context was created, or 0 before the
+     * first sweep.  The edges are those of all membranes of the Context.
      */
     double getFlipRate() const;
     /**

@@ -13,14 +13,17 @@ class HelfrichForceImpl;
 struct KickAndDrift;
 
 /**
- * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al., Phys. Lett. B 195, 216, 1987).  One step is one
- * trajectory: draw velocities from the Maxwell-Boltzmann distribution, or a part of them, make steps of leapfrog or another splitting, and accept the end point with probability min(1, exp(-dH/kT)); otherwise
- * go back to the start.  A trajectory on which an energy or a position stops being finite is rejected.
+ * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al.,
+ * Phys. Lett. B 195, 216, 1987).  One step is one trajectory: draw velocities from the Maxwell-Boltzmann distribution,
+ * or a part of them, make steps of leapfrog or another splitting, and accept the end point with probability min(1,
+ * exp(-dH/kT)); otherwise go back to the start.  A trajectory on which an energy or a position stops being finite is
+ * rejected.
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
  *
- * The random numbers come from a counter-based generator whose whole state is the seed and the number of trajectories made.  Both are part of the checkpoint and of the State
- * (as integrator parameters), so that a simulation continued from either repeats exactly what an uninterrupted one does.
+ * The random numbers come from a counter-based generator whose whole state is the seed and the number of trajectories
+ * made.  Both are part of the checkpoint and of the State (as integrator parameters), so that a simulation continued
+ * from either repeats exactly what an uninterrupted one does.
  */
 class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public OpenMM::Integrator {
 public:
@@ -31,7 +34,7 @@ public:
      * @param stepSize            the size of a step, in ps
      * @param stepsPerTrajectory  the number of steps in a trajectory
      */
-    HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100);
+    HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory = 100);
     /**
      * Get the temperature, in Kelvin.
      */
@@ -63,13 +66,16 @@ public:
         return forcePrecision;
     }
     /**
-     * Set the precision in which trajectories compute forces: "double" (the default) or "mixed".  With "mixed", areas, angles and forces of single vertices may be computed in
-     * single precision, which is faster; positions, velocities, sums over vertices and the energies at both ends stay in double precision.
+     * Set the precision in which trajectories compute forces: "double" (the default) or "mixed".  With "mixed", areas,
+     * angles and forces of single vertices may be computed in single precision, which is faster; positions, velocities,
+     * sums over vertices and the energies at both ends stay in double precision.
      *
-     * This does not change what is sampled.  The forces remain a function of the positions alone, so that trajectories remain reversible and preserve volume in phase space, and
-     * the test that accepts them uses exact energies: errors of the forces cost acceptance only, and they are far below those of a leapfrog step.
+     * This does not change what is sampled.  The forces remain a function of the positions alone, so that trajectories
+     * remain reversible and preserve volume in phase space, and the test that accepts them uses exact energies: errors
+     * of the forces cost acceptance only, and they are far below those of a leapfrog step.
      *
-     * On the CPU platform it has an effect where a HelfrichForce is the only Force of the System and its surface has all particles.  Elsewhere forces are computed as with "double".
+     * On the CPU platform it has an effect where a HelfrichForce is the only Force of the System and its surface has
+     * all particles.  Elsewhere forces are computed as with "double".
      */
     void setForcePrecision(const std::string& precision);
     /**
@@ -79,8 +85,9 @@ public:
         return trajectoryJitter;
     }
     /**
-     * Set the largest fraction by which the number of steps in a trajectory varies at random, from 0 (the default) to less than 1.  The numbers are uniformly distributed between
-     * (1-jitter) and (1+jitter) times getStepsPerTrajectory(), and depend on nothing but the seed and the number of the trajectory.
+     * Set the largest fraction by which the number of steps in a trajectory varies at random, from 0 (the default) to
+     * less than 1.  The numbers are uniformly distributed between (1-jitter) and (1+jitter) times
+     * getStepsPerTrajectory(), and depend on nothing but the seed and the number of the trajectory.
      */
     void setTrajectoryJitter(double jitter);
     /**
@@ -90,11 +97,14 @@ public:
         return splitting;
     }
     /**
-     * Set the splitting that trajectories follow.  All are reversible, preserve volume and have an error of second order in the step size; more stages have smaller errors for the same
-     * cost.  So that trajectories of the same settings have the same length and cost, one step of several stages takes the place of as many steps of leapfrog: it computes forces that many
-     * times and is that many step sizes long, and trajectories are rounded up to whole ones.
+     * Set the splitting that trajectories follow.  All are reversible, preserve volume and have an error of second
+     * order in the step size; more stages have smaller errors for the same cost.  So that trajectories of the same
+     * settings have the same length and cost, one step of several stages takes the place of as many steps of leapfrog:
+     * it computes forces that many times and is that many step sizes long, and trajectories are rounded up to whole
+     * ones.
      *
-     * @param splitting  "leapfrog" (the default), "bcss2" or "bcss3": the two- and three-stage splittings of Blanes, Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556 (2014)
+     * @param splitting  "leapfrog" (the default), "bcss2" or "bcss3": the two- and three-stage splittings of Blanes,
+     * Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556 (2014)
      */
     void setSplitting(const std::string& splitting);
     /**
@@ -104,8 +114,10 @@ public:
         return tetherSubsteps;
     }
     /**
-     * Set how often the tether of the membranes acts for each time that everything else does: 1 by default.  A tether is cheap to compute, and stiffer than the rest: with several substeps (r-RESPA;
-     * Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990, 1992) the step size, that of all other forces, can be longer.  Trajectories remain reversible and preserve volume.
+     * Set how often the tether of the membranes acts for each time that everything else does: 1 by default.  A tether
+     * is cheap to compute, and stiffer than the rest: with several substeps (r-RESPA; Tuckerman, Berne and Martyna, J.
+     * Chem. Phys. 97, 1990, 1992) the step size, that of all other forces, can be longer.  Trajectories remain
+     * reversible and preserve volume.
      */
     void setTetherSubsteps(int substeps);
     /**
@@ -115,13 +127,15 @@ public:
         return momentumRefreshment;
     }
     /**
-     * Set how much of the velocities a trajectory draws anew, from more than 0 to 1 (the default).  With less than 1, a trajectory begins with the velocities
+     * Set how much of the velocities a trajectory draws anew, from more than 0 to 1 (the default).  With less than 1, a
+     * trajectory begins with the velocities
      *
      * v' = sqrt(1-refreshment^2) v + refreshment u
      *
-     * of those v with which the one before ended, and u from the Maxwell-Boltzmann distribution, and after a rejection velocities are reversed (Horowitz, Phys. Lett. B 268, 247, 1991).  So a motion goes on
-     * from one trajectory to the next, as long as none is rejected: this takes a step size at which nine in ten are accepted.  What is sampled does not change.  The first trajectory of a
-     * Context draws all velocities.
+     * of those v with which the one before ended, and u from the Maxwell-Boltzmann distribution, and after a rejection
+     * velocities are reversed (Horowitz, Phys. Lett. B 268, 247, 1991).  So a motion goes on from one trajectory to the
+     * next, as long as none is rejected: this takes a step size at which nine in ten are accepted.  What is sampled
+     * does not change.  The first trajectory of a Context draws all velocities.
      */
     void setMomentumRefreshment(double refreshment);
     /**
@@ -131,8 +145,9 @@ public:
         return randomNumberSeed;
     }
     /**
-     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the platform and the number of threads.  If the seed is 0 (the
-     * default), a unique one is chosen when a Context is created.
+     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the
+     * platform and the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is
+     * created.
      */
     void setRandomNumberSeed(int seed);
     /**
@@ -160,7 +175,8 @@ public:
         return lastNumSteps;
     }
     /**
-     * Get the change dH of the total energy along the last trajectory, accepted or not, in kJ/mol.  It is infinite if the trajectory diverged.
+     * Get the change dH of the total energy along the last trajectory, accepted or not, in kJ/mol.  It is infinite if
+     * the trajectory diverged.
      */
     double getLastEnergyChange() const {
         return lastEnergyChange;

@@ -19,7 +19,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichEnergyTerms {
      * Get the sum of all terms, in kJ/mol: the energy that the force contributes to the potential energy.
      */
     double getTotal() const {
-        return bending+area+volume+areaDifference+tether+repulsion;
+        return bending + area + volume + areaDifference + tether + repulsion;
     }
 };
 
@@ -49,25 +49,25 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  *
  * <ul>
  * <li>bending, \f$2\kappa_B\sum_i \hat M_i^2/\hat A_i\f$, in Juelicher's discretisation: a vertex has the
- * mean curvature \f$\hat M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and a
- * third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li>
- * <li>area, \f$\kappa_A(A/A_0-1)^2\f$</li>
- * <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li>
- * <li>area difference, \f$\kappa_{\Delta A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li>
- * <li>tether, \f$\kappa_T\sum_e T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li>
- * <li>repulsion, \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
+ * mean curvature \f$\hat M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and
+ * a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li> <li>area,
+ * \f$\kappa_A(A/A_0-1)^2\f$</li> <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li> <li>area difference, \f$\kappa_{\Delta
+ * A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li> <li>tether, \f$\kappa_T\sum_e
+ * T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li> <li>repulsion,
+ * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
  * </ul>
  *
  * The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
  *
- * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
- * and add it to a System.  The three targets are parameters of the Context: change them there with
+ * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and
+ * targets, and add it to a System.  The three targets are parameters of the Context: change them there with
  * Context::setParameter(), using the names that getTargetAreaParameter() and its siblings return.
  *
- * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
- * changes those of a Context: getTrianglesInContext() returns the live ones.
+ * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or
+ * setTrianglesInContext(), changes those of a Context: getTrianglesInContext() returns the live ones.
  *
- * Edges that must not flip, those of a frame or a border between two materials for example, are marked with addFixedEdge().
+ * Edges that must not flip, those of a frame or a border between two materials for example, are marked with
+ * addFixedEdge().
  *
  * The System's periodic boundary conditions do not apply to this force.
  */
@@ -113,7 +113,7 @@ public:
     /**
      * Get all triangles.
      */
-    const std::vector<std::array<int, 3> >& getTriangles() const {
+    const std::vector<std::array<int, 3>>& getTriangles() const {
         return triangles;
     }
     /**
@@ -121,7 +121,7 @@ public:
      *
      * @param triangles  the particles of each triangle, in counter-clockwise order seen from outside
      */
-    void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    void setTriangles(const std::vector<std::array<int, 3>>& triangles);
     /**
      * Get the number of edges that never flip.
      */
@@ -129,8 +129,8 @@ public:
         return fixedEdges.size();
     }
     /**
-     * Mark an edge that never flips: attempts to flip it are rejected by rule.  It must be an edge of the triangles when a Context is created, and of those
-     * given to setTrianglesInContext(), and may be marked once.
+     * Mark an edge that never flips: attempts to flip it are rejected by rule.  It must be an edge of the triangles
+     * when a Context is created, and of those given to setTrianglesInContext(), and may be marked once.
      *
      * @param particle1  the index of one of its particles
      * @param particle2  the index of the other
@@ -244,8 +244,8 @@ public:
     void getTether(double& modulus, double& minLength, double& maxLength, int& exponent) const;
     /**
      * Set the parameters of the tether term: \f$T(l)=\exp(l/(l-l_{c1}))\,l^{-r}\f$ for \f$l\le l_{c1}\f$,
-     * \f$r^{r+1}(l-l_{c0})^r\f$ for \f$l\ge l_{c0}\f$, and 0 between, where lengths are in units of that of setTetherLengthScale().
-     * By default the term is off.
+     * \f$r^{r+1}(l-l_{c0})^r\f$ for \f$l\ge l_{c0}\f$, and 0 between, where lengths are in units of that of
+     * setTetherLengthScale(). By default the term is off.
      *
      * @param modulus    the modulus kappa_T, measured in kJ/mol; 0 turns the term off
      * @param minLength  the length l_c1, measured in nm, below which an edge is pushed apart
@@ -260,9 +260,9 @@ public:
         return tetherLengthScale;
     }
     /**
-     * Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as \f$l^{-r}\f$ and a spring that
-     * goes as \f$l^r\f$: l_0 sets which of them is the harder.  With the mean length of the edges, a tether is the same whatever the unit of a
-     * mesh; with the default of 1 nm, lengths are in nm.
+     * Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as
+     * \f$l^{-r}\f$ and a spring that goes as \f$l^r\f$: l_0 sets which of them is the harder.  With the mean length of
+     * the edges, a tether is the same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
      */
     void setTetherLengthScale(double length);
     /**
@@ -275,34 +275,34 @@ public:
      */
     void getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const;
     /**
-     * Set the parameters of the repulsion term: \f$R(r)=\exp(r/(r-r_o))\,r^{-n}\f$ below the onset \f$r_o\f$ and 0 above it.
-     * The sum runs over both orders of a pair.  By default the term is off.
+     * Set the parameters of the repulsion term: \f$R(r)=\exp(r/(r-r_o))\,r^{-n}\f$ below the onset \f$r_o\f$ and 0
+     * above it. The sum runs over both orders of a pair.  By default the term is off.
      *
      * @param modulus         the modulus kappa_R, measured in kJ/mol; 0 turns the term off
      * @param onset           the distance, measured in nm, below which two vertices repel each other
      * @param exponent        the exponent n, from 1 to 100
-     * @param exclusionLevel  which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1), or bonded vertices and those
-     *                        that share a bonded vertex (2)
+     * @param exclusionLevel  which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1),
+     * or bonded vertices and those that share a bonded vertex (2)
      */
-    void setRepulsion(double modulus, double onset, int exponent, int exclusionLevel=1);
+    void setRepulsion(double modulus, double onset, int exponent, int exclusionLevel = 1);
     /**
      * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
      */
     std::string getTargetAreaParameter() const {
-        return getName()+"TargetArea";
+        return getName() + "TargetArea";
     }
     /**
      * Get the name of the Context parameter that holds the target volume: the Force's name followed by "TargetVolume".
      */
     std::string getTargetVolumeParameter() const {
-        return getName()+"TargetVolume";
+        return getName() + "TargetVolume";
     }
     /**
      * Get the name of the Context parameter that holds the target area difference: the Force's name followed by
      * "TargetAreaDifference".
      */
     std::string getTargetAreaDifferenceParameter() const {
-        return getName()+"TargetAreaDifference";
+        return getName() + "TargetAreaDifference";
     }
     /**
      * Get the live triangles of a Context, which edge flips change.
@@ -310,14 +310,15 @@ public:
      * @param context         the Context to query
      * @param[out] triangles  the particles of each triangle
      */
-    void getTrianglesInContext(OpenMM::Context& context, std::vector<std::array<int, 3> >& triangles) const;
+    void getTrianglesInContext(OpenMM::Context& context, std::vector<std::array<int, 3>>& triangles) const;
     /**
-     * Replace the live triangles of a Context.  They must connect the same particles as before, and have every fixed edge.
+     * Replace the live triangles of a Context.  They must connect the same particles as before, and have every fixed
+     * edge.
      *
      * @param context    the Context to change
      * @param triangles  the particles of each triangle
      */
-    void setTrianglesInContext(OpenMM::Context& context, const std::vector<std::array<int, 3> >& triangles) const;
+    void setTrianglesInContext(OpenMM::Context& context, const std::vector<std::array<int, 3>>& triangles) const;
     /**
      * Compute the energy of each term for the present positions of a Context.
      *
@@ -331,8 +332,9 @@ public:
      */
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
-     * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from this Force to a Context.
-     * The triangles, the fixed edges and the targets of the Context do not change: see setTrianglesInContext() and Context::setParameter().
+     * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from
+     * this Force to a Context. The triangles, the fixed edges and the targets of the Context do not change: see
+     * setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
      */
@@ -346,8 +348,8 @@ public:
 protected:
     OpenMM::ForceImpl* createImpl() const;
 private:
-    std::vector<std::array<int, 3> > triangles;
-    std::vector<std::array<int, 2> > fixedEdges;
+    std::vector<std::array<int, 3>> triangles;
+    std::vector<std::array<int, 2>> fixedEdges;
     double bendingModulus = 0;
     double areaModulus = 0, targetArea = 0;
     double volumeModulus = 0, targetVolume = 0;

@@ -39,9 +39,11 @@ public:
      * @param parameters     the moduli and targets
      * @param includeForces  true if forces should be computed
      * @param[out] terms     the terms of the energy
-     * @return false if the area of the surface is not finite, as it is where a position is not, or a force is not: the terms then have no meaning
+     * @return false if the area of the surface is not finite, as it is where a position is not, or a force is not: the
+     * terms then have no meaning
      */
-    virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) = 0;
+    virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
+                         HelfrichEnergyTerms& terms) = 0;
     /**
      * Get the positions of all particles, which the Context has at hand until they change.
      *
@@ -56,15 +58,17 @@ public:
      */
     virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
     /**
-     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the mesh may divide them anew.
+     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the
+     * mesh may divide them anew.
      *
      * @param context  the Context in which to execute the kernel
      * @param onset    the onset of the repulsion, measured in nm
      */
     virtual HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset) = 0;
     /**
-     * Get whether makeTrajectory() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move() where no other force acts and every particle belongs to
-     * the surface.  It gives the same result, bit for bit, if it computes the forces in double precision.
+     * Get whether makeTrajectory() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move()
+     * where no other force acts and every particle belongs to the surface.  It gives the same result, bit for bit, if
+     * it computes the forces in double precision.
      */
     virtual bool canMakeTrajectory() const {
         return false;
@@ -75,12 +79,14 @@ public:
      * @param context     the Context in which to execute the kernel
      * @param parameters  the moduli and targets
      * @param sequence    the kicks and drifts; the last drift is 0
-     * @param mixed       whether the forces may be computed in single precision.  They must be a function of the positions alone all the same, and the terms in double precision.
+     * @param mixed       whether the forces may be computed in single precision.  They must be a function of the
+     * positions alone all the same, and the terms in double precision.
      * @param[out] terms  the terms of the energy at the end
-     * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of the last drift made
+     * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of
+     * the last drift made
      */
-    virtual bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, bool mixed,
-                                HelfrichEnergyTerms& terms) {
+    virtual bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
+                                const std::vector<KickAndDrift>& sequence, bool mixed, HelfrichEnergyTerms& terms) {
         throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no trajectories");
     }
 };
@@ -93,7 +99,8 @@ public:
     static std::string Name() {
         return "IntegrateHamiltonianTrajectory";
     }
-    IntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : OpenMM::KernelImpl(name, platform) {
+    IntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform)
+            : OpenMM::KernelImpl(name, platform) {
     }
     /**
      * Initialize the kernel.
@@ -106,12 +113,15 @@ public:
      *
      * @param context      the Context in which to execute the kernel
      * @param kT           the temperature, measured in kJ/mol
-     * @param refreshment  the factor of the velocities drawn; those that there are have the factor sqrt(1-refreshment^2)
+     * @param refreshment  the factor of the velocities drawn; those that there are have the factor
+     * sqrt(1-refreshment^2)
      * @param random       the source of random numbers
-     * @param trajectory   the number of the trajectory, which with that of the particle is the counter of the random numbers
+     * @param trajectory   the number of the trajectory, which with that of the particle is the counter of the random
+     * numbers
      * @return the kinetic energy
      */
-    virtual double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) = 0;
+    virtual double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
+                         long long trajectory) = 0;
     /**
      * Change the velocities by the forces of the Context, and then move the particles.  The forces are zero afterwards.
      *

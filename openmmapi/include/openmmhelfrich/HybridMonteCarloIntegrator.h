@@ -11,16 +11,19 @@
 namespace HelfrichPlugin {
 
 /**
- * This Integrator samples a System with fluid membranes at constant temperature.  Each step is one Monte Carlo step: at random, with a given probability, a sweep of
- * edge flips, shear waves if there is an Integrator for them, and otherwise a Hybrid Monte Carlo trajectory of the particles.
+ * This Integrator samples a System with fluid membranes at constant temperature.  Each step is one Monte Carlo step: at
+ * random, with a given probability, a sweep of edge flips, shear waves if there is an Integrator for them, and
+ * otherwise a Hybrid Monte Carlo trajectory of the particles.
  *
- * It is a CompoundIntegrator: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator, and number 2, which addShearWaves() adds, a ShearWaveIntegrator.  Number 0 is a HamiltonianTrajectoryIntegrator, or the same algorithm as a
- * CustomIntegrator, which is slower and draws its random numbers from OpenMM's own generator.  Any other Integrator can take its place: with a LangevinMiddleIntegrator, for instance,
- * steps of dynamics alternate with sweeps.
+ * It is a CompoundIntegrator: number 0 makes the trajectories, number 1 is an EdgeFlipIntegrator, and number 2, which
+ * addShearWaves() adds, a ShearWaveIntegrator.  Number 0 is a HamiltonianTrajectoryIntegrator, or the same algorithm as
+ * a CustomIntegrator, which is slower and draws its random numbers from OpenMM's own generator.  Any other Integrator
+ * can take its place: with a LangevinMiddleIntegrator, for instance, steps of dynamics alternate with sweeps.
  *
  * A trajectory that diverges, so that an energy or a position is not finite any more, is a rejected move.
  *
- * Which kind a step is follows from the seed and the Context's step count alone, so that a restarted simulation makes the same choices.
+ * Which kind a step is follows from the seed and the Context's step count alone, so that a restarted simulation makes
+ * the same choices.
  */
 class OPENMM_EXPORT_HELFRICH HybridMonteCarloIntegrator : public OpenMM::CompoundIntegrator {
 public:
@@ -34,8 +37,9 @@ public:
      * @param flipProbability     the probability that a step is a sweep of flips and not a trajectory
      * @param engine              "native" for a HamiltonianTrajectoryIntegrator, "custom" for a CustomIntegrator
      */
-    HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory=100, double flipFraction=0.1, double flipProbability=0.5,
-                               const std::string& engine="native");
+    HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory = 100,
+                               double flipFraction = 0.1, double flipProbability = 0.5,
+                               const std::string& engine = "native");
     /**
      * Create a HybridMonteCarloIntegrator whose trajectories another Integrator makes.
      *
@@ -43,12 +47,13 @@ public:
      * @param flips            the Integrator that flips edges; this object takes over its ownership
      * @param flipProbability  the probability that a step is a sweep of flips and not one of the other Integrator
      */
-    HybridMonteCarloIntegrator(OpenMM::Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability=0.5);
+    HybridMonteCarloIntegrator(OpenMM::Integrator* trajectory, EdgeFlipIntegrator* flips, double flipProbability = 0.5);
     /**
      * Add an Integrator that makes shear waves.  There is none at first, and there can be one.
      *
      * @param shearWaves   the Integrator; this object takes over its ownership
-     * @param probability  the probability that a step is one of shear waves; with that of a sweep of flips it must not add up to more than 1
+     * @param probability  the probability that a step is one of shear waves; with that of a sweep of flips it must not
+     * add up to more than 1
      */
     void addShearWaves(ShearWaveIntegrator* shearWaves, double probability);
     /**
@@ -56,8 +61,8 @@ public:
      */
     double getTemperature() const;
     /**
-     * Set the temperature of all moves, in Kelvin.  If number 0 is an Integrator of another kind than this class creates, its
-     * temperature stays as it is.
+     * Set the temperature of all moves, in Kelvin.  If number 0 is an Integrator of another kind than this class
+     * creates, its temperature stays as it is.
      */
     void setTemperature(double temperature);
     /**
@@ -69,7 +74,8 @@ public:
      */
     void setStepSize(double size);
     /**
-     * Get the number of leapfrog steps in a trajectory, or 1 if number 0 is an Integrator of another kind than this class creates.
+     * Get the number of leapfrog steps in a trajectory, or 1 if number 0 is an Integrator of another kind than this
+     * class creates.
      */
     int getStepsPerTrajectory() const;
     /**
@@ -81,8 +87,9 @@ public:
      */
     std::string getForcePrecision() const;
     /**
-     * Set the precision in which trajectories compute forces: "double" or "mixed".  See HamiltonianTrajectoryIntegrator::setForcePrecision() for details; "mixed" requires
-     * that number 0 is of that class.
+     * Set the precision in which trajectories compute forces: "double" or "mixed".  See
+     * HamiltonianTrajectoryIntegrator::setForcePrecision() for details; "mixed" requires that number 0 is of that
+     * class.
      */
     void setForcePrecision(const std::string& precision);
     /**
@@ -90,8 +97,8 @@ public:
      */
     double getTrajectoryJitter() const;
     /**
-     * Set the largest fraction by which the number of steps in a trajectory varies at random.  See HamiltonianTrajectoryIntegrator::setTrajectoryJitter(); number 0 must be of that
-     * class if it is not 0.
+     * Set the largest fraction by which the number of steps in a trajectory varies at random.  See
+     * HamiltonianTrajectoryIntegrator::setTrajectoryJitter(); number 0 must be of that class if it is not 0.
      */
     void setTrajectoryJitter(double jitter);
     /**
@@ -99,8 +106,8 @@ public:
      */
     std::string getSplitting() const;
     /**
-     * Set the splitting that trajectories follow: "leapfrog", "bcss2" or "bcss3".  See HamiltonianTrajectoryIntegrator::setSplitting(); number 0 must be of that class if it is not
-     * "leapfrog".
+     * Set the splitting that trajectories follow: "leapfrog", "bcss2" or "bcss3".  See
+     * HamiltonianTrajectoryIntegrator::setSplitting(); number 0 must be of that class if it is not "leapfrog".
      */
     void setSplitting(const std::string& splitting);
     /**
@@ -108,8 +115,8 @@ public:
      */
     int getTetherSubsteps() const;
     /**
-     * Set how often the tether acts in a trajectory for each time that everything else does.  See HamiltonianTrajectoryIntegrator::setTetherSubsteps(); number 0 must be of that class if
-     * it is not 1.
+     * Set how often the tether acts in a trajectory for each time that everything else does.  See
+     * HamiltonianTrajectoryIntegrator::setTetherSubsteps(); number 0 must be of that class if it is not 1.
      */
     void setTetherSubsteps(int substeps);
     /**
@@ -117,7 +124,8 @@ public:
      */
     double getMomentumRefreshment() const;
     /**
-     * Set how much of the velocities a trajectory draws anew.  See HamiltonianTrajectoryIntegrator::setMomentumRefreshment(); number 0 must be of that class if it is not 1.
+     * Set how much of the velocities a trajectory draws anew.  See
+     * HamiltonianTrajectoryIntegrator::setMomentumRefreshment(); number 0 must be of that class if it is not 1.
      */
     void setMomentumRefreshment(double refreshment);
     /**
@@ -145,7 +153,8 @@ public:
         return shearWaveProbability;
     }
     /**
-     * Set the probability that a step is one of shear waves.  With that of a sweep of flips it must not add up to more than 1.
+     * Set the probability that a step is one of shear waves.  With that of a sweep of flips it must not add up to more
+     * than 1.
      */
     void setShearWaveProbability(double probability);
     /**
@@ -155,13 +164,13 @@ public:
         return randomNumberSeed;
     }
     /**
-     * Set the random number seed of the choice of moves and of the moves.  If it is 0 (the default), a unique seed is chosen when a
-     * Context is created.
+     * Set the random number seed of the choice of moves and of the moves.  If it is 0 (the default), a unique seed is
+     * chosen when a Context is created.
      *
      * @param seed                the seed
      * @param alsoForIntegrators  whether to set the seeds of the Integrators too
      */
-    void setRandomNumberSeed(int seed, bool alsoForIntegrators=true);
+    void setRandomNumberSeed(int seed, bool alsoForIntegrators = true);
     /**
      * Get the number of trajectories made since the Context was created.
      */
@@ -175,7 +184,8 @@ public:
      */
     long long getNumDivergedTrajectories() const;
     /**
-     * Get the fraction of trajectories that were accepted, or 0 if there was none.  An Integrator of another kind than this class creates accepts every step.
+     * Get the fraction of trajectories that were accepted, or 0 if there was none.  An Integrator of another kind than
+     * this class creates accepts every step.
      */
     double getAcceptanceRate() const;
     /**
@@ -183,7 +193,8 @@ public:
      */
     double getFlipAcceptanceRate() const;
     /**
-     * Get the flip rate: the number of flips accepted per edge and sweep, or 0 before the first sweep.  See EdgeFlipIntegrator::getFlipRate().
+     * Get the flip rate: the number of flips accepted per edge and sweep, or 0 before the first sweep.  See
+     * EdgeFlipIntegrator::getFlipRate().
      */
     double getFlipRate() const;
     /**

@@ -10,19 +10,24 @@
 namespace HelfrichPlugin {
 
 /**
- * This Integrator samples the positions of the particles at constant temperature by Monte Carlo moves that bend a whole membrane at once: shear waves,
+ * This Integrator samples the positions of the particles at constant temperature by Monte Carlo moves that bend a whole
+ * membrane at once: shear waves,
  *
  * x -> x + a d sin(k.x + phi)
  *
- * for every particle, with a wave vector k of random direction, a random unit vector d perpendicular to it, a uniform phase phi, and an amplitude a from a normal distribution.  Such a wave
- * deforms space without a change of volume, since its Jacobian is 1, and the wave of amplitude -a takes it back, since k.x does not change: with the Metropolis
- * probability min(1, exp(-dE/kT)) the sampling is exact.  A move costs one evaluation of the energy.  The wave number |k| is uniform between two bounds,
- * and the amplitude's standard deviation goes as 1/|k|, which gives all waves the same strain.  The bounds must not follow the positions.
+ * for every particle, with a wave vector k of random direction, a random unit vector d perpendicular to it, a uniform
+ * phase phi, and an amplitude a from a normal distribution.  Such a wave deforms space without a change of volume,
+ * since its Jacobian is 1, and the wave of amplitude -a takes it back, since k.x does not change: with the Metropolis
+ * probability min(1, exp(-dE/kT)) the sampling is exact.  A move costs one evaluation of the energy.  The wave number
+ * |k| is uniform between two bounds, and the amplitude's standard deviation goes as 1/|k|, which gives all waves the
+ * same strain.  The bounds must not follow the positions.
  *
- * A move whose energy is not finite is rejected.  Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
+ * A move whose energy is not finite is rejected.  Particles of mass 0 do not move.  Constraints and virtual sites are
+ * not supported.
  *
- * The random numbers come from a counter-based generator whose whole state is the seed and the number of moves made.  Both are part of the checkpoint and of the State
- * (as integrator parameters), so that a simulation continued from either repeats exactly what an uninterrupted one does.
+ * The random numbers come from a counter-based generator whose whole state is the seed and the number of moves made.
+ * Both are part of the checkpoint and of the State (as integrator parameters), so that a simulation continued from
+ * either repeats exactly what an uninterrupted one does.
  */
 class OPENMM_EXPORT_HELFRICH ShearWaveIntegrator : public OpenMM::Integrator {
 public:
@@ -35,7 +40,8 @@ public:
      * @param maxWaveNumber  the wave number of the shortest waves, in 1/nm
      * @param movesPerStep   the number of moves in a step
      */
-    ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber, double maxWaveNumber, int movesPerStep=10);
+    ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber, double maxWaveNumber,
+                        int movesPerStep = 10);
     /**
      * Get the temperature of the Metropolis test, in Kelvin.
      */
@@ -53,7 +59,8 @@ public:
         return amplitude;
     }
     /**
-     * Set the standard deviation of the amplitude of the longest waves, in nm.  Waves of the wave number k have that times minWaveNumber/k.
+     * Set the standard deviation of the amplitude of the longest waves, in nm.  Waves of the wave number k have that
+     * times minWaveNumber/k.
      */
     void setAmplitude(double amplitude);
     /**
@@ -89,12 +96,13 @@ public:
         return randomNumberSeed;
     }
     /**
-     * Set the random number seed.  Two simulations with the same seed draw the same waves, whatever the platform and the number of threads.  If the seed is 0 (the
-     * default), a unique one is chosen when a Context is created.
+     * Set the random number seed.  Two simulations with the same seed draw the same waves, whatever the platform and
+     * the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is created.
      */
     void setRandomNumberSeed(int seed);
     /**
-     * Get the number of moves attempted since the Context was created: with the seed, the whole state of the random number generator.
+     * Get the number of moves attempted since the Context was created: with the seed, the whole state of the random
+     * number generator.
      */
     long long getNumAttempted() const {
         return numAttempted;

@@ -21,7 +21,7 @@ struct CacheLineAllocator {
     CacheLineAllocator(const CacheLineAllocator<U>&) {
     }
     T* allocate(size_t n) {
-        return static_cast<T*>(::operator new(n*sizeof(T), std::align_val_t(64)));
+        return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
     }
     void deallocate(T* data, size_t) {
         ::operator delete(data, std::align_val_t(64));
@@ -37,51 +37,56 @@ struct CacheLineAllocator {
 /**
  * This kernel is invoked by HelfrichForce to compute the energy of a membrane and the forces on its vertices.
  *
- * Its threads share out chunks of vertices.  No vertex's result depends on another thread's, and the chunks' sums are added up in their order, so that the number of threads
- * does not change a bit of the result.
+ * Its threads share out chunks of vertices.  No vertex's result depends on another thread's, and the chunks' sums are
+ * added up in their order, so that the number of threads does not change a bit of the result.
  */
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
-    CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform) : CalcHelfrichForceKernel(name, platform), passes(getCpuHelfrichPasses()) {
+    CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
+            : CalcHelfrichForceKernel(name, platform), passes(getCpuHelfrichPasses()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
-    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
+                 HelfrichEnergyTerms& terms);
     const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
     HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeTrajectory() const {
         return true;
     }
-    bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, bool mixed,
-                        HelfrichEnergyTerms& terms);
+    bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
+                        const std::vector<KickAndDrift>& sequence, bool mixed, HelfrichEnergyTerms& terms);
 private:
-    typedef std::vector<double, CacheLineAllocator<double> > Array;
+    typedef std::vector<double, CacheLineAllocator<double>> Array;
     void setLayoutWidth(int width);
     void updateLayout(int numThreads);
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
     void computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients);
-    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
+    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+                     const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
     // Real is the type in which the passes compute.
     template <class Real>
     CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
     template <class Real>
-    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
+    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+                         const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
     template <class Real>
-    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk, const KickAndDrift& times,
-              double* nextPositions);
+    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays,
+              int chunk, const KickAndDrift& times, double* nextPositions);
     template <class Real>
-    bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const std::vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms);
+    bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
+                   const std::vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms);
     // These are for all threads of a parallel region to call; they return the same on each.
     bool roundPositions(CpuHelfrichArrays<float>& arrays);
     template <class Real>
     CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays);
     void updateRepulsion(const HelfrichParameters& parameters, const double* positions);
     template <class Real>
-    bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times, double* nextPositions,
-                  HelfrichEnergyTerms& terms);
+    bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times,
+                  double* nextPositions, HelfrichEnergyTerms& terms);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;
     int getLastGroup(int chunk) const;
@@ -93,10 +98,11 @@ private:
     CpuHelfrichLayout layout;
     CpuHelfrichRepulsion repulsion;
     Array positions, bendingSlopes, anglesPerLength;
-    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has room for areas and curvatures
+    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
+    /// room for areas and curvatures
     Array nextPositions, velocities;
     /// in a trajectory with forces in single precision: of each slot x, y, z, unused
-    std::vector<int, CacheLineAllocator<int> > fixedPositions;
+    std::vector<int, CacheLineAllocator<int>> fixedPositions;
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
     std::vector<CpuHelfrichBox> chunkBoxes;
@@ -107,10 +113,12 @@ private:
  */
 class CpuIntegrateHamiltonianTrajectoryKernel : public IntegrateHamiltonianTrajectoryKernel {
 public:
-    CpuIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
+    CpuIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform)
+            : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
-    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory);
+    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
+                 long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);

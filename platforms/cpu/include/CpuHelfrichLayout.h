@@ -7,16 +7,17 @@
 namespace HelfrichPlugin {
 
 /**
- * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its neighbors, for a group of as many vertices at a time
- * as a SIMD vector has lanes.
+ * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its
+ * neighbors, for a group of as many vertices at a time as a SIMD vector has lanes.
  *
- * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in memory: it is the mesh's own, patch by patch.
- * Within a patch the vertices are sorted by valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its
- * group's longest is padded with its first neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes have no
- * area.
+ * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in
+ * memory: it is the mesh's own, patch by patch. Within a patch the vertices are sorted by valence, so that those of a
+ * group have equal valences, nearly always.  A ring with fewer than its group's longest is padded with its first
+ * neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes
+ * have no area.
  *
- * The layout is a function of the mesh's order and triangles only, and not of the flips that led to them: a simulation that is continued from a
- * checkpoint has the same one.
+ * The layout is a function of the mesh's order and triangles only, and not of the flips that led to them: a simulation
+ * that is continued from a checkpoint has the same one.
  */
 class CpuHelfrichLayout {
 public:
@@ -42,7 +43,7 @@ public:
         return groups.size();
     }
     int getNumSlots() const {
-        return groups.size()*width;
+        return groups.size() * width;
     }
     /// the lanes of the widest SIMD vector that there is
     static constexpr int MAX_WIDTH = 16;

@@ -9,18 +9,19 @@ namespace HelfrichPlugin {
 class CpuHelfrichLayout;
 
 /**
- * The arrays that the passes over a membrane share.  Arrays of slots have an element a vertex, arrays of corners one for each neighbor of each vertex, in the order of
- * CpuHelfrichLayout.  Real is the type in which the passes compute.
+ * The arrays that the passes over a membrane share.  Arrays of slots have an element a vertex, arrays of corners one
+ * for each neighbor of each vertex, in the order of CpuHelfrichLayout.  Real is the type in which the passes compute.
  */
 template <class Real>
 struct CpuHelfrichArrays {
-    double* positions;              ///< of each slot: x, y, z, unused
-    Real* bendingSlopes;            ///< of each slot: 4 kappa_B M/A
-    Real* areas;                    ///< of each slot, or NULL if nobody wants them
-    Real* curvatures;               ///< of each slot, or NULL
-    Real* anglesPerLength;          ///< of each corner: the dihedral angle of the edge over its length
-    int* fixedPositions;            ///< what passes in single precision read in place of the positions; see CpuHelfrichPasses::roundPositions()
-    float fixedUnit;                ///< the length of which fixedPositions are multiples
+    double* positions;     ///< of each slot: x, y, z, unused
+    Real* bendingSlopes;   ///< of each slot: 4 kappa_B M/A
+    Real* areas;           ///< of each slot, or NULL if nobody wants them
+    Real* curvatures;      ///< of each slot, or NULL
+    Real* anglesPerLength; ///< of each corner: the dihedral angle of the edge over its length
+    int* fixedPositions;   ///< what passes in single precision read in place of the positions; see
+                           ///< CpuHelfrichPasses::roundPositions()
+    float fixedUnit;       ///< the length of which fixedPositions are multiples
 };
 
 /**
@@ -42,20 +43,23 @@ struct CpuHelfrichSums : HelfrichTotals {
 };
 
 /**
- * The passes over the groups of a layout, whose width must be a multiple of theirs.  Real is the type in which they compute what concerns a vertex; sums over vertices are in
- * double precision.  The layout's width does not change the result.
+ * The passes over the groups of a layout, whose width must be a multiple of theirs.  Real is the type in which they
+ * compute what concerns a vertex; sums over vertices are in double precision.  The layout's width does not change the
+ * result.
  */
 template <class Real>
 struct CpuHelfrichForcePasses {
     /// the number of vertices beside each other in a vector
     int width;
-    /// compute energies, what of areas, volumes and curvatures they need, and what the second pass needs; the sum of the areas is finite if the positions are
-    void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup,
-                          CpuHelfrichSums& sums);
-    /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the groups; slopes are the derivatives of the energy by
-    /// the totals
-    void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays,
-                            int firstGroup, int lastGroup, double* gradients);
+    /// compute energies, what of areas, volumes and curvatures they need, and what the second pass needs; the sum of
+    /// the areas is finite if the positions are
+    void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
+                          const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums);
+    /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the
+    /// groups; slopes are the derivatives of the energy by the totals
+    void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
+                            const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
+                            int lastGroup, double* gradients);
 };
 
 /**
@@ -73,14 +77,15 @@ struct CpuHelfrichPasses {
     }
     /// find the smallest box around the vertices of a range of slots
     CpuHelfrichBox (*findBox)(const double* positions, int firstSlot, int lastSlot);
-    /// compute the fixed point numbers (x, y, z, unused) that are positions relative to the corner of a box, times a scale.  Differences between them are exact, which those between
-    /// numbers in single precision are not.
-    void (*roundPositions)(const double* positions, int firstSlot, int lastSlot, const double* corner, double scale, int* fixedPositions);
+    /// compute the fixed point numbers (x, y, z, unused) that are positions relative to the corner of a box, times a
+    /// scale.  Differences between them are exact, which those between numbers in single precision are not.
+    void (*roundPositions)(const double* positions, int firstSlot, int lastSlot, const double* corner, double scale,
+                           int* fixedPositions);
 };
 
 /**
- * Get the passes for the best instruction set that the processor has, or for the one that the environment variable OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or
- * AVX512.
+ * Get the passes for the best instruction set that the processor has, or for the one that the environment variable
+ * OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or AVX512.
  */
 const CpuHelfrichPasses& getCpuHelfrichPasses();
 

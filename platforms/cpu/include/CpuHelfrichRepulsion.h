@@ -11,11 +11,12 @@
 namespace HelfrichPlugin {
 
 /**
- * The repulsion between vertices, by a Verlet list: the pairs closer than the onset and a skin.  It is built in a time proportional to the number of vertices when one has moved
- * half the skin, so that no pair is ever missed.  The skin follows how fast the vertices move.  The pairs that the live connectivity excludes are taken out whenever it changes.
+ * The repulsion between vertices, by a Verlet list: the pairs closer than the onset and a skin.  It is built in a time
+ * proportional to the number of vertices when one has moved half the skin, so that no pair is ever missed.  The skin
+ * follows how fast the vertices move.  The pairs that the live connectivity excludes are taken out whenever it changes.
  *
- * Every pair is in the lists of both its vertices, and a list is in the order of the vertices: a vertex's gradient depends neither on what other threads do nor on when the list
- * was built.
+ * Every pair is in the lists of both its vertices, and a list is in the order of the vertices: a vertex's gradient
+ * depends neither on what other threads do nor on when the list was built.
  */
 class CpuHelfrichRepulsion {
 public:
@@ -28,21 +29,24 @@ public:
     /**
      * Get the lists before exclusions, divided for the mesh and up to date.  See update() for the other parameters.
      */
-    HelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
+    HelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
+                                          const double* positions, double newOnset, bool hasMoved);
     /**
      * Bring the lists up to date.
      *
      * @param positions  the position of each slot: x, y, z, unused; all finite
      * @param hasMoved   hasMoved() of any slots
      */
-    void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& parameters, bool hasMoved);
+    void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
+                const HelfrichParameters& parameters, bool hasMoved);
     /**
      * Compute the energy of the vertices in a range of slots, and add their gradients.
      *
      * @param gradients  of each slot of the range: x, y, z, unused; or NULL
      * @return the energy
      */
-    double compute(const double* positions, const HelfrichParameters& parameters, int firstSlot, int lastSlot, double* gradients) const;
+    double compute(const double* positions, const HelfrichParameters& parameters, int firstSlot, int lastSlot,
+                   double* gradients) const;
 private:
     typedef std::array<int, 3> Cell;
     /// a vertex where it was when the list was built
@@ -63,7 +67,7 @@ private:
     double onset = -1, skin = 0;
     int exclusionLevel = -1, numUpdates = 0;
     long long revision = -1;
-    std::vector<std::array<double, 3> > reference;
+    std::vector<std::array<double, 3>> reference;
     std::vector<Point> points;
     std::vector<int> bucketStarts;
     HelfrichNeighborList candidates;

@@ -27,12 +27,13 @@ extern "C" OPENMM_EXPORT void registerHelfrichCpuKernelFactories() {
     registerKernelFactories();
 }
 
-KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platform& platform, ContextImpl& context) const {
+KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platform& platform,
+                                                       ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new CpuCalcHelfrichForceKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
-    throw OpenMMException("Tried to create kernel with illegal kernel name '"+name+"'");
+    throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");
 }
 
 namespace HelfrichPlugin {

@@ -22,7 +22,7 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
 static const int ITEMS_PER_THREAD = 500;
 
 static int chooseNumThreads(ContextImpl& context, int numItems) {
-    return max(1, min(getData(context).threads.getNumThreads(), numItems/ITEMS_PER_THREAD));
+    return max(1, min(getData(context).threads.getNumThreads(), numItems / ITEMS_PER_THREAD));
 }
 
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
@@ -34,32 +34,34 @@ void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
     if (layout.width == width && layout.getNumGroups() != 0)
         return;
     layout.initialize(*mesh, width);
-    positions.resize(4*layout.getNumSlots());
+    positions.resize(4 * layout.getNumSlots());
     chunkSums.resize(getNumChunks());
     chunkBoxes.resize(getNumChunks());
     particles.resize(layout.getNumSlots());
-    revision = mesh->getRevision()-1;
+    revision = mesh->getRevision() - 1;
 }
 
 void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
     if (revision == mesh->getRevision())
         return;
     layout.update(*mesh, numThreads);
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
+#pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         particles[slot] = mesh->getParticles()[layout.vertices[slot]];
     revision = mesh->getRevision();
 }
 
 template <class Real>
-CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters, int numThreads) {
+CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters,
+                                                                  int numThreads) {
     updateLayout(numThreads);
     if (parameters.needsCurvature()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
     }
-    CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL, reinterpret_cast<Real*>(anglesPerLength.data())};
+    CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL,
+                                      reinterpret_cast<Real*>(anglesPerLength.data())};
     if constexpr (is_same<Real, float>::value) {
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
@@ -69,31 +71,31 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
-    return (layout.getNumSlots()+SLOTS_PER_CHUNK-1)/SLOTS_PER_CHUNK;
+    return (layout.getNumSlots() + SLOTS_PER_CHUNK - 1) / SLOTS_PER_CHUNK;
 }
 
 int CpuCalcHelfrichForceKernel::getFirstGroup(int chunk) const {
-    return chunk*SLOTS_PER_CHUNK/layout.width;
+    return chunk * SLOTS_PER_CHUNK / layout.width;
 }
 
 int CpuCalcHelfrichForceKernel::getLastGroup(int chunk) const {
-    return min(getFirstGroup(chunk+1), layout.getNumGroups());
+    return min(getFirstGroup(chunk + 1), layout.getNumGroups());
 }
 
 int CpuCalcHelfrichForceKernel::getFirstSlot(int chunk) const {
-    return getFirstGroup(chunk)*layout.width;
+    return getFirstGroup(chunk) * layout.width;
 }
 
 int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
-    return min(getLastGroup(chunk)*layout.width, mesh->getNumVertices());
+    return min(getLastGroup(chunk) * layout.width, mesh->getNumVertices());
 }
 
 void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
-    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk)*layout.width; slot++) {
+    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++) {
         const Vec3& x = source[particles[slot]];
-        positions[4*slot] = x[0];
-        positions[4*slot+1] = x[1];
-        positions[4*slot+2] = x[2];
+        positions[4 * slot] = x[0];
+        positions[4 * slot + 1] = x[1];
+        positions[4 * slot + 2] = x[2];
     }
 }
 
@@ -103,12 +105,12 @@ void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int c
 class CompensatedSum {
 public:
     void add(double term) {
-        double next = sum+term;
-        error += (fabs(sum) >= fabs(term) ? (sum-next)+term : (term-next)+sum);
+        double next = sum + term;
+        error += (fabs(sum) >= fabs(term) ? (sum - next) + term : (term - next) + sum);
         sum = next;
     }
     double get() const {
-        return isfinite(sum) ? sum+error : sum;
+        return isfinite(sum) ? sum + error : sum;
     }
 private:
     double sum = 0, error = 0;
@@ -121,7 +123,7 @@ static double addUp(const vector<double>& terms) {
     return total.get();
 }
 
-static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::*member) {
+static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::* member) {
     CompensatedSum total;
     for (auto& chunk : sums)
         total.add(chunk.*member);
@@ -129,17 +131,21 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
 }
 
 template <class Real>
-CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays) {
+CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
+                                                          const CpuHelfrichArrays<Real>& arrays) {
     int numChunks = getNumChunks();
-    #pragma omp for schedule(static)
+#pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++) {
-        passes.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        passes.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
+                                        chunkSums[chunk]);
         if (parameters.repulsionModulus != 0)
-            chunkSums[chunk].outdated = repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
+            chunkSums[chunk].outdated =
+                    repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
     CpuHelfrichSums sums;
-    double CpuHelfrichSums::*const members[] = {&CpuHelfrichSums::area, &CpuHelfrichSums::volume, &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending,
-                                                &CpuHelfrichSums::tether};
+    double CpuHelfrichSums::* const members[] = {&CpuHelfrichSums::area, &CpuHelfrichSums::volume,
+                                                 &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending,
+                                                 &CpuHelfrichSums::tether};
     for (auto member : members)
         sums.*member = addUp(chunkSums, member);
     return sums;
@@ -147,24 +153,28 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
     if (parameters.repulsionModulus != 0) {
-        #pragma omp single
+#pragma omp single
         repulsion.update(*mesh, layout, positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
     }
 }
 
-void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients) {
-    chunkSums[chunk].repulsion = repulsion.compute(positions, parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
+void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const double* positions,
+                                                  int chunk, double* gradients) {
+    chunkSums[chunk].repulsion =
+            repulsion.compute(positions, parameters, getFirstSlot(chunk), getLastSlot(chunk), gradients);
 }
 
 template <class Real>
-void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk,
-                                                 double* gradients) {
-    passes.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk), gradients);
+void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+                                                 const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
+    passes.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk),
+                                      gradients);
     if (parameters.repulsionModulus != 0)
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
 
-HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const {
+HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters,
+                                                         const CpuHelfrichSums& sums) const {
     HelfrichEnergyTerms terms;
     terms.bending = sums.bending;
     terms.tether = sums.tether;
@@ -174,44 +184,45 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
     return terms;
 }
 
-bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
+bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
+                                         HelfrichEnergyTerms& terms) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     auto arrays = prepareArrays<double>(parameters, numThreads);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuHelfrichSums sums;
-    #pragma omp parallel num_threads(numThreads)
+#pragma omp parallel num_threads(numThreads)
     {
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
         CpuHelfrichSums found = computeEnergy(parameters, arrays);
         if (isfinite(found.area)) {
             updateRepulsion(parameters, arrays.positions);
             HelfrichTotals slopes = penaltySlopes(parameters, found);
-            #pragma omp for schedule(static)
+#pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 if (includeForces)
                     chunkSums[chunk].force = addForces(parameters, slopes, arrays, chunk, forces);
                 else if (parameters.repulsionModulus != 0)
                     computeRepulsion(parameters, arrays.positions, chunk, NULL);
         }
-        #pragma omp master
+#pragma omp master
         sums = found;
     }
     terms = getTerms(parameters, sums);
     return isfinite(sums.area) && (!includeForces || isfinite(addUp(chunkSums, &CpuHelfrichSums::force)));
 }
 
-double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<double>& arrays, int chunk,
-                                             vector<Vec3>& forces) {
-    alignas(64) double gradients[4*SLOTS_PER_CHUNK];
+double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+                                             const CpuHelfrichArrays<double>& arrays, int chunk, vector<Vec3>& forces) {
+    alignas(64) double gradients[4 * SLOTS_PER_CHUNK];
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
     double sum = 0;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4) {
         forces[particles[slot]] -= Vec3(gradient[0], gradient[1], gradient[2]);
-        sum += gradient[0]+gradient[1]+gradient[2];
+        sum += gradient[0] + gradient[1] + gradient[2];
     }
     return sum;
 }
@@ -223,41 +234,43 @@ void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
         double mass = context.getSystem().getParticleMass(particles[slot]);
-        velocities[4*slot] = v[0];
-        velocities[4*slot+1] = v[1];
-        velocities[4*slot+2] = v[2];
-        velocities[4*slot+3] = (mass == 0 ? 0 : 1/mass);
+        velocities[4 * slot] = v[0];
+        velocities[4 * slot + 1] = v[1];
+        velocities[4 * slot + 2] = v[2];
+        velocities[4 * slot + 3] = (mass == 0 ? 0 : 1 / mass);
     }
 }
 
 void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* positions, int chunk) const {
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
-        const double *x = positions+4*slot, *v = &velocities[4*slot];
+        const double *x = positions + 4 * slot, *v = &velocities[4 * slot];
         (*getData(context).positions)[particles[slot]] = Vec3(x[0], x[1], x[2]);
         (*getData(context).velocities)[particles[slot]] = Vec3(v[0], v[1], v[2]);
     }
 }
 
 template <class Real>
-void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int chunk,
-                                      const KickAndDrift& times, double* nextPositions) {
-    // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves the vertices.
+void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+                                      const CpuHelfrichArrays<Real>& arrays, int chunk, const KickAndDrift& times,
+                                      double* nextPositions) {
+    // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves
+    // the vertices.
 
-    alignas(64) double gradients[4*SLOTS_PER_CHUNK];
-    int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk)*layout.width;
+    alignas(64) double gradients[4 * SLOTS_PER_CHUNK];
+    int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk) * layout.width;
     for (int slot = firstSlot; slot < lastSlot; slot += 2) {
-        __builtin_prefetch(&velocities[4*slot], 1);
-        __builtin_prefetch(nextPositions+4*slot, 1);
+        __builtin_prefetch(&velocities[4 * slot], 1);
+        __builtin_prefetch(nextPositions + 4 * slot, 1);
     }
     computeGradient(parameters, slopes, arrays, chunk, gradients);
     const double* gradient = gradients;
     for (int slot = firstSlot; slot < lastSlot; slot++, gradient += 4) {
-        const double* x = arrays.positions+4*slot;
-        double *v = &velocities[4*slot], *next = nextPositions+4*slot;
+        const double* x = arrays.positions + 4 * slot;
+        double *v = &velocities[4 * slot], *next = nextPositions + 4 * slot;
         bool isFrozen = (v[3] == 0);
         for (int i = 0; i < 3; i++) {
-            v[i] = isFrozen ? v[i] : v[i]-times.kick*v[3]*gradient[i];
-            next[i] = isFrozen ? x[i] : x[i]+times.drift*v[i];
+            v[i] = isFrozen ? v[i] : v[i] - times.kick * v[3] * gradient[i];
+            next[i] = isFrozen ? x[i] : x[i] + times.drift * v[i];
         }
     }
     if constexpr (is_same<Real, float>::value)
@@ -265,41 +278,44 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
 }
 
 bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays) {
-    // The forces must be a function of the positions alone, for only then are the steps reversible: origin and unit of the fixed point numbers are those of the step's own
-    // positions.  The unit is a power of two, and so adds no error.
+    // The forces must be a function of the positions alone, for only then are the steps reversible: origin and unit of
+    // the fixed point numbers are those of the step's own positions.  The unit is a power of two, and so adds no error.
 
     CpuHelfrichBox box = chunkBoxes[0];
     double extent = 0;
     for (int i = 0; i < 3; i++) {
         for (auto& chunkBox : chunkBoxes) {
-            if (!isfinite(chunkBox.upper[i]-chunkBox.lower[i]))
+            if (!isfinite(chunkBox.upper[i] - chunkBox.lower[i]))
                 return false;
             box.lower[i] = min(box.lower[i], chunkBox.lower[i]);
             box.upper[i] = max(box.upper[i], chunkBox.upper[i]);
         }
-        extent = max(extent, box.upper[i]-box.lower[i]);
+        extent = max(extent, box.upper[i] - box.lower[i]);
     }
     if (!isfinite(extent))
         return false;
     int exponent, numChunks = getNumChunks();
     frexp(extent, &exponent);
-    double unit = ldexp(1, exponent-31);
-    #pragma omp for schedule(static)
+    double unit = ldexp(1, exponent - 31);
+#pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
-        passes.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1/unit, arrays.fixedPositions);
+        passes.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
+                              arrays.fixedPositions);
     arrays.fixedUnit = unit;
     return true;
 }
 
 template <class Real>
-bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times, double* nextPositions,
+bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays,
+                                          const KickAndDrift& times, double* nextPositions,
                                           HelfrichEnergyTerms& terms) {
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
             return false;
     int numChunks = getNumChunks();
-    if (times.isTetherAlone) { // its forces need no sums, and the next step at which all terms act finds what is not finite
-        #pragma omp for schedule(static)
+    if (times.isTetherAlone) { // its forces need no sums, and the next step at which all terms act finds what is not
+                               // finite
+#pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             move(parameters, HelfrichTotals(), arrays, chunk, times, nextPositions);
         return true;
@@ -309,7 +325,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
         return false;
     updateRepulsion(parameters, arrays.positions);
     HelfrichTotals slopes = penaltySlopes(parameters, sums);
-    #pragma omp for schedule(static)
+#pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
         move(parameters, slopes, arrays, chunk, times, nextPositions);
     terms = getTerms(parameters, sums);
@@ -317,8 +333,10 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
 }
 
 template <class Real>
-bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters, const vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms) {
-    // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is known.
+bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters,
+                                           const vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms) {
+    // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
+    // known.
 
     setLayoutWidth(passes.in<Real>().width);
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
@@ -326,12 +344,12 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
     bool isFinite = true;
-    #pragma omp parallel num_threads(numThreads)
+#pragma omp parallel num_threads(numThreads)
     {
         CpuHelfrichArrays<Real> arrays = startArrays;
         double* next = nextPositions.data();
         HelfrichEnergyTerms now;
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadState(context, chunk);
         bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, now);
@@ -339,10 +357,10 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
             swap(arrays.positions, next);
             canGoOn = makeStep(sequence[step].getParameters(parameters), arrays, sequence[step], next, now);
         }
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             storeState(context, arrays.positions, chunk);
-        #pragma omp master
+#pragma omp master
         {
             isFinite = canGoOn;
             terms = now;
@@ -351,9 +369,11 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     return isFinite;
 }
 
-bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters, const vector<KickAndDrift>& sequence, bool mixed,
+bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters,
+                                                const vector<KickAndDrift>& sequence, bool mixed,
                                                 HelfrichEnergyTerms& terms) {
-    bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms) : makeSteps<double>(context, parameters, sequence, terms);
+    bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms)
+                          : makeSteps<double>(context, parameters, sequence, terms);
     bool areTermsExact = (!mixed && sequence.back().tetherShare == 1);
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
@@ -369,15 +389,15 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     auto arrays = prepareArrays<double>(parameters, numThreads);
     nextPositions.resize(positions.size());
     arrays.areas = nextPositions.data();
-    arrays.curvatures = arrays.areas+layout.getNumSlots();
+    arrays.curvatures = arrays.areas + layout.getNumSlots();
     const vector<Vec3>& source = *getData(context).positions;
-    #pragma omp parallel num_threads(numThreads)
+#pragma omp parallel num_threads(numThreads)
     {
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
         CpuHelfrichSums sums = computeEnergy(parameters, arrays);
-        #pragma omp master
+#pragma omp master
         {
             geometry.area = sums.area;
             geometry.volume = sums.volume;
@@ -386,7 +406,7 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     }
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
+#pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int vertex = 0; vertex < mesh->getNumVertices(); vertex++) {
         int slot = layout.slots[vertex];
         geometry.vertexAreas[vertex] = arrays.areas[slot];
@@ -398,12 +418,14 @@ HelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& c
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     updateLayout(numThreads);
     const vector<Vec3>& source = *getData(context).positions;
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
+#pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int chunk = 0; chunk < numChunks; chunk++) {
         loadPositions(source, chunk);
-        chunkSums[chunk].outdated = repulsion.hasMoved(layout, positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+        chunkSums[chunk].outdated =
+                repulsion.hasMoved(layout, positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     }
-    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
+    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
+                                     addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
 }
 
 static const int PARTICLES_PER_CHUNK = 256;
@@ -413,29 +435,32 @@ static const int PARTICLES_PER_CHUNK = 256;
  */
 template <class Function>
 static void forEachChunk(ContextImpl& context, int numParticles, Function function) {
-    int numChunks = (numParticles+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK, numThreads = chooseNumThreads(context, numParticles);
-    #pragma omp parallel for schedule(static) num_threads(numThreads)
+    int numChunks = (numParticles + PARTICLES_PER_CHUNK - 1) / PARTICLES_PER_CHUNK,
+        numThreads = chooseNumThreads(context, numParticles);
+#pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int chunk = 0; chunk < numChunks; chunk++)
-        function(chunk, chunk*PARTICLES_PER_CHUNK, min((chunk+1)*PARTICLES_PER_CHUNK, numParticles));
+        function(chunk, chunk * PARTICLES_PER_CHUNK, min((chunk + 1) * PARTICLES_PER_CHUNK, numParticles));
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
     for (int i = 0; i < system.getNumParticles(); i++) {
         double mass = system.getParticleMass(i);
-        inverseMasses.push_back(mass == 0 ? 0 : 1/mass);
+        inverseMasses.push_back(mass == 0 ? 0 : 1 / mass);
     }
     startPositions.resize(inverseMasses.size());
-    chunkEnergies.resize((inverseMasses.size()+PARTICLES_PER_CHUNK-1)/PARTICLES_PER_CHUNK);
+    chunkEnergies.resize((inverseMasses.size() + PARTICLES_PER_CHUNK - 1) / PARTICLES_PER_CHUNK);
 }
 
-double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) {
-    double persistence = sqrt(1-refreshment*refreshment);
+double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
+                                                      const Philox& random, long long trajectory) {
+    double persistence = sqrt(1 - refreshment * refreshment);
     startPositions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
         for (int i = first; i < last; i++)
             if (inverseMasses[i] != 0)
-                velocities[i] = velocities[i]*persistence+drawNormals(random, trajectory, i)*(refreshment*sqrt(kT*inverseMasses[i]));
+                velocities[i] = velocities[i] * persistence +
+                                drawNormals(random, trajectory, i) * (refreshment * sqrt(kT * inverseMasses[i]));
     });
     startVelocities = velocities;
     return computeKineticEnergy(context);
@@ -445,11 +470,11 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const K
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
-    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
         for (int i = first; i < last; i++) {
             if (inverseMasses[i] != 0) {
-                velocities[i] += forces[i]*(times.kick*inverseMasses[i]);
-                positions[i] += velocities[i]*times.drift;
+                velocities[i] += forces[i] * (times.kick * inverseMasses[i]);
+                positions[i] += velocities[i] * times.drift;
             }
             forces[i] = Vec3();
         }
@@ -458,11 +483,11 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const K
 
 double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {
     const vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, inverseMasses.size(), [&] (int chunk, int first, int last) {
+    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
         double energy = 0;
         for (int i = first; i < last; i++)
             if (inverseMasses[i] != 0)
-                energy += 0.5*velocities[i].dot(velocities[i])/inverseMasses[i];
+                energy += 0.5 * velocities[i].dot(velocities[i]) / inverseMasses[i];
         chunkEnergies[chunk] = energy;
     });
     return addUp(chunkEnergies);

@@ -11,30 +11,30 @@ static const int SLOTS_AHEAD = 32;
 
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
-    int numGroups = (mesh.getNumVertices()+width-1)/width;
+    int numGroups = (mesh.getNumVertices() + width - 1) / width;
     groups.resize(numGroups);
-    vertices.resize(numGroups*width, 0);
-    valences.resize(numGroups*width, 0);
+    vertices.resize(numGroups * width, 0);
+    valences.resize(numGroups * width, 0);
     slots.resize(mesh.getNumVertices());
     // Some rings are padded, and how many changes with every flip: room that is left saves copies and memory.
-    neighbors.reserve(mesh.getNumHalfedges()*9L/8+8*width);
+    neighbors.reserve(mesh.getNumHalfedges() * 9L / 8 + 8 * width);
 }
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
     const int PATCH = HelfrichMesh::PATCH, numVertices = mesh.getNumVertices();
-    #pragma omp parallel num_threads(numThreads)
+#pragma omp parallel num_threads(numThreads)
     {
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int begin = 0; begin < numVertices; begin += PATCH) {
-            int end = min(begin+PATCH, numVertices);
+            int end = min(begin + PATCH, numVertices);
             fillSlots(mesh, begin, end);
-            for (int g = begin/width; g*width < end; g++)
+            for (int g = begin / width; g * width < end; g++)
                 measureGroup(g);
         }
-        #pragma omp single
+#pragma omp single
         placeGroups();
         vector<int> tips;
-        #pragma omp for schedule(static)
+#pragma omp for schedule(static)
         for (int g = 0; g < getNumGroups(); g++)
             fillRings(mesh, g, tips);
     }
@@ -47,14 +47,14 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) 
     vector<int> start;
     for (int i = begin; i < end; i++) {
         size_t valence = mesh.valence(order[i]);
-        if (start.size() < valence+2)
-            start.resize(valence+2, 0);
-        start[valence+1]++;
+        if (start.size() < valence + 2)
+            start.resize(valence + 2, 0);
+        start[valence + 1]++;
     }
     for (size_t i = 1; i < start.size(); i++)
-        start[i] += start[i-1];
+        start[i] += start[i - 1];
     for (int i = begin; i < end; i++) {
-        int v = order[i], slot = begin+start[mesh.valence(v)]++;
+        int v = order[i], slot = begin + start[mesh.valence(v)]++;
         vertices[slot] = v;
         slots[v] = slot;
         valences[slot] = mesh.valence(v);
@@ -62,43 +62,45 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) 
 }
 
 void CpuHelfrichLayout::measureGroup(int g) {
-    const int* valence = &valences[g*width];
-    groups[g].length = *max_element(valence, valence+width);
-    groups[g].isPadded = (*min_element(valence, valence+width) != groups[g].length);
+    const int* valence = &valences[g * width];
+    groups[g].length = *max_element(valence, valence + width);
+    groups[g].isPadded = (*min_element(valence, valence + width) != groups[g].length);
 }
 
 void CpuHelfrichLayout::placeGroups() {
     int start = 0;
     for (Group& group : groups) {
         group.start = start;
-        start += group.length*width;
+        start += group.length * width;
     }
     neighbors.resize(start);
 }
 
 void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, int g, vector<int>& tips) {
-    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.  Vertices of lower valence go round again, for it costs less than to stop.
+    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.  Vertices of
+    // lower valence go round again, for it costs less than to stop.
 
     const Group& group = groups[g];
     int* ring = &neighbors[group.start];
     int halfedge[MAX_WIDTH], lowest[MAX_WIDTH], start[MAX_WIDTH] = {};
-    tips.resize(group.length*width);
-    for (int slot = min(g*width+SLOTS_AHEAD, (int) vertices.size()-width), last = slot+width; slot < last; slot++)
+    tips.resize(group.length * width);
+    for (int slot = min(g * width + SLOTS_AHEAD, (int) vertices.size() - width), last = slot + width; slot < last;
+         slot++)
         mesh.prefetch(mesh.outgoing(vertices[slot]));
     for (int lane = 0; lane < width; lane++)
-        halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[g*width+lane]);
+        halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[g * width + lane]);
     for (int i = 0; i < group.length; i++)
         for (int lane = 0; lane < width; lane++) {
             int h = halfedge[lane];
-            tips[i*width+lane] = 4*slots[mesh.tip(h)];
+            tips[i * width + lane] = 4 * slots[mesh.tip(h)];
             start[lane] = (h < lowest[lane] ? i : start[lane]);
             lowest[lane] = min(h, lowest[lane]);
             halfedge[lane] = mesh.rotate(h);
         }
     for (int i = 0; i < group.length; i++)
         for (int lane = 0; lane < width; lane++) {
-            int slot = g*width+lane, valence = valences[slot], n = start[lane]+(i < valence ? i : 0);
+            int slot = g * width + lane, valence = valences[slot], n = start[lane] + (i < valence ? i : 0);
             n -= (n < valence ? 0 : valence);
-            ring[i*width+lane] = tips[n*width+lane];
+            ring[i * width + lane] = tips[n * width + lane];
         }
 }

@@ -6,8 +6,8 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, const HelfrichParameters& p,
-                                  bool hasMoved) {
+void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
+                                  const HelfrichParameters& p, bool hasMoved) {
     updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
     if (mesh.getRevision() != revision || p.repulsionExclusionLevel != exclusionLevel) {
         removeExclusions(mesh, layout, p.repulsionExclusionLevel);
@@ -16,20 +16,21 @@ void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLay
     }
 }
 
-void CpuHelfrichRepulsion::updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved) {
+void CpuHelfrichRepulsion::updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset,
+                                            bool hasMoved) {
     numUpdates++;
     if (newOnset == onset && !hasMoved)
         return;
     if (newOnset != onset)
-        skin = 0.5*newOnset;
+        skin = 0.5 * newOnset;
     onset = newOnset;
     adaptSkin();
     findCandidates(layout, positions);
     revision = -1;
 }
 
-HelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions, double newOnset,
-                                                            bool hasMoved) {
+HelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
+                                                            const double* positions, double newOnset, bool hasMoved) {
     updateCandidates(layout, positions, newOnset, hasMoved);
     candidates.divide(mesh);
     return candidates;
@@ -39,21 +40,22 @@ void CpuHelfrichRepulsion::adaptSkin() {
     // A list costs as much as some 50 evaluations to build.
 
     if (numUpdates < 50)
-        skin = min(1.25*skin, 1.2*onset);
+        skin = min(1.25 * skin, 1.2 * onset);
     else if (numUpdates > 300)
-        skin = max(0.8*skin, 0.1*onset);
+        skin = max(0.8 * skin, 0.1 * onset);
     numUpdates = 0;
 }
 
-bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const {
+bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot,
+                                    int lastSlot) const {
     if (reference.empty())
         return true;
-    double limit = 0.25*skin*skin;
+    double limit = 0.25 * skin * skin;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
-        const double* x = positions+4*slot;
+        const double* x = positions + 4 * slot;
         const array<double, 3>& start = reference[layout.vertices[slot]];
-        double dx = x[0]-start[0], dy = x[1]-start[1], dz = x[2]-start[2];
-        if (!(dx*dx+dy*dy+dz*dz <= limit))
+        double dx = x[0] - start[0], dy = x[1] - start[1], dz = x[2] - start[2];
+        if (!(dx * dx + dy * dy + dz * dz <= limit))
             return true;
     }
     return false;
@@ -64,37 +66,39 @@ CpuHelfrichRepulsion::Cell CpuHelfrichRepulsion::findCell(const array<double, 3>
 
     Cell cell;
     for (int i = 0; i < 3; i++)
-        cell[i] = (int) max(-1e9, min(1e9, floor(x[i]/(onset+skin))));
+        cell[i] = (int) max(-1e9, min(1e9, floor(x[i] / (onset + skin))));
     return cell;
 }
 
 unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
     // Cells in a row along x have consecutive buckets.
 
-    unsigned int hash = (unsigned int) cell[0]+73856093u*(unsigned int) cell[1]+19349663u*(unsigned int) cell[2];
-    return hash&(bucketStarts.size()-2);
+    unsigned int hash =
+            (unsigned int) cell[0] + 73856093u * (unsigned int) cell[1] + 19349663u * (unsigned int) cell[2];
+    return hash & (bucketStarts.size() - 2);
 }
 
 void CpuHelfrichRepulsion::sortIntoBuckets() {
     size_t numBuckets = 1;
     while (numBuckets < reference.size())
         numBuckets *= 2;
-    bucketStarts.assign(numBuckets+1, 0);
+    bucketStarts.assign(numBuckets + 1, 0);
     for (auto& x : reference)
-        bucketStarts[findBucket(findCell(x))+1]++;
+        bucketStarts[findBucket(findCell(x)) + 1]++;
     for (size_t i = 1; i < bucketStarts.size(); i++)
-        bucketStarts[i] += bucketStarts[i-1];
-    vector<int> next(bucketStarts.begin(), bucketStarts.end()-1);
+        bucketStarts[i] += bucketStarts[i - 1];
+    vector<int> next(bucketStarts.begin(), bucketStarts.end() - 1);
     points.resize(reference.size());
     for (size_t v = 0; v < reference.size(); v++)
-        points[next[findBucket(findCell(reference[v]))]++] = {{reference[v][0], reference[v][1], reference[v][2]}, (int) v};
+        points[next[findBucket(findCell(reference[v]))]++] = {{reference[v][0], reference[v][1], reference[v][2]},
+                                                              (int) v};
 }
 
 void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
     reference.resize(layout.slots.size());
     for (size_t v = 0; v < reference.size(); v++)
         for (int i = 0; i < 3; i++)
-            reference[v][i] = positions[4*layout.slots[v]+i];
+            reference[v][i] = positions[4 * layout.slots[v] + i];
     sortIntoBuckets();
     candidates.lists.resize(reference.size());
     candidates.partners.clear();
@@ -102,8 +106,8 @@ void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
     candidates.numBuilds++;
     for (size_t v = 0; v < reference.size(); v++) {
         int start = candidates.partners.size();
-        addCandidates(v, (onset+skin)*(onset+skin));
-        candidates.lists[v] = {start, 0, int(candidates.partners.size()-start)};
+        addCandidates(v, (onset + skin) * (onset + skin));
+        candidates.lists[v] = {start, 0, int(candidates.partners.size() - start)};
     }
 }
 
@@ -111,19 +115,19 @@ void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {
     Cell center = findCell(reference[vertex]);
     for (int dy = -1; dy <= 1; dy++)
         for (int dz = -1; dz <= 1; dz++)
-            addCandidatesInRow(vertex, {center[0]-1, center[1]+dy, center[2]+dz}, cutoff2);
+            addCandidatesInRow(vertex, {center[0] - 1, center[1] + dy, center[2] + dz}, cutoff2);
 }
 
 void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, double cutoff2) {
     // Points of other cells can have the same buckets: they are found in their own row, or are too far away.
 
     const array<double, 3>& x = reference[vertex];
-    int numBuckets = bucketStarts.size()-1, begin = findBucket(first), end = min(begin+3, numBuckets);
-    auto addRange = [&] (int start, int stop) {
+    int numBuckets = bucketStarts.size() - 1, begin = findBucket(first), end = min(begin + 3, numBuckets);
+    auto addRange = [&](int start, int stop) {
         for (int i = start; i < stop; i++) {
             const Point& other = points[i];
-            double dx = other.x[0]-x[0], dy = other.x[1]-x[1], dz = other.x[2]-x[2];
-            if (dx*dx+dy*dy+dz*dz >= cutoff2 || other.vertex == vertex)
+            double dx = other.x[0] - x[0], dy = other.x[1] - x[1], dz = other.x[2] - x[2];
+            if (dx * dx + dy * dy + dz * dz >= cutoff2 || other.vertex == vertex)
                 continue;
             Cell cell = findCell(reference[other.vertex]);
             if (cell[1] == first[1] && cell[2] == first[2])
@@ -131,8 +135,8 @@ void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, dou
         }
     };
     addRange(bucketStarts[begin], bucketStarts[end]);
-    if (begin+3 > numBuckets)
-        addRange(0, bucketStarts[min(begin+3-numBuckets, begin)]);
+    if (begin + 3 > numBuckets)
+        addRange(0, bucketStarts[min(begin + 3 - numBuckets, begin)]);
 }
 
 void CpuHelfrichRepulsion::markExclusions(const HelfrichMesh& mesh, int vertex, int level) {
@@ -166,34 +170,36 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
         if (list.numPartners == 0)
             continue;
         markExclusions(mesh, vertex, level);
-        for (int i = list.start; i < list.start+list.numPartners; i++)
+        for (int i = list.start; i < list.start + list.numPartners; i++)
             if (marks[candidates.partners[i]] != vertex)
                 pairs.push_back(candidates.partners[i]);
-        // In the order of the vertices, which does not depend on where the list was built: a restart must add them up in the same order.
-        sort(pairs.begin()+pairStarts[slot], pairs.end());
+        // In the order of the vertices, which does not depend on where the list was built: a restart must add them up
+        // in the same order.
+        sort(pairs.begin() + pairStarts[slot], pairs.end());
         for (size_t i = pairStarts[slot]; i < pairs.size(); i++)
-            pairs[i] = 4*layout.slots[pairs[i]];
+            pairs[i] = 4 * layout.slots[pairs[i]];
     }
     pairStarts.push_back(pairs.size());
 }
 
-double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichParameters& p, int firstSlot, int lastSlot, double* gradients) const {
-    double energy = 0, onset2 = p.repulsionOnset*p.repulsionOnset;
+double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichParameters& p, int firstSlot, int lastSlot,
+                                     double* gradients) const {
+    double energy = 0, onset2 = p.repulsionOnset * p.repulsionOnset;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
-        const double* x = positions+4*slot;
-        for (int i = pairStarts[slot]; i < pairStarts[slot+1]; i++) {
-            const double* y = positions+pairs[i];
-            double dx = x[0]-y[0], dy = x[1]-y[1], dz = x[2]-y[2], r2 = dx*dx+dy*dy+dz*dz;
+        const double* x = positions + 4 * slot;
+        for (int i = pairStarts[slot]; i < pairStarts[slot + 1]; i++) {
+            const double* y = positions + pairs[i];
+            double dx = x[0] - y[0], dy = x[1] - y[1], dz = x[2] - y[2], r2 = dx * dx + dy * dy + dz * dz;
             if (r2 >= onset2)
                 continue;
             double r = sqrt(r2), slope;
-            energy += p.repulsionModulus*repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
+            energy += p.repulsionModulus * repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
             if (gradients != NULL) {
-                double* gradient = gradients+4*(slot-firstSlot);
-                double scale = 2*p.repulsionModulus*slope/r;
-                gradient[0] += scale*dx;
-                gradient[1] += scale*dy;
-                gradient[2] += scale*dz;
+                double* gradient = gradients + 4 * (slot - firstSlot);
+                double scale = 2 * p.repulsionModulus * slope / r;
+                gradient[0] += scale * dx;
+                gradient[1] += scale * dy;
+                gradient[2] += scale * dz;
             }
         }
     }

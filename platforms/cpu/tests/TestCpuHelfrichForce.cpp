@@ -16,7 +16,8 @@ OpenMM::Platform& initializeTests() {
     Platform::registerPlatform(new CpuPlatform());
     registerHelfrichCpuKernelFactories();
     Platform& platform = Platform::getPlatform("CPU");
-    // More threads do not pay for meshes this small, least of all on a busy machine: those tests that are about threads ask for them.
+    // More threads do not pay for meshes this small, least of all on a busy machine: those tests that are about threads
+    // ask for them.
     platform.setPropertyDefaultValue(CpuPlatform::CpuThreads(), "1");
     return platform;
 }
@@ -40,7 +41,8 @@ void testThreads() {
 }
 
 void testHistoryDoesNotMatter() {
-    // The result depends on positions and triangles, and not on how the Context came to them: where it was when it made its list of neighbors, for instance.
+    // The result depends on positions and triangles, and not on how the Context came to them: where it was when it made
+    // its list of neighbors, for instance.
 
     Membrane blob = createBlob(3);
     TestRandom random(2);
@@ -60,11 +62,11 @@ void testHistoryDoesNotMatter() {
 /**
  * A few trajectories of a blob, accepted or not, some vertices of which are frozen; and where they end.
  */
-vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p, const string& splitting, bool isAlone, const string& threads, const string& precision,
-                              vector<double>& energyChanges) {
+vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p, const string& splitting, bool isAlone,
+                              const string& threads, const string& precision, vector<double>& energyChanges) {
     System system;
     for (size_t i = 0; i < blob.positions.size(); i++)
-        system.addParticle(i%10 == 0 ? 0 : 1+0.1*(i%3));
+        system.addParticle(i % 10 == 0 ? 0 : 1 + 0.1 * (i % 3));
     system.addForce(createForce(blob, p));
     if (!isAlone)
         system.addForce(new CustomExternalForce("0"));
@@ -93,7 +95,7 @@ void testMembraneAlone() {
     Membrane blob = createBlob(4);
     int count = 0;
     for (auto& p : createAllParameters(blob)) {
-        string splitting = (count++%3 == 0 ? "leapfrog" : count%3 == 0 ? "bcss2" : "bcss3");
+        string splitting = (count++ % 3 == 0 ? "leapfrog" : count % 3 == 0 ? "bcss2" : "bcss3");
         vector<double> expectedChanges, changes;
         vector<Vec3> expected = makeTrajectories(blob, p, splitting, false, "1", "double", expectedChanges);
         for (string threads : {"1", "2"}) {
@@ -118,7 +120,9 @@ public:
     explicit LeapfrogIntegrator(bool mixed) : mixed(mixed) {
     }
     void step(int steps) {
-        energy = dynamic_cast<HelfrichForceImpl&>(*context->getForceImpls()[0]).makeTrajectory(*context, Splitting::byName("leapfrog").getSequence(getStepSize(), steps), mixed);
+        energy = dynamic_cast<HelfrichForceImpl&>(*context->getForceImpls()[0])
+                         .makeTrajectory(*context, Splitting::byName("leapfrog").getSequence(getStepSize(), steps),
+                                         mixed);
     }
     double energy = 0;
 protected:
@@ -140,12 +144,13 @@ private:
  * Positions and velocities after leapfrog steps.  Some of the vertices are frozen.
  */
 struct Motion {
-    Motion(const Membrane& membrane, const HelfrichParameters& p, const vector<Vec3>& velocities, double stepSize, int numSteps, bool mixed, const string& threads="1") {
+    Motion(const Membrane& membrane, const HelfrichParameters& p, const vector<Vec3>& velocities, double stepSize,
+           int numSteps, bool mixed, const string& threads = "1") {
         LeapfrogIntegrator integrator(mixed);
         integrator.setStepSize(stepSize);
         System system;
         for (size_t i = 0; i < membrane.positions.size(); i++)
-            system.addParticle(i%10 == 0 ? 0 : 1+0.1*(i%3));
+            system.addParticle(i % 10 == 0 ? 0 : 1 + 0.1 * (i % 3));
         system.addForce(createForce(membrane, p));
         Context context(system, integrator, *platform, {{"Threads", threads}});
         context.setPositions(membrane.positions);
@@ -165,7 +170,7 @@ struct Motion {
 double getLargestDifference(const vector<Vec3>& a, const vector<Vec3>& b) {
     double largest = 0;
     for (size_t i = 0; i < a.size(); i++)
-        largest = max(largest, sqrt((a[i]-b[i]).dot(a[i]-b[i])));
+        largest = max(largest, sqrt((a[i] - b[i]).dot(a[i] - b[i])));
     return largest;
 }
 
@@ -173,13 +178,13 @@ vector<Vec3> createVelocities(const Membrane& membrane, double speed) {
     TestRandom random(4);
     vector<Vec3> velocities;
     for (size_t i = 0; i < membrane.positions.size(); i++)
-        velocities.push_back(i%10 == 0 ? Vec3() : random.vector(speed));
+        velocities.push_back(i % 10 == 0 ? Vec3() : random.vector(speed));
     return velocities;
 }
 
 void testMixedPrecision() {
-    // Forces in single precision are wrong by a few units in its last place, wherever the membrane is; energies and forces that are asked for are in double precision,
-    // and any number of threads gives the same bits.
+    // Forces in single precision are wrong by a few units in its last place, wherever the membrane is; energies and
+    // forces that are asked for are in double precision, and any number of threads gives the same bits.
 
     for (double shift : {0.0, 1000.0}) {
         Membrane blob = createBlob(4);
@@ -191,10 +196,10 @@ void testMixedPrecision() {
             Motion exact(blob, p, start, stepSize, 1, false), mixed(blob, p, start, stepSize, 1, true);
             vector<Vec3> impulse, error;
             for (size_t i = 0; i < start.size(); i++) {
-                impulse.push_back((exact.velocities[i]-start[i])/stepSize);
-                error.push_back((mixed.velocities[i]-exact.velocities[i])/stepSize);
+                impulse.push_back((exact.velocities[i] - start[i]) / stepSize);
+                error.push_back((mixed.velocities[i] - exact.velocities[i]) / stepSize);
             }
-            double relativeError = getNorm(error)/getNorm(impulse);
+            double relativeError = getNorm(error) / getNorm(impulse);
             ASSERT(relativeError < 3e-6);
             ASSERT(p.bendingModulus == 0 || relativeError > 1e-9);
             Membrane end = blob;
@@ -207,7 +212,8 @@ void testMixedPrecision() {
 }
 
 void testMixedPrecisionIsReversible() {
-    // The errors of the forces depend on the positions alone: back from the end, the vertices meet the same, and return to where they came from.
+    // The errors of the forces depend on the positions alone: back from the end, the vertices meet the same, and return
+    // to where they came from.
 
     Membrane blob = createBlob(3);
     vector<Vec3> start = createVelocities(blob, 1);

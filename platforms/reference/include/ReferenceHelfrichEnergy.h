@@ -10,18 +10,21 @@
 namespace HelfrichPlugin {
 
 /**
- * The energy of a membrane and its gradient, written for reading: every line is one of the equations of HelfrichForce or a derivative of one.
+ * The energy of a membrane and its gradient, written for reading: every line is one of the equations of HelfrichForce
+ * or a derivative of one.
  *
- * Gradients use these derivatives.  For a triangle of area A, unit normal n and edge e opposite to the vertex a, dA/da = n x e/2 and, on a closed surface, dV/da = sum of
- * n A/3 over the triangles.  For the dihedral angle of the edge e = j-i of length l between (i, j, k) and (j, i, l), whose apexes have the heights h_f, h_g over the
- * edge and their foot points at the fractions s_f, s_g of the way from i to j,
+ * Gradients use these derivatives.  For a triangle of area A, unit normal n and edge e opposite to the vertex a, dA/da
+ * = n x e/2 and, on a closed surface, dV/da = sum of n A/3 over the triangles.  For the dihedral angle of the edge e =
+ * j-i of length l between (i, j, k) and (j, i, l), whose apexes have the heights h_f, h_g over the edge and their foot
+ * points at the fractions s_f, s_g of the way from i to j,
  *
- *     dphi/dk = -n_f/h_f,  dphi/dl = -n_g/h_g,  dphi/dj = s_f n_f/h_f + s_g n_g/h_g,  dphi/di = (1-s_f) n_f/h_f + (1-s_g) n_g/h_g.
+ *     dphi/dk = -n_f/h_f,  dphi/dl = -n_g/h_g,  dphi/dj = s_f n_f/h_f + s_g n_g/h_g,  dphi/di = (1-s_f) n_f/h_f +
+ * (1-s_g) n_g/h_g.
  *
  * The normal of a triangle without area is zero, and so is what depends on it.
  *
- * Everything is computed in extended precision and rounded once, at the end, so that a comparison with another platform tells the errors of that platform alone.  Where a compiler's
- * long double is a double, so is this.
+ * Everything is computed in extended precision and rounded once, at the end, so that a comparison with another platform
+ * tells the errors of that platform alone.  Where a compiler's long double is a double, so is this.
  */
 class ReferenceHelfrichEnergy {
 public:

@@ -10,7 +10,8 @@ namespace HelfrichPlugin {
  */
 class ReferenceHelfrichKernelFactory : public OpenMM::KernelFactory {
 public:
-    OpenMM::KernelImpl* createKernelImpl(std::string name, const OpenMM::Platform& platform, OpenMM::ContextImpl& context) const;
+    OpenMM::KernelImpl* createKernelImpl(std::string name, const OpenMM::Platform& platform,
+                                         OpenMM::ContextImpl& context) const;
 };
 
 } // namespace HelfrichPlugin

@@ -11,10 +11,12 @@ namespace HelfrichPlugin {
  */
 class ReferenceCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
-    ReferenceCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform) : CalcHelfrichForceKernel(name, platform) {
+    ReferenceCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
+            : CalcHelfrichForceKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
-    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
+                 HelfrichEnergyTerms& terms);
     const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
     HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
@@ -29,10 +31,12 @@ private:
  */
 class ReferenceIntegrateHamiltonianTrajectoryKernel : public IntegrateHamiltonianTrajectoryKernel {
 public:
-    ReferenceIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform) : IntegrateHamiltonianTrajectoryKernel(name, platform) {
+    ReferenceIntegrateHamiltonianTrajectoryKernel(std::string name, const OpenMM::Platform& platform)
+            : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
-    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory);
+    double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
+                 long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);

@@ -27,10 +27,11 @@ extern "C" OPENMM_EXPORT void registerHelfrichReferenceKernelFactories() {
     registerKernelFactories();
 }
 
-KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, const Platform& platform, ContextImpl& context) const {
+KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, const Platform& platform,
+                                                             ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new ReferenceCalcHelfrichForceKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new ReferenceIntegrateHamiltonianTrajectoryKernel(name, platform);
-    throw OpenMMException("Tried to create kernel with illegal kernel name '"+name+"'");
+    throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");
 }

@@ -25,7 +25,8 @@ ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPosi
     return x;
 }
 
-bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces, HelfrichEnergyTerms& terms) {
+bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
+                                               bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context);
     ReferenceHelfrichEnergy energy(*mesh, x);
     bool isFinite = isfinite(double(energy.getTotals().area));
@@ -65,13 +66,15 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
         masses.push_back(system.getParticleMass(i));
 }
 
-double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment, const Philox& random, long long trajectory) {
+double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
+                                                            const Philox& random, long long trajectory) {
     vector<Vec3>& velocities = *getData(context).velocities;
-    double persistence = sqrt(1-refreshment*refreshment);
+    double persistence = sqrt(1 - refreshment * refreshment);
     startPositions = *getData(context).positions;
     for (size_t i = 0; i < masses.size(); i++)
         if (masses[i] != 0)
-            velocities[i] = velocities[i]*persistence+drawNormals(random, trajectory, i)*(refreshment*sqrt(kT/masses[i]));
+            velocities[i] = velocities[i] * persistence +
+                            drawNormals(random, trajectory, i) * (refreshment * sqrt(kT / masses[i]));
     startVelocities = velocities;
     return computeKineticEnergy(context);
 }
@@ -82,8 +85,8 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, c
     vector<Vec3>& forces = *getData(context).forces;
     for (size_t i = 0; i < masses.size(); i++) {
         if (masses[i] != 0) {
-            velocities[i] += forces[i]*(times.kick/masses[i]);
-            positions[i] += velocities[i]*times.drift;
+            velocities[i] += forces[i] * (times.kick / masses[i]);
+            positions[i] += velocities[i] * times.drift;
         }
         forces[i] = Vec3();
     }
@@ -93,7 +96,7 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
     const vector<Vec3>& velocities = *getData(context).velocities;
     double energy = 0;
     for (size_t i = 0; i < masses.size(); i++)
-        energy += 0.5*masses[i]*velocities[i].dot(velocities[i]);
+        energy += 0.5 * masses[i] * velocities[i].dot(velocities[i]);
     return energy;
 }
 

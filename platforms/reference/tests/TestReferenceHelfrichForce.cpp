@@ -10,11 +10,12 @@ OpenMM::Platform& initializeTests() {
 }
 
 void testRoundedOnce() {
-    // Energies and forces are those of extended precision, rounded to double: other platforms' errors are measured against them.
+    // Energies and forces are those of extended precision, rounded to double: other platforms' errors are measured
+    // against them.
 
     if (sizeof(ReferenceHelfrichEnergy::Real) == sizeof(double))
         return;
-    const double halfUnit = 0.5*numeric_limits<double>::epsilon();
+    const double halfUnit = 0.5 * numeric_limits<double>::epsilon();
     Membrane blob = createBlob(2);
     vector<int> some;
     for (int i = 0; i < (int) blob.positions.size(); i += 7)
@@ -23,14 +24,16 @@ void testRoundedOnce() {
         MembraneContext context(blob, p);
         HelfrichEnergyTerms terms = context.getTerms();
         auto exact = computeExactly(blob, p);
-        const long double expected[] = {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion};
-        const double found[] = {terms.bending, terms.area, terms.volume, terms.areaDifference, terms.tether, terms.repulsion};
+        const long double expected[] = {exact.bending,        exact.areaEnergy, exact.volumeEnergy,
+                                        exact.areaDifference, exact.tether,     exact.repulsion};
+        const double found[] = {terms.bending,        terms.area,   terms.volume,
+                                terms.areaDifference, terms.tether, terms.repulsion};
         for (int i = 0; i < 6; i++)
-            ASSERT(fabsl(found[i]-expected[i]) <= 1.01L*halfUnit*fabsl(expected[i]));
+            ASSERT(fabsl(found[i] - expected[i]) <= 1.01L * halfUnit * fabsl(expected[i]));
         vector<Vec3> forces = context.getForces(), someForces;
         for (int i : some)
             someForces.push_back(forces[i]);
-        assertEqualVectors(computeForcesExactly(blob, p, some), someForces, 1.01*2*halfUnit);
+        assertEqualVectors(computeForcesExactly(blob, p, some), someForces, 1.01 * 2 * halfUnit);
     }
 }
 

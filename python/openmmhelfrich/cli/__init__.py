@@ -1,4 +1,5 @@
 """The command openmm-helfrich.  Each module of this package holds related commands, in a typer application of its own."""
+
 from typing import Annotated
 
 import openmm as mm
@@ -6,8 +7,13 @@ import typer
 
 from . import minima, runs, shapes, sweeps, tradeoff
 
-app = typer.Typer(no_args_is_help=True, add_completion=True, pretty_exceptions_enable=False,
-                  help="Simulate fluid membranes with OpenMM.", context_settings={"help_option_names": ["-h", "--help"]})
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    help="Simulate fluid membranes with OpenMM.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 app.add_typer(runs.app)
 app.add_typer(sweeps.app)
 app.add_typer(shapes.app)
@@ -19,6 +25,7 @@ app.add_typer(tradeoff.app)
 def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False):
     if version:
         from .. import __version__
+
         print(f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")
         raise typer.Exit()
 

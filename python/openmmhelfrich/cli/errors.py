@@ -1,4 +1,5 @@
 """Errors as a user sees them."""
+
 import functools
 import sys
 
@@ -8,6 +9,7 @@ import typer
 
 def friendly(command):
     """Decorate a command: what the user can put right ends it with a sentence instead of a traceback."""
+
     @functools.wraps(command)
     def wrapped(*arguments, **options):
         try:
@@ -16,4 +18,5 @@ def friendly(command):
             for line in str(error).splitlines():
                 print(f"openmm-helfrich: {line}", file=sys.stderr)
             raise typer.Exit(1)
+
     return wrapped

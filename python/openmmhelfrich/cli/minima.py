@@ -1,4 +1,5 @@
 """The command that compares minimum shapes with those of the continuum."""
+
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -13,13 +14,30 @@ _HEADER = "branch          v  vertices    E/8πκ   axisym.    error       Δa  
 
 @app.command(epilog="Example: openmm-helfrich minima --branch prolate --vertices 642 --vertices 2562")
 @friendly
-def minima(branch: Annotated[Optional[list[str]], typer.Option(help="prolate, oblate or stomatocyte; may be given several times. By default all.")] = None,
-           volume: Annotated[Optional[list[float]], typer.Option(help="A reduced volume; may be given several times. By default 0.5 to 0.9, as far as the branch goes.")] = None,
-           vertices: Annotated[Optional[list[int]], typer.Option(min=12, metavar="N", help="A number of vertices; may be given several times. By default 642.")] = None,
-           tolerance: Annotated[float, typer.Option(min=1e-6, metavar="X", help="Factor on the default tolerance of the forces.")] = 1.0,
-           out: Annotated[Optional[Path], typer.Option(metavar="FILE.csv", help="Write the table to a file as well.")] = None,
-           picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the shapes of fewest vertices: .png, .pdf or .svg.")] = None,
-           overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False):
+def minima(
+    branch: Annotated[
+        Optional[list[str]],
+        typer.Option(help="prolate, oblate or stomatocyte; may be given several times. By default all."),
+    ] = None,
+    volume: Annotated[
+        Optional[list[float]],
+        typer.Option(
+            help="A reduced volume; may be given several times. By default 0.5 to 0.9, as far as the branch goes."
+        ),
+    ] = None,
+    vertices: Annotated[
+        Optional[list[int]],
+        typer.Option(min=12, metavar="N", help="A number of vertices; may be given several times. By default 642."),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=1e-6, metavar="X", help="Factor on the default tolerance of the forces.")
+    ] = 1.0,
+    out: Annotated[Optional[Path], typer.Option(metavar="FILE.csv", help="Write the table to a file as well.")] = None,
+    picture: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw the shapes of fewest vertices: .png, .pdf or .svg.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
+):
     """Minimise vesicles, and compare bending energy and area difference with axisymmetric minima.
 
     Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error of the energy falls from one to the
@@ -27,6 +45,7 @@ def minima(branch: Annotated[Optional[list[str]], typer.Option(help="prolate, ob
     """
     from ..conversion import requireNew
     from ..minima import discreteMinimum, plotSections
+
     requireNew([file for file in (out, picture) if file], Path(), overwrite)
     points, sizes, found = _points(branch, volume), sorted(set(vertices or [642])), []
     print(_HEADER)
@@ -48,8 +67,13 @@ def _points(branches, volumes):
     """Return the branches and reduced volumes that were asked for; of all branches those that reach a volume."""
     from ..axisymmetric import requireBranch
     from ..minima import REDUCED_VOLUMES
-    points = [(name, v) for name in branches or REDUCED_VOLUMES for v in volumes or REDUCED_VOLUMES.get(name, [0.6])
-              if branches or name != "stomatocyte" or v <= max(REDUCED_VOLUMES[name])]
+
+    points = [
+        (name, v)
+        for name in branches or REDUCED_VOLUMES
+        for v in volumes or REDUCED_VOLUMES.get(name, [0.6])
+        if branches or name != "stomatocyte" or v <= max(REDUCED_VOLUMES[name])
+    ]
     for point in points:
         requireBranch(*point)
     return points
@@ -57,19 +81,25 @@ def _points(branches, volumes):
 
 def _line(m):
     row = m.row()
-    return (f"{m.branch:12} {m.reducedVolume:4g} {m.numVertices:9}  {m.energy:7.5f}   {m.continuum.energy:7.5f}  {m.energyError:+7.2%}  {m.areaDifference:7.4f}  {m.continuum.areaDifference:7.4f}"
-            f"  {m.inscribedVolume:11.5f}  {row['tether']:7.1e}  {m.seconds:2.0f}  {m.result.reason}")
+    return (
+        f"{m.branch:12} {m.reducedVolume:4g} {m.numVertices:9}  {m.energy:7.5f}   {m.continuum.energy:7.5f}  {m.energyError:+7.2%}  {m.areaDifference:7.4f}  {m.continuum.areaDifference:7.4f}"
+        f"  {m.inscribedVolume:11.5f}  {row['tether']:7.1e}  {m.seconds:2.0f}  {m.result.reason}"
+    )
 
 
 def _convergence(series):
     from ..minima import extrapolatedEnergy, orderOfConvergence
+
     orders = [f"{orderOfConvergence(*pair):.2f}" for pair in zip(series, series[1:])]
     energy, exact = extrapolatedEnergy(*series[-2:]), series[0].continuum.energy
-    return f"{'':18}order in 1/N: {', '.join(orders)};  extrapolated E/8πκ {energy:.5f}, error {energy/exact-1:+.2%}"
+    return (
+        f"{'':18}order in 1/N: {', '.join(orders)};  extrapolated E/8πκ {energy:.5f}, error {energy / exact - 1:+.2%}"
+    )
 
 
 def _write(out, found):
     import csv
+
     rows = [m.row() for series in found for m in series]
     with open(out, "w", newline="") as file:
         table = csv.DictWriter(file, rows[0])

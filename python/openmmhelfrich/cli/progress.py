@@ -1,4 +1,5 @@
 """How far a run is, on standard error."""
+
 import sys
 import time
 
@@ -14,7 +15,13 @@ class Bars:
 
     def __init__(self, quiet, *columns):
         console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn(), *columns, TextColumn("{task.fields[text]}"))
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            *columns,
+            TextColumn("{task.fields[text]}"),
+        )
         self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
         self._quiet = quiet
 
@@ -42,7 +49,7 @@ class Progress(Bars):
         if stage is not self._stage:
             self._begin(study, now)
         seconds = SECONDS_BETWEEN_UPDATES if self._bar else SECONDS_BETWEEN_LINES
-        if not stage.isDone and now < self._shownAt+seconds:
+        if not stage.isDone and now < self._shownAt + seconds:
             return
         self._shownAt = now
         text = f"{self._rate(stage, now)} {stage.unit}s/s, {study.status()}"
@@ -50,24 +57,33 @@ class Progress(Bars):
             self._bar.update(self._task, completed=stage.position, text=text)
         else:
             count = f"{stage.position}" if stage.isWhole else f"{stage.position} of {stage.steps}"
-            print(f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{text}", file=sys.stderr, flush=True)
+            print(
+                f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{text}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def _begin(self, study, now):
-        self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position-1
-        self._shownAt = now-SECONDS_BETWEEN_LINES+2  # soon, to show that something happens
+        self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position - 1
+        self._shownAt = now - SECONDS_BETWEEN_LINES + 2  # soon, to show that something happens
         if self._bar:
-            self._task = self._bar.add_task(self._title(study), total=None if study.stage.isWhole else study.stage.steps, completed=study.stage.position, text="")
+            self._task = self._bar.add_task(
+                self._title(study),
+                total=None if study.stage.isWhole else study.stage.steps,
+                completed=study.stage.position,
+                text="",
+            )
 
     @staticmethod
     def _title(study):
         count = len(study.config.stages)
-        return study.stage.title if count == 1 else f"{study.index+1}/{count} {study.stage.title}"
+        return study.stage.title if count == 1 else f"{study.index + 1}/{count} {study.stage.title}"
 
     def _rate(self, stage, now):
-        return f"{(stage.position-self._firstStep)/max(now-self._beganAt, 1e-3):.3g}"
+        return f"{(stage.position - self._firstStep) / max(now - self._beganAt, 1e-3):.3g}"
 
     def _remaining(self, stage, now):
         if stage.isWhole or stage.isDone:
             return ""
-        seconds = int((now-self._beganAt)/(stage.position-self._firstStep)*(stage.steps-stage.position))
-        return f"{seconds//60}:{seconds%60:02d} left, "
+        seconds = int((now - self._beganAt) / (stage.position - self._firstStep) * (stage.steps - stage.position))
+        return f"{seconds // 60}:{seconds % 60:02d} left, "

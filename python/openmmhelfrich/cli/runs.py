@@ -1,4 +1,5 @@
 """Commands that simulate."""
+
 import signal
 from pathlib import Path
 from typing import Annotated, Optional
@@ -16,14 +17,18 @@ Threads = Annotated[Optional[int], typer.Option(min=1, help="Threads of the CPU 
 
 @app.command(epilog="Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell")
 @friendly
-def run(config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The configuration of the run.")],
-        platform: Platform = None,
-        threads: Threads = None,
-        seed: Annotated[Optional[int], typer.Option(min=1, max=2**31-1, help="Seed of all random numbers.")] = None,
-        steps: Annotated[Optional[int], typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
-        output: Annotated[Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")] = None,
-        overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
-        quiet: Quiet = False):
+def run(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The configuration of the run.")],
+    platform: Platform = None,
+    threads: Threads = None,
+    seed: Annotated[Optional[int], typer.Option(min=1, max=2**31 - 1, help="Seed of all random numbers.")] = None,
+    steps: Annotated[Optional[int], typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
+    output: Annotated[
+        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
+    quiet: Quiet = False,
+):
     """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
 
     Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the settings with all
@@ -32,6 +37,7 @@ def run(config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The 
     """
     from ..config import readConfig
     from ..studies import run as runConfig
+
     settings = readConfig(config)
     _override(settings.platform, name=platform, threads=threads)
     _override(settings.sampling, seed=seed, steps=steps)
@@ -41,28 +47,42 @@ def run(config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The 
 
 @app.command(epilog="Example: openmm-helfrich resume results/cell --steps 5000")
 @friendly
-def resume(prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")],
-           steps: Annotated[Optional[int], typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")] = None,
-           platform: Platform = None,
-           threads: Threads = None,
-           quiet: Quiet = False):
+def resume(
+    prefix: Annotated[
+        str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")
+    ],
+    steps: Annotated[
+        Optional[int], typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
+    ] = None,
+    platform: Platform = None,
+    threads: Threads = None,
+    quiet: Quiet = False,
+):
     """Go on with a run that was stopped or killed, or make more steps.
 
     The files become what they would be if the run had never been stopped, to the last byte.
     """
     from ..studies import resume as resumeRun
+
     _report(lambda progress: resumeRun(prefix.removesuffix(".checkpoint"), steps, progress, platform, threads), quiet)
 
 
 @app.command(epilog="Example: openmm-helfrich config > vesicle.toml")
 @friendly
-def config(fromTrimem: Annotated[Optional[Path], typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead.")] = None):
+def config(
+    fromTrimem: Annotated[
+        Optional[Path],
+        typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead."),
+    ] = None,
+):
     """Print a configuration file with every key, its default, and the reason for it."""
     from ..configfile import defaultText
+
     if fromTrimem is None:
         print(defaultText(), end="")
         return
     from ..trimem import convertConfig
+
     print(convertConfig(fromTrimem), end="")
 
 
@@ -75,10 +95,11 @@ def _override(section, **values):
 def _report(work, quiet):
     """Do a run with its progress shown, and print its summary.  A run that was stopped ends the command as the signal would have."""
     from .progress import Progress
+
     with Progress(quiet) as progress:
         summary = work(progress)
     if not quiet:
         for label, text in summary.lines():
             print(f"{label:>15}  {text}")
     if summary.interrupted:
-        raise typer.Exit(128+(summary.signal or signal.SIGINT))
+        raise typer.Exit(128 + (summary.signal or signal.SIGINT))

@@ -1,4 +1,5 @@
 """Commands that look at meshes and at the results of runs."""
+
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -11,14 +12,20 @@ app = typer.Typer()
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 Frame = Annotated[Optional[int], typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
 Every = Annotated[int, typer.Option(min=1, metavar="N", help="The first of every N frames.")]
-Topology = Annotated[Optional[Path], typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")]
+Topology = Annotated[
+    Optional[Path], typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")
+]
 
 
 @app.command()
 @friendly
-def check(mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH ...")],
-          scale: Annotated[float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")] = 1.0,
-          length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm"):
+def check(
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH ...")],
+    scale: Annotated[
+        float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
+    ] = 1.0,
+    length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm",
+):
     """Describe a mesh, and say what to simulate it with.
 
     Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes through itself, area and volume, and the
@@ -28,19 +35,32 @@ def check(mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file
     """
     from ..mesh import Mesh
     from ..quality import assess
+
     surface = Mesh.read(mesh, unit=scale)
     try:
         quality = assess(surface)
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
-    _print(quality.lines(length_unit)+_suggestions(surface, scale, length_unit))
+    _print(quality.lines(length_unit) + _suggestions(surface, scale, length_unit))
 
 
 @app.command()
 @friendly
-def convert(source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
-            output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="What to write: .vtkhdf, .pvd, .vtu, .ply, .stl, .obj, .off, .vtk, .msh or .xyz.")],
-            frame: Frame = None, every: Every = 1, topology: Topology = None, overwrite: Overwrite = False):
+def convert(
+    source: Annotated[
+        Path, typer.Argument(metavar="INPUT", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")
+    ],
+    output: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUTPUT", help="What to write: .vtkhdf, .pvd, .vtu, .ply, .stl, .obj, .off, .vtk, .msh or .xyz."
+        ),
+    ],
+    frame: Frame = None,
+    every: Every = 1,
+    topology: Topology = None,
+    overwrite: Overwrite = False,
+):
     """Convert trajectories and meshes.
 
     VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with numbers in their names.
@@ -54,16 +74,25 @@ def convert(source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh
     openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
     """
     from ..conversion import convert as convertFile
+
     files = convertFile(source, output, frame, every, topology, overwrite)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
 
 
 @app.command()
 @friendly
-def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")],
-         output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", 
-                                                                help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png.")] = None,
-         overwrite: Overwrite = False):
+def plot(
+    source: Annotated[
+        Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")
+    ],
+    output: Annotated[
+        Optional[Path],
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+):
     """Plot energies by term, area, volume and acceptance against steps.
 
     Example: openmm-helfrich plot results/cell -o cell.pdf
@@ -71,10 +100,11 @@ def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help
     from ..conversion import requireNew
     from ..pictures import plotObservables
     from ..reporters import observableUnits, readObservables
-    table = source if source.suffix.lower() == ".csv" else source.with_name(source.name+".csv")
+
+    table = source if source.suffix.lower() == ".csv" else source.with_name(source.name + ".csv")
     if not table.exists():
         raise FileNotFoundError(f"there is no table of observables {table}")
-    output = output or table.with_name(table.stem+"_plot.png")
+    output = output or table.with_name(table.stem + "_plot.png")
     requireNew([output], table, overwrite)
     units = observableUnits(table)
     plotObservables(readObservables(table), output, units["area"].removesuffix("^2"), units["energy"])
@@ -83,16 +113,31 @@ def plot(source: Annotated[Path, typer.Argument(metavar="PREFIX|TABLE.csv", help
 
 @app.command()
 @friendly
-def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
-           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", 
-                                                                  help="The picture: .png or .jpg, or .gif or .mp4 for an animation; by default FILE.png.")] = None,
-           frame: Frame = None, every: Every = 1, topology: Topology = None,
-           elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
-           azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
-           cut: Annotated[bool, typer.Option("--cut", help="Leave out the half that is nearer to the viewer, to show what is inside.")] = False,
-           fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
-           length_unit: Annotated[Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")] = None,
-           overwrite: Overwrite = False):
+def render(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
+    output: Annotated[
+        Optional[Path],
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The picture: .png or .jpg, or .gif or .mp4 for an animation; by default FILE.png.",
+        ),
+    ] = None,
+    frame: Frame = None,
+    every: Every = 1,
+    topology: Topology = None,
+    elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
+    azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
+    cut: Annotated[
+        bool, typer.Option("--cut", help="Leave out the half that is nearer to the viewer, to show what is inside.")
+    ] = False,
+    fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
+    length_unit: Annotated[
+        Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
+    ] = None,
+    overwrite: Overwrite = False,
+):
     """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
 
     Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG is drawn with matplotlib.
@@ -107,6 +152,7 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
     """
     from ..conversion import openFrames, requireNew, selectFrames
     from ..rendering import render as renderFrames, requireFormat
+
     output = output or source.with_suffix(".png")
     requireFormat(output)
     requireNew([output], source, overwrite)
@@ -118,10 +164,16 @@ def render(source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh t
 
 @app.command()
 @friendly
-def report(prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
-           output: Annotated[Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")] = None,
-           max_frames: Annotated[int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")] = 101,
-           overwrite: Overwrite = False):
+def report(
+    prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
+    output: Annotated[
+        Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
+    ] = None,
+    max_frames: Annotated[
+        int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")
+    ] = 101,
+    overwrite: Overwrite = False,
+):
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
     The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich\\[looking]'.
@@ -129,8 +181,9 @@ def report(prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The pr
     Example: openmm-helfrich report results/cell
     """
     from ..report import writeReport
+
     page = writeReport(prefix, output, max_frames, overwrite)
-    print(f"{page}, {page.stat().st_size/1e6:.1f} MB")
+    print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 
 class _Chosen:
@@ -152,14 +205,25 @@ def _suggestions(mesh, scale, unit):
 
     from ..config import parseConfig
     from ..simulation import defaultStepSize, tetherParameters
+
     length = mesh.edgeLengths.mean()
     if not 0.01 <= length <= 10:
-        better = scale*10**-round(math.log10(4*length))
-        return [("warning", f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]")]
+        better = scale * 10 ** -round(math.log10(4 * length))
+        return [
+            (
+                "warning",
+                f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]",
+            )
+        ]
     config = parseConfig({"mesh": {"file": "mesh"}})
     modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
-    return [("tether", f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT, length_scale {lengthScale:.4g} by default"),
-            ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default")]
+    return [
+        (
+            "tether",
+            f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT, length_scale {lengthScale:.4g} by default",
+        ),
+        ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default"),
+    ]
 
 
 def _print(lines):

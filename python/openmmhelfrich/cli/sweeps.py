@@ -1,4 +1,5 @@
 """The command that runs grids of runs."""
+
 import sys
 import time
 from pathlib import Path
@@ -15,29 +16,48 @@ app = typer.Typer()
 
 @app.command(epilog="Example: openmm-helfrich sweep examples/volume_diagram.toml --output results/volume --workers 2")
 @friendly
-def sweep(grid: Annotated[Path, typer.Argument(metavar="GRID.toml", help="A configuration, and lists of values for its keys.")],
-          output: Annotated[Optional[Path], typer.Option(metavar="FOLDER", help="Where the results go; by default a folder of the grid's name.")] = None,
-          scheduler: Annotated[Optional[str], typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers run the points; by default processes on "
-                                                                                   "this machine do.")] = None,
-          workers: Annotated[Optional[int], typer.Option(min=1, help="Number of these processes; one for each core by default.")] = None,
-          quiet: Quiet = False):
+def sweep(
+    grid: Annotated[
+        Path, typer.Argument(metavar="GRID.toml", help="A configuration, and lists of values for its keys.")
+    ],
+    output: Annotated[
+        Optional[Path],
+        typer.Option(metavar="FOLDER", help="Where the results go; by default a folder of the grid's name."),
+    ] = None,
+    scheduler: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="ADDRESS",
+            help="A Dask scheduler whose workers run the points; by default processes on this machine do.",
+        ),
+    ] = None,
+    workers: Annotated[
+        Optional[int], typer.Option(min=1, help="Number of these processes; one for each core by default.")
+    ] = None,
+    quiet: Quiet = False,
+):
     """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a configuration.
 
     Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is finished stays, and what had begun goes on
     from its last checkpoint.  A table, summary.csv, has a row for each point.
     """
     from ..sweeps import sweep as runSweep
+
     start = time.monotonic()
     with _SweepProgress(quiet) as progress:
         result = runSweep(grid, output, scheduler, workers, progress)
     if not quiet:
-        counts = ", ".join(f"{result.count(status)} {status}" for status in ("done", "failed", "stopped", "waiting") if result.count(status))
-        print(f"{len(result.points)} points: {counts}, in {time.monotonic()-start:.0f} s\n{result.table}")
+        counts = ", ".join(
+            f"{result.count(status)} {status}"
+            for status in ("done", "failed", "stopped", "waiting")
+            if result.count(status)
+        )
+        print(f"{len(result.points)} points: {counts}, in {time.monotonic() - start:.0f} s\n{result.table}")
     for state in result.points:
         if state.status == "failed":
             print(f"openmm-helfrich: point {state.point.name} failed: {state.reason}", file=sys.stderr)
     if result.signal:
-        raise typer.Exit(128+result.signal)
+        raise typer.Exit(128 + result.signal)
     if result.count("failed"):
         raise typer.Exit(1)
 
@@ -60,10 +80,14 @@ class _SweepProgress(Bars):
                 self._say(f"{state.point.name}: {state.status}{f': {state.reason}' if state.reason else ''}")
         if self._bar:
             self._draw(states)
-        elif time.monotonic() >= self._shownAt+SECONDS_BETWEEN_LINES:
+        elif time.monotonic() >= self._shownAt + SECONDS_BETWEEN_LINES:
             self._shownAt = time.monotonic()
-            running = [f"{state.point.name} {state.stage} {state.position}/{state.steps}" for state in states if state.status == "running"]
-            self._say(f"{self._count(states)} of {len(states)} points{''.join('; '+text for text in running)}")
+            running = [
+                f"{state.point.name} {state.stage} {state.position}/{state.steps}"
+                for state in states
+                if state.status == "running"
+            ]
+            self._say(f"{self._count(states)} of {len(states)} points{''.join('; ' + text for text in running)}")
 
     def _say(self, text):
         if self._bar:

@@ -1,4 +1,5 @@
 """The command that measures trades of speed for accuracy."""
+
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
@@ -10,16 +11,38 @@ from .errors import friendly
 app = typer.Typer()
 
 
-@app.command(epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output results/cell")
+@app.command(
+    epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output results/cell"
+)
 @friendly
-def tradeoff(scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="The configuration of a run, whose last stage samples.")],
-             error: Annotated[float, typer.Option(help="Relative error of the averages of bending energy, area and volume that is allowed.")] = 1e-3,
-             minutes: Annotated[Optional[float], typer.Option(min=0, help="Processor time after which no measurement is begun; a later call goes on.")] = None,
-             effort: Annotated[float, typer.Option(min=0, help="Largest number of force evaluations at a setting times vertices, in millions.")] = 300.0,
-             axes: Annotated[Optional[str], typer.Option(metavar="NAMES", help="What to vary, separated by commas, such as 'tether,length'; everything by default.")] = None,
-             output: Annotated[Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")] = None,
-             overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin anew instead of going on with an earlier search.")] = False,
-             quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False):
+def tradeoff(
+    scene: Annotated[
+        Path, typer.Argument(metavar="SCENE.toml", help="The configuration of a run, whose last stage samples.")
+    ],
+    error: Annotated[
+        float, typer.Option(help="Relative error of the averages of bending energy, area and volume that is allowed.")
+    ] = 1e-3,
+    minutes: Annotated[
+        Optional[float],
+        typer.Option(min=0, help="Processor time after which no measurement is begun; a later call goes on."),
+    ] = None,
+    effort: Annotated[
+        float, typer.Option(min=0, help="Largest number of force evaluations at a setting times vertices, in millions.")
+    ] = 300.0,
+    axes: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="NAMES", help="What to vary, separated by commas, such as 'tether,length'; everything by default."
+        ),
+    ] = None,
+    output: Annotated[
+        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Begin anew instead of going on with an earlier search.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+):
     """Measure what a scene's settings cost and how accurate they are, and recommend the cheapest for an error.
 
     Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other around the best so far, and measures the
@@ -28,18 +51,37 @@ def tradeoff(scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="T
     """
     from ..tradeoff import tradeoff as measureSettings
     from ..tradeoff.settings import describe
+
     prefix = output or f"{scene.with_suffix('').name}_tradeoff"
     with _Progress(quiet) as progress:
-        search, best = measureSettings(scene, prefix, error, 1e6*effort, minutes, axes and [name.strip() for name in axes.split(",")], overwrite, progress)
+        search, best = measureSettings(
+            scene,
+            prefix,
+            error,
+            1e6 * effort,
+            minutes,
+            axes and [name.strip() for name in axes.split(",")],
+            overwrite,
+            progress,
+        )
     if best is None:
-        print(f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is spent, call the command again to go on", file=sys.stderr)
+        print(
+            f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is spent, call the command again to go on",
+            file=sys.stderr,
+        )
         raise typer.Exit(3)
     if quiet:
         return
-    for label, text in (("recommended", describe(best.setting)), ("step size", f"{best.measurement.stepSize:.3g} ps, {best.measurement.acceptance:.0%} accepted"),
-                        ("cost", f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape"),
-                        ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
-                        ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json")):
+    for label, text in (
+        ("recommended", describe(best.setting)),
+        ("step size", f"{best.measurement.stepSize:.3g} ps, {best.measurement.acceptance:.0%} accepted"),
+        (
+            "cost",
+            f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape",
+        ),
+        ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
+        ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json"),
+    ):
         print(f"{label:>15}  {text}")
 
 
@@ -48,6 +90,7 @@ class _Progress:
 
     def __init__(self, quiet):
         from rich.console import Console
+
         self._console, self._quiet = Console(stderr=True, highlight=False), quiet
         self._status = self._console.status("") if self._console.is_terminal and not quiet else None
 
@@ -62,11 +105,15 @@ class _Progress:
 
     def __call__(self, point):
         from ..tradeoff.settings import describe
+
         if self._quiet:
             return
         title, m = f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis, point.measurement
         if m is not None or point.problem:
-            result = point.problem or f"{m.evaluations} evaluations of {1e6*m.secondsPerEvaluation:.1f} µs, {m.acceptance:.0%} accepted"
+            result = (
+                point.problem
+                or f"{m.evaluations} evaluations of {1e6 * m.secondsPerEvaluation:.1f} µs, {m.acceptance:.0%} accepted"
+            )
             self._console.print(f"{title}: {result}", soft_wrap=True)
         elif self._status:
             self._status.update(f"{title} ...")

@@ -2,6 +2,7 @@
 
 :mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and :mod:`.report` writes down what was found.
 """
+
 from pathlib import Path
 
 from ..config import Config, parseConfig, readConfig
@@ -50,11 +51,17 @@ def tradeoff(config, prefix=None, error=1e-3, effort=3e8, minutes=None, axes=Non
         raise ValueError(f"tradeoff: the error is {error}; it must be between 0 and 1")
     if not effort > 0:
         raise ValueError(f"tradeoff: the effort is {effort}; it must be positive")
-    config = config if isinstance(config, Config) else parseConfig(config) if isinstance(config, dict) else readConfig(config)
+    config = (
+        config
+        if isinstance(config, Config)
+        else parseConfig(config)
+        if isinstance(config, dict)
+        else readConfig(config)
+    )
     prefix = str(prefix or f"{config.output.prefix or 'scene'}_tradeoff")
     if overwrite:
         for ending in (".json", "_start.ply", "_start.json", "_coarse.ply", "_coarse.json"):
-            Path(prefix+ending).unlink(missing_ok=True)
+            Path(prefix + ending).unlink(missing_ok=True)
     search = Search(config, prefix, error, effort, minutes, axes, progress)
     try:
         recommended = search.run()

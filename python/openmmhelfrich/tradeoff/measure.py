@@ -1,4 +1,5 @@
 """One setting measured: a run as long as it takes, and what it says about cost, errors and correlation times."""
+
 import math
 import time
 from collections import deque
@@ -60,6 +61,7 @@ class Measurement:
     numVertices : int
         of the membrane
     """
+
     stepSize: float
     steps: int
     evaluations: int
@@ -79,7 +81,10 @@ class Measurement:
     numVertices: int = 0
 
     def __post_init__(self):
-        self.observables = {name: values if isinstance(values, Observable) else Observable(**values) for name, values in self.observables.items()}
+        self.observables = {
+            name: values if isinstance(values, Observable) else Observable(**values)
+            for name, values in self.observables.items()
+        }
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
     def shapeTime(self, variances=None, error=0.0):
@@ -102,7 +107,7 @@ class Measurement:
     @property
     def evaluationsPerStep(self):
         """The mean number of force evaluations in a Monte Carlo step."""
-        return self.evaluations/self.steps
+        return self.evaluations / self.steps
 
 
 def timeOf(shape, motion, variances, error):
@@ -115,7 +120,9 @@ def timeOf(shape, motion, variances, error):
     return max(own, moved) if math.isfinite(moved[0]) else own
 
 
-def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)):
+def measure(
+    config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)
+):
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
     The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
@@ -147,17 +154,17 @@ def measure(config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.
         if no step size can be found, or the membrane cannot be simulated
     """
     run = _Run(config, mesh)
-    limit = effort/len(mesh.vertices)
+    limit = effort / len(mesh.vertices)
     for _ in range(1 if isEquilibrated else 2):
-        run.adapt(limit/8)
-    run.sample(max(limit/16, LEAST_ROWS*EVALUATIONS_PER_ROW))
+        run.adapt(limit / 8)
+    run.sample(max(limit / 16, LEAST_ROWS * EVALUATIONS_PER_ROW))
     while run.evaluations < limit:
         shape = run.shape()
         time, timeError = timeOf(shape, run.motion(), *variances)
-        surely = (1-2*timeError)*time*run.evaluations/run.steps if timeError < 0.5 else 0.0
+        surely = (1 - 2 * timeError) * time * run.evaluations / run.steps if timeError < 0.5 else 0.0
         if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
             break
-        run.sample(min(run.evaluations/2, limit-run.evaluations))
+        run.sample(min(run.evaluations / 2, limit - run.evaluations))
     return run.result(moduli or {})
 
 
@@ -170,16 +177,29 @@ class _Run:
         self._simulation = createSimulation(config, mesh, self._force)
         self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
         sampling = config.sampling
-        self._probabilities = {"flips": sampling.flip_probability, "waves": sampling.shear_wave_probability,
-                               "trajectory": 1-sampling.flip_probability-sampling.shear_wave_probability}
-        self._evaluations = {"flips": 0, "waves": sampling.shear_waves_per_step, "trajectory": sampling.steps_per_trajectory}
-        perStep = sum(p*self._evaluations[kind] for kind, p in self._probabilities.items())
+        self._probabilities = {
+            "flips": sampling.flip_probability,
+            "waves": sampling.shear_wave_probability,
+            "trajectory": 1 - sampling.flip_probability - sampling.shear_wave_probability,
+        }
+        self._evaluations = {
+            "flips": 0,
+            "waves": sampling.shear_waves_per_step,
+            "trajectory": sampling.steps_per_trajectory,
+        }
+        perStep = sum(p * self._evaluations[kind] for kind, p in self._probabilities.items())
         if not self._probabilities["trajectory"] > 0:
-            raise ValueError("there are no trajectories; flip_probability and shear_wave_probability must add up to less than 1")
-        self._interval = max(1, round(EVALUATIONS_PER_ROW/perStep))
+            raise ValueError(
+                "there are no trajectories; flip_probability and shear_wave_probability must add up to less than 1"
+            )
+        self._interval = max(1, round(EVALUATIONS_PER_ROW / perStep))
         self._diffusion = _DiffusionProbe(mesh)
         self._rows, self._tensors, self._changes = [], [], []
-        self._kinds = {"trajectory": [], "flips": [], "waves": []}  # for each step of a kind, its seconds and evaluations
+        self._kinds = {
+            "trajectory": [],
+            "flips": [],
+            "waves": [],
+        }  # for each step of a kind, its seconds and evaluations
         self._forceError = forceError(config, mesh)
 
     @property
@@ -197,13 +217,15 @@ class _Run:
             return
         length = min(sampling.steps_per_trajectory, ADAPTING_LENGTH)
         self._integrator.setStepsPerTrajectory(length)
-        trajectories = min(ADAPTING_TRAJECTORIES, max(30, limit/length))
-        adaptStepSize(self._simulation, int(trajectories/self._probabilities["trajectory"]), sampling.target_acceptance)
+        trajectories = min(ADAPTING_TRAJECTORIES, max(30, limit / length))
+        adaptStepSize(
+            self._simulation, int(trajectories / self._probabilities["trajectory"]), sampling.target_acceptance
+        )
         self._integrator.setStepsPerTrajectory(sampling.steps_per_trajectory)
 
     def sample(self, evaluations):
         """Make so many evaluations, and look at the membrane now and then."""
-        goal = self.evaluations+evaluations
+        goal = self.evaluations + evaluations
         while self.evaluations < goal:
             for _ in range(self._interval):
                 self._step()
@@ -214,29 +236,39 @@ class _Run:
         trajectories, sweeps = integrator.getNumTrajectories(), flips.getNumSweeps()
         start = time.process_time()
         integrator.step(1)
-        seconds = time.process_time()-start
+        seconds = time.process_time() - start
         if integrator.getNumTrajectories() > trajectories:
             self._kinds["trajectory"].append((seconds, integrator.getIntegrator(0).getLastNumSteps()))
-            self._changes.append(valueIn(integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole)/self._kT)
+            self._changes.append(
+                valueIn(integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole) / self._kT
+            )
         else:
             kind = "flips" if flips.getNumSweeps() > sweeps else "waves"
             self._kinds[kind].append((seconds, self._evaluations[kind]))
 
     def _observe(self):
-        terms, geometry = self._force.getEnergyTermsInContext(self._simulation.context), self._force.getGeometryInContext(self._simulation.context)
-        energies = [valueIn(terms[name], unit.kilojoules_per_mole)/self._kT for name in ENERGY_TERMS]
-        self._rows.append([*energies, valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)])
+        terms, geometry = (
+            self._force.getEnergyTermsInContext(self._simulation.context),
+            self._force.getGeometryInContext(self._simulation.context),
+        )
+        energies = [valueIn(terms[name], unit.kilojoules_per_mole) / self._kT for name in ENERGY_TERMS]
+        self._rows.append(
+            [*energies, valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)]
+        )
         mesh = currentMesh(self._simulation, self._force)
         self._tensors.append(gyrationTensor(mesh))
         self._diffusion.add(mesh)
 
     def _series(self):
         """Return the scalar series by name, after the burn-in."""
-        names = [name if name not in ("area", "volume") else name+"Energy" for name in ENERGY_TERMS]+["area", "volume"]
-        return dict(zip(names, np.array(self._rows[self._burnIn():]).T))
+        names = [name if name not in ("area", "volume") else name + "Energy" for name in ENERGY_TERMS] + [
+            "area",
+            "volume",
+        ]
+        return dict(zip(names, np.array(self._rows[self._burnIn() :]).T))
 
     def _burnIn(self):
-        return int(BURN_IN*len(self._rows))
+        return int(BURN_IN * len(self._rows))
 
     def shape(self):
         """Return the Observable of the shape."""
@@ -247,76 +279,116 @@ class _Run:
         return Motion.of(self._shapeSeries(), self._interval)
 
     def _shapeSeries(self):
-        return shapeSeries(np.array(self._tensors[self._burnIn():]), self._isSphere)
+        return shapeSeries(np.array(self._tensors[self._burnIn() :]), self._isSphere)
 
     def relativeError(self):
         """Return that of the mean bending energy."""
         bending = observe(self._series()["bending"])
-        return bending.error/abs(bending.mean) if bending.mean else 0.0
+        return bending.error / abs(bending.mean) if bending.mean else 0.0
 
     def result(self, moduli):
         """Return the Measurement."""
         series, integrator = self._series(), self._integrator
-        observables = {"shape": self.shape(), **{name: observe(series[name], self._interval) for name in ("bending", "area", "volume", "tether")}}
+        observables = {
+            "shape": self.shape(),
+            **{name: observe(series[name], self._interval) for name in ("bending", "area", "volume", "tether")},
+        }
         changes = np.array(self._changes)
         diverged = float(np.mean(~np.isfinite(changes)))
         probabilities = np.exp(-np.maximum(changes, 0))
-        balance = np.sign(changes)*probabilities
+        balance = np.sign(changes) * probabilities
         reweighted, fraction = _reweight(series, observables, moduli, self._kT)
         seconds, lengths = np.array(self._kinds["trajectory"]).T
         # Medians, for the processor has other work; each kind of step comes as often as it was asked for.
-        perEvaluation = float(np.median(seconds/lengths))
-        costs = {kind: float(np.median([cost for cost, _ in self._kinds[kind]])) if self._kinds[kind] else 0.0 for kind in ("flips", "waves")}
-        costs["trajectory"] = perEvaluation*self._evaluations["trajectory"]
-        perStep = sum(p*costs[kind] for kind, p in self._probabilities.items())
-        return Measurement(valueIn(integrator.getStepSize(), unit.picosecond), self.steps, self.evaluations, perStep, perEvaluation,
-                           float(probabilities.mean()), integrator.getFlipAcceptanceRate(), diverged,
-                           float(np.quantile(np.abs(changes), 2/3, method="higher")), [float(balance.mean()), float(balance.std()/math.sqrt(len(balance)))],
-                           observables, self.motion(), reweighted, fraction, self._diffusion.framesPerEdge()*self._interval, self._forceError, len(self._diffusion.mesh.vertices))
+        perEvaluation = float(np.median(seconds / lengths))
+        costs = {
+            kind: float(np.median([cost for cost, _ in self._kinds[kind]])) if self._kinds[kind] else 0.0
+            for kind in ("flips", "waves")
+        }
+        costs["trajectory"] = perEvaluation * self._evaluations["trajectory"]
+        perStep = sum(p * costs[kind] for kind, p in self._probabilities.items())
+        return Measurement(
+            valueIn(integrator.getStepSize(), unit.picosecond),
+            self.steps,
+            self.evaluations,
+            perStep,
+            perEvaluation,
+            float(probabilities.mean()),
+            integrator.getFlipAcceptanceRate(),
+            diverged,
+            float(np.quantile(np.abs(changes), 2 / 3, method="higher")),
+            [float(balance.mean()), float(balance.std() / math.sqrt(len(balance)))],
+            observables,
+            self.motion(),
+            reweighted,
+            fraction,
+            self._diffusion.framesPerEdge() * self._interval,
+            self._forceError,
+            len(self._diffusion.mesh.vertices),
+        )
 
 
 def forceError(config, mesh):
     """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the Reference platform: see :class:`Measurement`."""
+
     def forces(platform, properties):
         system = mesh.createSystem()
         system.addForce(createForce(config, mesh))
         context = mm.Context(system, mm.VerletIntegrator(1e-3), platform, properties)
         context.setPositions(mesh.vertices)
         return context.getState(forces=True).getForces(asNumpy=True)._value
+
     reference = forces(mm.Platform.getPlatformByName("Reference"), {})
-    error = forces(*platformOf(config))-reference
+    error = forces(*platformOf(config)) - reference
     if config.platform.precision != "double":
         error += _errorOfPrecision(config, mesh)
-    return float(np.linalg.norm(error)/np.linalg.norm(reference))
+    return float(np.linalg.norm(error) / np.linalg.norm(reference))
 
 
 def _errorOfPrecision(config, mesh):
     """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by (h^2/2m) F beside what the velocities do, which are the same."""
-    step, ends = 0.2*defaultStepSize(config, mesh), []
+    step, ends = 0.2 * defaultStepSize(config, mesh), []
     for precision in (config.platform.precision, "double"):
-        changed = apply(config, {"platform.precision": precision, "sampling.step_size": step, "sampling.steps_per_trajectory": 1, "sampling.integrator": "leapfrog", "sampling.flip_probability": 0.0,
-                                 "sampling.shear_wave_probability": 0.0})
+        changed = apply(
+            config,
+            {
+                "platform.precision": precision,
+                "sampling.step_size": step,
+                "sampling.steps_per_trajectory": 1,
+                "sampling.integrator": "leapfrog",
+                "sampling.flip_probability": 0.0,
+                "sampling.shear_wave_probability": 0.0,
+            },
+        )
         simulation = createSimulation(changed, mesh, createForce(changed, mesh))
         simulation.integrator.step(1)
         if simulation.integrator.getNumAcceptedTrajectories() != 1:
             return np.full(mesh.vertices.shape, math.nan)
         ends.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value)
-    return 2*config.sampling.mass/step**2*(ends[0]-ends[1])
+    return 2 * config.sampling.mass / step**2 * (ends[0] - ends[1])
 
 
 def _reweight(series, observables, moduli, kT):
     """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that is left."""
     if not moduli:
         return {}, 1.0
-    change = sum((ratio-1)*series[term if term in series and term not in ("area", "volume") else term+"Energy"] for term, ratio in moduli.items())
-    weights = np.exp(change.min()-change)
+    change = sum(
+        (ratio - 1) * series[term if term in series and term not in ("area", "volume") else term + "Energy"]
+        for term, ratio in moduli.items()
+    )
+    weights = np.exp(change.min() - change)
     weights /= weights.sum()
-    fraction = float(1/(len(weights)*np.sum(weights**2)))
+    fraction = float(1 / (len(weights) * np.sum(weights**2)))
     reweighted = {}
     for name in ("bending", "area", "volume"):
         mean = float(weights @ series[name])
-        spread = math.sqrt(weights @ (series[name]-mean)**2)
-        reweighted[name] = [mean, spread*observables[name].error/(observables[name].deviation*math.sqrt(fraction)) if observables[name].deviation else 0.0]
+        spread = math.sqrt(weights @ (series[name] - mean) ** 2)
+        reweighted[name] = [
+            mean,
+            spread * observables[name].error / (observables[name].deviation * math.sqrt(fraction))
+            if observables[name].deviation
+            else 0.0,
+        ]
     return reweighted, fraction
 
 
@@ -324,14 +396,14 @@ class _DiffusionProbe:
     """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a few."""
 
     def __init__(self, mesh):
-        self.mesh, self._square = mesh, float(mesh.edgeLengths.mean())**2
+        self.mesh, self._square = mesh, float(mesh.edgeLengths.mean()) ** 2
         self._frames, self._spacing, self._count = deque(maxlen=FRAMES), 1, 0
 
     def add(self, mesh):
         if self._count % self._spacing == 0:
             self._frames.append(mesh)
-            if len(self._frames) == FRAMES and self._displacements(1)[0] < 0.25*self._square:
-                self._frames, self._spacing = deque(list(self._frames)[::2], FRAMES), 2*self._spacing
+            if len(self._frames) == FRAMES and self._displacements(1)[0] < 0.25 * self._square:
+                self._frames, self._spacing = deque(list(self._frames)[::2], FRAMES), 2 * self._spacing
         self._count += 1
 
     def framesPerEdge(self):
@@ -339,7 +411,9 @@ class _DiffusionProbe:
         if len(self._frames) < 8:
             return math.inf
         near, far = self._displacements(4)[[0, 3]]
-        return 3*self._spacing*self._square/(far-near) if far > near else math.inf
+        return 3 * self._spacing * self._square / (far - near) if far > near else math.inf
 
     def _displacements(self, maxLag):
-        return vertexDiffusion([mesh.vertices for mesh in self._frames], [mesh.triangles for mesh in self._frames], maxLag).meanSquaredDisplacements
+        return vertexDiffusion(
+            [mesh.vertices for mesh in self._frames], [mesh.triangles for mesh in self._frames], maxLag
+        ).meanSquaredDisplacements

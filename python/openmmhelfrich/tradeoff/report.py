@@ -1,4 +1,5 @@
 """What a search found, as a table, a picture, and a configuration to run."""
+
 import math
 from pathlib import Path
 
@@ -27,18 +28,31 @@ def tableText(search, recommended=None):
     """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimisations."""
     tables = []
     for columns in (_costs, _accuracies):
-        rows = [{**_head(search, point, recommended), **(columns(search, point) if point.measurement else {})} for point in search.points]
+        rows = [
+            {**_head(search, point, recommended), **(columns(search, point) if point.measurement else {})}
+            for point in search.points
+        ]
         names = list(next(row for row, point in zip(rows, search.points) if point.measurement))
-        lines = [names, ["---"]*2+["--:"]*(len(names)-2), *([row.get(name, "") for name in names] for row in rows)]
+        lines = [
+            names,
+            ["---"] * 2 + ["--:"] * (len(names) - 2),
+            *([row.get(name, "") for name in names] for row in rows),
+        ]
         tables.append("".join(f"| {' | '.join(cells)} |\n" for cells in lines))
-    return "\n".join(tables+([_minimaText(search)] if search.minima else []))
+    return "\n".join(tables + ([_minimaText(search)] if search.minima else []))
 
 
 def _minimaText(search):
     lowest = min(minimum.energy for minimum in search.minima)
-    lines = ["| tolerance, kT per length | s | iterations | energy above the lowest, kT | E_B, kT | end |", "| --: | --: | --: | --: | --: | --- |"]
-    lines += [f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy-lowest:.3g} | {m.bending:.2f} | {m.reason} |" for m in search.minima]
-    return "\n".join(lines)+"\n"
+    lines = [
+        "| tolerance, kT per length | s | iterations | energy above the lowest, kT | E_B, kT | end |",
+        "| --: | --: | --: | --: | --: | --- |",
+    ]
+    lines += [
+        f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy - lowest:.3g} | {m.bending:.2f} | {m.reason} |"
+        for m in search.minima
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _head(search, point, recommended):
@@ -49,11 +63,19 @@ def _head(search, point, recommended):
 def _costs(search, point):
     m = point.measurement
     bending = m.observables["bending"]
-    diffusion = f"{m.secondsPerStep*m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
-    return {"step, ps": f"{m.stepSize:.3g}", "accepted": f"{m.acceptance:.0%}", "flips accepted": f"{m.flipAcceptance:.1%}", "µs per evaluation": f"{1e6*m.secondsPerEvaluation:.1f}",
-            "ms per step": f"{1e3*m.secondsPerStep:.2f}", "evaluations per sample, shape": f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
-            "E_B": f"{m.evaluationsPerStep*bending.time:.0f} ± {bending.timeError:.0%}", "s per sample, shape": f"{search.seconds(point):.3g}", "s per edge of diffusion": diffusion,
-            "gain": f"{search.gain(point):.2g}"}
+    diffusion = f"{m.secondsPerStep * m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
+    return {
+        "step, ps": f"{m.stepSize:.3g}",
+        "accepted": f"{m.acceptance:.0%}",
+        "flips accepted": f"{m.flipAcceptance:.1%}",
+        "µs per evaluation": f"{1e6 * m.secondsPerEvaluation:.1f}",
+        "ms per step": f"{1e3 * m.secondsPerStep:.2f}",
+        "evaluations per sample, shape": f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
+        "E_B": f"{m.evaluationsPerStep * bending.time:.0f} ± {bending.timeError:.0%}",
+        "s per sample, shape": f"{search.seconds(point):.3g}",
+        "s per edge of diffusion": diffusion,
+        "gain": f"{search.gain(point):.2g}",
+    }
 
 
 def _accuracies(search, point):
@@ -61,23 +83,34 @@ def _accuracies(search, point):
     corrected = ""
     if m.reweighted:
         mean, error = m.reweighted["bending"]
-        corrected = f"{1e3*(mean/reference.mean-1):.1f} ± {1e3*math.hypot(error, reference.error)/abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
-    return {"diverged": f"{m.diverged:.1%}", "ΔH, kT": f"{m.energyError:.2g}", "balance": f"{m.balance[0]:.3f} ± {m.balance[1]:.3f}", "force error": f"{m.forceError:.0e}",
-            "E_B, kT": f"{m.observables['bending'].mean:.1f}",
-            **{f"{name}, ‰": f"{1e3*deviation:.1f} ± {1e3*error:.1f}" for name, (deviation, error) in zip(("E_B", "A", "V"), search.deviations(point).values())},
-            "E_B reweighted, ‰": corrected}
+        corrected = f"{1e3 * (mean / reference.mean - 1):.1f} ± {1e3 * math.hypot(error, reference.error) / abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+    return {
+        "diverged": f"{m.diverged:.1%}",
+        "ΔH, kT": f"{m.energyError:.2g}",
+        "balance": f"{m.balance[0]:.3f} ± {m.balance[1]:.3f}",
+        "force error": f"{m.forceError:.0e}",
+        "E_B, kT": f"{m.observables['bending'].mean:.1f}",
+        **{
+            f"{name}, ‰": f"{1e3 * deviation:.1f} ± {1e3 * error:.1f}"
+            for name, (deviation, error) in zip(("E_B", "A", "V"), search.deviations(point).values())
+        },
+        "E_B reweighted, ‰": corrected,
+    }
 
 
 def stepsFor(search, point):
     """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of the search's error, and the shape has been sampled."""
     observables = point.measurement.observables
-    needed = [(observables[name].deviation/(observables[name].mean*search.error/2))**2*observables[name].time for name in AVERAGES]
-    return math.ceil(max(*needed, SHAPE_SAMPLES*search.time(point)[0]))
+    needed = [
+        (observables[name].deviation / (observables[name].mean * search.error / 2)) ** 2 * observables[name].time
+        for name in AVERAGES
+    ]
+    return math.ceil(max(*needed, SHAPE_SAMPLES * search.time(point)[0]))
 
 
 def recommendationText(search, point):
     """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
-    measurement, steps = point.measurement, 2*stepsFor(search, point)
+    measurement, steps = point.measurement, 2 * stepsFor(search, point)
     setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
     if setting.get("sampling.step_size") == "auto":
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
@@ -91,9 +124,11 @@ def recommendationText(search, point):
         data["stages"][-1].pop("step_size", None)
     else:
         data["sampling"]["steps"] = steps
-    comments = [f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
-                f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
-                f"about {steps*measurement.secondsPerStep:.3g} s in all."]
+    comments = [
+        f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
+        f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
+        f"about {steps * measurement.secondsPerStep:.3g} s in all.",
+    ]
     return configText(data, comments)
 
 
@@ -101,37 +136,56 @@ def plot(search, file, recommended=None):
     """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
+
     points = [point for point in search.points if point.measurement is not None]
     axes = list(dict.fromkeys(point.axis for point in points))
     colours = dict(zip(axes, colormaps["tab20"].colors))
-    figure = Figure(figsize=(13, 2+0.2*len(points)), layout="constrained")
+    figure = Figure(figsize=(13, 2 + 0.2 * len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
     _plotCosts(costs, search, points, colours)
     places = {i: (search.seconds(point), _bound(search, point)) for i, point in enumerate(points)}
     for i, (x, y) in places.items():
         isBest = points[i] is recommended
-        pareto.plot(x, y, "*" if isBest else "o" if isExact(points[i].setting) else "s", ms=16 if isBest else 6, color=colours[points[i].axis])
+        pareto.plot(
+            x,
+            y,
+            "*" if isBest else "o" if isExact(points[i].setting) else "s",
+            ms=16 if isBest else 6,
+            color=colours[points[i].axis],
+        )
     offered = [place for i, place in places.items() if points[i].axis != "terms"]
-    front = sorted(place for place in offered if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in offered))
+    front = sorted(
+        place for place in offered if not any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in offered)
+    )
     pareto.plot(*zip(*front), color="0.5", lw=1, zorder=0, drawstyle="steps-post")
     pareto.axhline(search.error, color="0.7", ls="--", lw=1)
-    pareto.set(xscale="log", yscale="log", xlabel="s per independent sample of the shape",
-               ylabel="relative deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its error")
+    pareto.set(
+        xscale="log",
+        yscale="log",
+        xlabel="s per independent sample of the shape",
+        ylabel="relative deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its error",
+    )
     pareto.xaxis.set_minor_formatter("")
     handles = [pareto.plot([], [], "o", color=colour, label=axis)[0] for axis, colour in colours.items()]
-    pareto.legend(handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small")
+    pareto.legend(
+        handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small"
+    )
     figure.savefig(file, dpi=110)
 
 
 def _plotCosts(axes, search, points, colours):
     cost = [search.seconds(point) for point in points]
-    errors = [c*min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
+    errors = [c * min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
     axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
-    axes.set_yticks(places, [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points], fontsize=6)
+    axes.set_yticks(
+        places,
+        [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points],
+        fontsize=6,
+    )
     axes.set(xscale="log", xlabel="s per independent sample of the shape", ylim=(-len(points), 1))
 
 
 def _bound(search, point):
     """Return the largest deviation of an average, with its error."""
-    return max(abs(deviation)+error for deviation, error in search.deviations(point).values())
+    return max(abs(deviation) + error for deviation, error in search.deviations(point).values())

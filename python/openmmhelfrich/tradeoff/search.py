@@ -1,4 +1,5 @@
 """The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a file."""
+
 import json
 import math
 import time
@@ -18,7 +19,19 @@ from ..stages import createStage
 from ..studies import versions
 from .measure import Measurement, measure
 from .minimiser import FACTORS, Minimum, minimise
-from .settings import COARSER, MODULI, apply, axes, changes, forEdges, isExact, keyOf, moduliRatios, tetherOf, tetherPath
+from .settings import (
+    COARSER,
+    MODULI,
+    apply,
+    axes,
+    changes,
+    forEdges,
+    isExact,
+    keyOf,
+    moduliRatios,
+    tetherOf,
+    tetherPath,
+)
 
 AUTOMATIC = {"sampling.step_size": "auto"}
 EQUILIBRATION = 600  # Monte Carlo steps at least
@@ -30,6 +43,7 @@ WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was,
 @dataclass
 class Point:
     """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene has it."""
+
     axis: str
     choice: dict
     setting: dict
@@ -64,7 +78,7 @@ class Search:
     def __init__(self, config, prefix, error=1e-3, effort=3e8, minutes=None, names=None, progress=None):
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
         self._names, self._progress = names, progress or (lambda *_: None)
-        self._end = math.inf if minutes is None else time.process_time()+60*minutes
+        self._end = math.inf if minutes is None else time.process_time() + 60 * minutes
         self._file, self.points, self.minima = Path(f"{prefix}.json"), [], []
         self._seen = []  # those that the search has come to: what it knows, so that one that goes on decides as before
         self._seed = config.sampling.seed or 1
@@ -88,8 +102,8 @@ class Search:
         Raises OutOfTime when the time is spent.
         """
         available = self._axes()
-        self._measure("scene", {}, {}, 2*self._effort)
-        self._measure("reference", self._reference(), {}, 2*self._effort, accuracy=self.error/4)
+        self._measure("scene", {}, {}, 2 * self._effort)
+        self._measure("reference", self._reference(), {}, 2 * self._effort, accuracy=self.error / 4)
         best = self._descend(available)
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
@@ -105,11 +119,11 @@ class Search:
 
     def seconds(self, point):
         """Return the cost of an independent sample of the shape in seconds of one processor."""
-        return point.measurement.secondsPerStep*self.time(point)[0]
+        return point.measurement.secondsPerStep * self.time(point)[0]
 
     def evaluations(self, point):
         """Return the number of force evaluations to an independent sample of the shape."""
-        return point.measurement.evaluationsPerStep*self.time(point)[0]
+        return point.measurement.evaluationsPerStep * self.time(point)[0]
 
     def _variances(self):
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
@@ -117,32 +131,42 @@ class Search:
             return None, 0.0
         long = [measurement for measurement in known if not measurement.isShort]
         # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part of it.
-        best = min(long, key=lambda measurement: measurement.observables["shape"].timeError) if long else max(known, key=lambda measurement: sum(measurement.motion.displacements[-1]))
+        best = (
+            min(long, key=lambda measurement: measurement.observables["shape"].timeError)
+            if long
+            else max(known, key=lambda measurement: sum(measurement.motion.displacements[-1]))
+        )
         motion = best.motion
-        return motion.variances, math.sqrt(best.observables["shape"].time/(motion.interval*motion.length*len(motion.variances)))
+        return motion.variances, math.sqrt(
+            best.observables["shape"].time / (motion.interval * motion.length * len(motion.variances))
+        )
 
     def deviations(self, point):
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
         result = {}
         for name in AVERAGES:
             own, true = point.measurement.observables[name], self.reference.measurement.observables[name]
-            result[name] = (own.mean/true.mean-1, math.hypot(own.error, true.error)/abs(true.mean)) if point is not self.reference else (0.0, true.error/abs(true.mean))
+            result[name] = (
+                (own.mean / true.mean - 1, math.hypot(own.error, true.error) / abs(true.mean))
+                if point is not self.reference
+                else (0.0, true.error / abs(true.mean))
+            )
         return result
 
     def bias(self, point):
         """Return the largest relative deviation of an average from the reference's that is certain: more than twice its standard error; 0 where the distribution is the same."""
         if isExact(point.setting):
             return 0.0
-        return max(max(0.0, abs(deviation)-2*error) for deviation, error in self.deviations(point).values())
+        return max(max(0.0, abs(deviation) - 2 * error) for deviation, error in self.deviations(point).values())
 
     def gain(self, point):
         """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
-        return self.seconds(self.baseline)/self.seconds(point)
+        return self.seconds(self.baseline) / self.seconds(point)
 
     def _axes(self):
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
-        known = [axis.name for axis in available]+["minimiser"]
-        unknown = set(self._names or ())-set(known)
+        known = [axis.name for axis in available] + ["minimiser"]
+        unknown = set(self._names or ()) - set(known)
         if unknown:
             raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
         return [axis for axis in available if self._names is None or axis.name in self._names]
@@ -156,19 +180,23 @@ class Search:
         automatic = self._measure("step size", AUTOMATIC, {}, self._effort)
         best = automatic if automatic.measurement else self.baseline
         for axis in available:
-            tried = [self._measure(axis.name, choice, best.setting, self._effort, best) for choice in axis.choices if changes(self.scene, best.setting, choice)]
+            tried = [
+                self._measure(axis.name, choice, best.setting, self._effort, best)
+                for choice in axis.choices
+                if changes(self.scene, best.setting, choice)
+            ]
             offered = [point for point in tried if axis.isOffered and self._isAdmissible(point)]
             cheapest = min(offered, key=self.seconds, default=best)
-            if self.seconds(cheapest) < WORTHWHILE*self.seconds(best):
+            if self.seconds(cheapest) < WORTHWHILE * self.seconds(best):
                 best = cheapest
-        longer = self._measure("recommended", {}, best.setting, 2*self._effort, accuracy=self.error/4)
+        longer = self._measure("recommended", {}, best.setting, 2 * self._effort, accuracy=self.error / 4)
         return longer if longer.measurement else best
 
     def _minimise(self):
         if self._names is not None and "minimiser" not in self._names or self.scene.membrane.bending_modulus == 0:
             return
-        iterations = int(self._effort/len(self._mesh.vertices)/10)
-        for factor in FACTORS[len(self.minima):]:
+        iterations = int(self._effort / len(self._mesh.vertices) / 10)
+        for factor in FACTORS[len(self.minima) :]:
             self._checkTime()
             self.minima.append(minimise(self.scene, self._mesh, factor, max(1, iterations)))
             self._save()
@@ -205,11 +233,20 @@ class Search:
     def _run(self, setting, effort, best, accuracy):
         scene, mesh = self._place(setting)
         if COARSER in setting:
-            setting = forEdges(setting, mesh.edgeLengths.mean()/self._mesh.edgeLengths.mean())
+            setting = forEdges(setting, mesh.edgeLengths.mean() / self._mesh.edgeLengths.mean())
         config = apply(scene, setting)
-        config.sampling.seed = (self._seed*2654435761+zlib.crc32(keyOf(setting).encode())) % (2**31-1)+1
-        hopeless = HOPELESS*self.evaluations(best) if best and best.measurement else math.inf
-        return measure(config, mesh, effort, hopeless, moduliRatios(scene, setting), accuracy, isExact(setting) or COARSER in setting, self._variances())
+        config.sampling.seed = (self._seed * 2654435761 + zlib.crc32(keyOf(setting).encode())) % (2**31 - 1) + 1
+        hopeless = HOPELESS * self.evaluations(best) if best and best.measurement else math.inf
+        return measure(
+            config,
+            mesh,
+            effort,
+            hopeless,
+            moduliRatios(scene, setting),
+            accuracy,
+            isExact(setting) or COARSER in setting,
+            self._variances(),
+        )
 
     def _place(self, setting):
         """Return the scene that a setting changes, and the membrane to begin with."""
@@ -217,7 +254,7 @@ class Search:
             return self.scene, self._mesh
         if self._coarse is None:
             config = apply(self.config, {COARSER: setting[COARSER]}, asWritten=True)
-            tether = forEdges(tetherOf(self.scene), loadMesh(config).edgeLengths.mean()/self._mesh.edgeLengths.mean())
+            tether = forEdges(tetherOf(self.scene), loadMesh(config).edgeLengths.mean() / self._mesh.edgeLengths.mean())
             self._coarse = self._begin(apply(config, tether, asWritten=True), "coarse")
         return self._coarse
 
@@ -228,9 +265,13 @@ class Search:
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
         if last.kind != "sample":
-            raise ValueError(f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'")
+            raise ValueError(
+                f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'"
+            )
         if last.temperature not in (None, scene.sampling.temperature):
-            raise ValueError(f"the last stage has the temperature {last.temperature:g} K and [sampling] {scene.sampling.temperature:g} K; they must be equal")
+            raise ValueError(
+                f"the last stage has the temperature {last.temperature:g} K and [sampling] {scene.sampling.temperature:g} K; they must be equal"
+            )
         scene.sampling.step_size = last.step_size or scene.sampling.step_size
         if scene.platform.name == "CPU":
             scene.platform.threads = 1
@@ -247,14 +288,25 @@ class Search:
     def _prepare(self, scene, mesh, last, file):
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
         # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
-        fast = apply(scene, {**_moves(scene), "sampling.trajectory_jitter": 0.5, "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory)})
-        equilibration = max(EQUILIBRATION, int(2*self._effort/len(mesh.vertices)/150))  # at some 150 evaluations a step twice what a setting takes
+        fast = apply(
+            scene,
+            {
+                **_moves(scene),
+                "sampling.trajectory_jitter": 0.5,
+                "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory),
+            },
+        )
+        equilibration = max(
+            EQUILIBRATION, int(2 * self._effort / len(mesh.vertices) / 150)
+        )  # at some 150 evaluations a step twice what a setting takes
         mesh, targets = _advance(fast, mesh, fast.stages[:-1])
         tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
         for i, tether in enumerate(tethers):
-            config, steps = apply(fast, tether), equilibration//10 if 0 < i < len(tethers)-1 else equilibration
+            config, steps = apply(fast, tether), equilibration // 10 if 0 < i < len(tethers) - 1 else equilibration
             _setTargets(config, targets)
-            mesh, targets = _advance(config, mesh, [SampleStage(**{**last.model_dump(), "steps": steps, "step_size": "auto"})])
+            mesh, targets = _advance(
+                config, mesh, [SampleStage(**{**last.model_dump(), "steps": steps, "step_size": "auto"})]
+            )
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as part:
             mesh.write(part.with_suffix(".ply"))
@@ -266,11 +318,20 @@ class Search:
         if self._file.exists():
             data = json.loads(self._file.read_text(encoding="utf-8"))
             if data["scene"] != self._identity():
-                raise ValueError(f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files")
-            self.points, self.minima = [Point(**point) for point in data["points"]], [Minimum(**minimum) for minimum in data.get("minima", ())]
+                raise ValueError(
+                    f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files"
+                )
+            self.points, self.minima = (
+                [Point(**point) for point in data["points"]],
+                [Minimum(**minimum) for minimum in data.get("minima", ())],
+            )
 
     def _save(self):
-        data = {"scene": self._identity(), "points": [asdict(point) for point in self.points], "minima": [asdict(minimum) for minimum in self.minima]}
+        data = {
+            "scene": self._identity(),
+            "points": [asdict(point) for point in self.points],
+            "minima": [asdict(minimum) for minimum in self.minima],
+        }
         with replacing(self._file) as part:
             part.write_text(json.dumps(data, indent=1), encoding="utf-8")
 
@@ -282,12 +343,18 @@ class Search:
 def _moves(scene):
     """Return a setting with many flips and some shear waves, which change no distribution."""
     sampling = scene.sampling
-    return {"sampling.flip_fraction": max(1.0, sampling.flip_fraction), "sampling.shear_wave_probability": max(0.2*(1-sampling.flip_probability), sampling.shear_wave_probability)}
+    return {
+        "sampling.flip_fraction": max(1.0, sampling.flip_fraction),
+        "sampling.shear_wave_probability": max(0.2 * (1 - sampling.flip_probability), sampling.shear_wave_probability),
+    }
 
 
 def _isAlike(point):
     """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it, unless it is left out."""
-    return not any(name.startswith(("membrane.", "mesh.")) or name in MODULI.values() and value == 0 for name, value in point.setting.items())
+    return not any(
+        name.startswith(("membrane.", "mesh.")) or name in MODULI.values() and value == 0
+        for name, value in point.setting.items()
+    )
 
 
 def _advance(config, mesh, stages):
@@ -303,4 +370,9 @@ def _advance(config, mesh, stages):
 
 def _setTargets(config, targets):
     membrane = config.membrane
-    membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = targets["area"], targets["volume"], targets["areaDifference"] or None, None
+    membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = (
+        targets["area"],
+        targets["volume"],
+        targets["areaDifference"] or None,
+        None,
+    )

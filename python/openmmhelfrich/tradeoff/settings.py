@@ -2,6 +2,7 @@
 
 A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as the scene has it.
 """
+
 import json
 import math
 from dataclasses import dataclass
@@ -10,12 +11,23 @@ from typing import get_args
 from ..config import parseConfig, sections
 
 COARSER = "mesh.icosphere"
-MODULI = {"bending": "membrane.bending_modulus", "area": "membrane.area_modulus", "volume": "membrane.volume_modulus",
-          "areaDifference": "membrane.area_difference_modulus", "tether": "tether.modulus", "repulsion": "repulsion.modulus"}
+MODULI = {
+    "bending": "membrane.bending_modulus",
+    "area": "membrane.area_modulus",
+    "volume": "membrane.volume_modulus",
+    "areaDifference": "membrane.area_difference_modulus",
+    "tether": "tether.modulus",
+    "repulsion": "repulsion.modulus",
+}
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
 
 # Of moves that help each other no single one may pay: more flips let the shape relax that kept momenta carry away.
-TOGETHER = {"sampling.flip_fraction": 1.0, "sampling.trajectory_jitter": 0.3, "sampling.momentum_refreshment": 0.5, "sampling.target_acceptance": 0.9}
+TOGETHER = {
+    "sampling.flip_fraction": 1.0,
+    "sampling.trajectory_jitter": 0.3,
+    "sampling.momentum_refreshment": 0.5,
+    "sampling.target_acceptance": 0.9,
+}
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,7 @@ class Axis:
     isOffered : bool
         whether a choice may be recommended; otherwise it is measured to compare with
     """
+
     name: str
     choices: list
     isOffered: bool = True
@@ -53,23 +66,34 @@ def axes(config, scene, edge):
     edge : float
         the mean length of its edges
     """
-    return [axis for axis in (
-        Axis("tether", _tethers(scene, edge)),
-        Axis("moves together", [TOGETHER]),
-        Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
-        Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
-        Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
-        Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
-        # Rejections turn kept momenta back, so that they want to be rare.
-        Axis("momenta", [{"sampling.momentum_refreshment": part, "sampling.target_acceptance": aim} for part, aim in ((1.0, 0.75), (0.5, 0.9), (0.3, 0.9))]),
-        Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
-        Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
-        Axis("integrator", _literals("sampling.integrator")),
-        Axis("tether substeps", _each("sampling.tether_substeps", [1, 2, 4])),
-        Axis("precision", _literals("platform.precision")),
-        Axis("constraints", _softer(scene)),
-        Axis("resolution", _coarser(config)),
-        Axis("terms", _without(scene), isOffered=False)) if axis.choices]
+    return [
+        axis
+        for axis in (
+            Axis("tether", _tethers(scene, edge)),
+            Axis("moves together", [TOGETHER]),
+            Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
+            Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
+            Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
+            Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
+            # Rejections turn kept momenta back, so that they want to be rare.
+            Axis(
+                "momenta",
+                [
+                    {"sampling.momentum_refreshment": part, "sampling.target_acceptance": aim}
+                    for part, aim in ((1.0, 0.75), (0.5, 0.9), (0.3, 0.9))
+                ],
+            ),
+            Axis("flip probability", _each("sampling.flip_probability", [0.2, 0.5, 0.8])),
+            Axis("acceptance", _each("sampling.target_acceptance", [0.6, 0.75, 0.9])),
+            Axis("integrator", _literals("sampling.integrator")),
+            Axis("tether substeps", _each("sampling.tether_substeps", [1, 2, 4])),
+            Axis("precision", _literals("platform.precision")),
+            Axis("constraints", _softer(scene)),
+            Axis("resolution", _coarser(config)),
+            Axis("terms", _without(scene), isOffered=False),
+        )
+        if axis.choices
+    ]
 
 
 def apply(config, setting, asWritten=False):
@@ -93,7 +117,9 @@ def apply(config, setting, asWritten=False):
 
 def changes(scene, setting, choice):
     """Return whether a choice is anything new beside a setting."""
-    return any(setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items())
+    return any(
+        setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items()
+    )
 
 
 def tetherOf(scene):
@@ -103,7 +129,7 @@ def tetherOf(scene):
 
 def forEdges(setting, ratio):
     """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
-    return {name: value*ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
+    return {name: value * ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
 
 
 def isExact(setting):
@@ -118,15 +144,25 @@ def keyOf(setting):
 
 def describe(setting):
     """Return a setting in a few words."""
-    return ", ".join(f"{_title(name)} {value:.4g}" if isinstance(value, float) else f"{_title(name)} {value}" for name, value in setting.items()) or "as it stands"
+    return (
+        ", ".join(
+            f"{_title(name)} {value:.4g}" if isinstance(value, float) else f"{_title(name)} {value}"
+            for name, value in setting.items()
+        )
+        or "as it stands"
+    )
 
 
 def moduliRatios(scene, setting):
     """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
-    if 0 in own.values() or COARSER in setting or any(setting.get(name, value) != value for name, value in tetherOf(scene).items() if name in TETHER_LENGTHS):
+    if (
+        0 in own.values()
+        or COARSER in setting
+        or any(setting.get(name, value) != value for name, value in tetherOf(scene).items() if name in TETHER_LENGTHS)
+    ):
         return {}
-    ratios = {term: valueOf(scene, MODULI[term])/value for term, value in own.items()}
+    ratios = {term: valueOf(scene, MODULI[term]) / value for term, value in own.items()}
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
 
 
@@ -147,16 +183,27 @@ def tetherPath(scene, edge, stages=6):
     The easy one costs 20 kT for an edge of 1.45 mean lengths: a softer one lets needle-shaped triangles in.
     """
     own, r = tetherOf(scene), scene.tether.exponent
-    modulus, excess = own["tether.modulus"]*(edge/own["tether.length_scale"])**r, 1.45-own["tether.max_length"]/edge
-    easy = 20/(r**(r+1)*excess**r) if excess > 0 else math.inf
+    modulus, excess = (
+        own["tether.modulus"] * (edge / own["tether.length_scale"]) ** r,
+        1.45 - own["tether.max_length"] / edge,
+    )
+    easy = 20 / (r ** (r + 1) * excess**r) if excess > 0 else math.inf
     if modulus <= easy:
         return [own]
     loose = {**own, "tether.length_scale": edge, "tether.modulus": easy}
-    return [{name: loose[name]*(own[name]/loose[name])**(stage/stages) for name in own} for stage in range(stages+1)]
+    return [
+        {name: loose[name] * (own[name] / loose[name]) ** (stage / stages) for name in own}
+        for stage in range(stages + 1)
+    ]
 
 
 def _naturalTether(edge, modulus, least, greatest):
-    return {"tether.length_scale": edge, "tether.modulus": modulus, "tether.min_length": least*edge, "tether.max_length": greatest*edge}
+    return {
+        "tether.length_scale": edge,
+        "tether.modulus": modulus,
+        "tether.min_length": least * edge,
+        "tether.max_length": greatest * edge,
+    }
 
 
 def _tethers(scene, edge):
@@ -164,22 +211,31 @@ def _tethers(scene, edge):
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
     """
-    modulus, least, greatest = (float(x) for x in (scene.tether.modulus, scene.tether.min_length/edge, scene.tether.max_length/edge))
+    modulus, least, greatest = (
+        float(x) for x in (scene.tether.modulus, scene.tether.min_length / edge, scene.tether.max_length / edge)
+    )
     if modulus == 0:
         return []
-    natural = [_naturalTether(edge, *tether) for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))]
-    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1*modulus}]+natural
+    natural = [
+        _naturalTether(edge, *tether)
+        for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))
+    ]
+    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}] + natural
 
 
 def _softer(scene):
     """Return settings with weaker constraints of area and volume."""
     moduli = {MODULI[term]: valueOf(scene, MODULI[term]) for term in ("area", "volume")}
-    return [{name: modulus*factor for name, modulus in moduli.items() if modulus > 0} for factor in (0.1, 0.01) if any(moduli.values())]
+    return [
+        {name: modulus * factor for name, modulus in moduli.items() if modulus > 0}
+        for factor in (0.1, 0.01)
+        if any(moduli.values())
+    ]
 
 
 def _coarser(config):
     """Return a quarter of the vertices, for a mesh that can be made anew."""
-    return _each(COARSER, [config.mesh.icosphere-1]) if config.mesh.icosphere else []
+    return _each(COARSER, [config.mesh.icosphere - 1]) if config.mesh.icosphere else []
 
 
 def _without(scene):

@@ -1,4 +1,5 @@
 """What correlated series say: means, errors, and correlation times, also those that are longer than the series."""
+
 import math
 from dataclasses import dataclass
 
@@ -6,13 +7,14 @@ import numpy as np
 
 from ..analysis import autocorrelationTime
 
-LONGEST_LAG = 1/8  # of a series, at which it is seen how far it moves
-DECAYED = 1-1/math.e
+LONGEST_LAG = 1 / 8  # of a series, at which it is seen how far it moves
+DECAYED = 1 - 1 / math.e
 
 
 @dataclass
 class Observable:
     """Statistics of a correlated series, of which time is the integrated autocorrelation time in Monte Carlo steps, and timeError its relative standard error."""
+
     mean: float
     deviation: float
     time: float
@@ -40,6 +42,7 @@ class Motion:
     variances : list of float
         of the columns, about their means in the series
     """
+
     interval: int
     length: int
     lags: list
@@ -49,8 +52,8 @@ class Motion:
     @classmethod
     def of(cls, series, interval=1):
         """Return the Motion of an (n, k) array of columns that decay alike."""
-        lags = [2**i for i in range(max(1, int(LONGEST_LAG*len(series))).bit_length())]
-        displacements = [np.mean((series[lag:]-series[:-lag])**2, axis=0).tolist() for lag in lags]
+        lags = [2**i for i in range(max(1, int(LONGEST_LAG * len(series))).bit_length())]
+        displacements = [np.mean((series[lag:] - series[:-lag]) ** 2, axis=0).tolist() for lag in lags]
         return cls(interval, len(series), lags, displacements, series.var(axis=0).tolist())
 
     def time(self, variances, variancesError):
@@ -65,14 +68,14 @@ class Motion:
         variancesError : float
             their relative standard error
         """
-        decayed = np.mean(np.divide(self.displacements, 2*np.array(variances)), axis=1)
+        decayed = np.mean(np.divide(self.displacements, 2 * np.array(variances)), axis=1)
         far = np.flatnonzero(decayed > DECAYED)
-        index = len(decayed)-1 if len(far) == 0 else max(0, far[0]-1)
+        index = len(decayed) - 1 if len(far) == 0 else max(0, far[0] - 1)
         if not 0 < decayed[index] < 1:
             return math.inf, math.inf
         lag, x = self.lags[index], decayed[index]
-        error = math.hypot(math.sqrt(4*lag/(3*self.length*len(variances))), variancesError)
-        return -2*lag*self.interval/math.log1p(-x), error*x/((1-x)*-math.log1p(-x))
+        error = math.hypot(math.sqrt(4 * lag / (3 * self.length * len(variances))), variancesError)
+        return -2 * lag * self.interval / math.log1p(-x), error * x / ((1 - x) * -math.log1p(-x))
 
 
 def observe(series, interval=1):
@@ -82,8 +85,14 @@ def observe(series, interval=1):
     frames = autocorrelationTime(columns if count > 1 else columns[:, 0])
     deviation = float(np.sqrt(columns.var(axis=0).mean()))
     # A. Sokal's error of a time with a window of five times its length; columns count as independent.
-    timeError = math.sqrt(2*(10*frames+1)/(len(series)*count))
-    return Observable(float(columns.mean()), deviation, frames*interval, timeError, deviation*math.sqrt(frames/(len(series)*count)))
+    timeError = math.sqrt(2 * (10 * frames + 1) / (len(series) * count))
+    return Observable(
+        float(columns.mean()),
+        deviation,
+        frames * interval,
+        timeError,
+        deviation * math.sqrt(frames / (len(series) * count)),
+    )
 
 
 def shapeSeries(tensors, isSphere):
@@ -102,4 +111,6 @@ def shapeSeries(tensors, isSphere):
     if not isSphere:
         return np.linalg.eigvalsh(tensors)
     x, y, z = (tensors[:, i, i] for i in range(3))
-    return np.column_stack((tensors[:, 0, 1], tensors[:, 1, 2], tensors[:, 0, 2], (x-y)/2, (2*z-x-y)/math.sqrt(12)))
+    return np.column_stack(
+        (tensors[:, 0, 1], tensors[:, 1, 2], tensors[:, 0, 2], (x - y) / 2, (2 * z - x - y) / math.sqrt(12))
+    )

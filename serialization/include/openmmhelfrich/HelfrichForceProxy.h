@@ -7,8 +7,8 @@
 namespace HelfrichPlugin {
 
 /**
- * This is a proxy for serializing HelfrichForce objects.  The triangles are one text of numbers, not a node each, so that a
- * membrane of millions of vertices remains practical.
+ * This is a proxy for serializing HelfrichForce objects.  The triangles are one text of numbers, not a node each, so
+ * that a membrane of millions of vertices remains practical.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichForceProxy : public OpenMM::SerializationProxy {
 public:

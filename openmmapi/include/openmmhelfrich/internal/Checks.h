@@ -13,7 +13,7 @@ namespace HelfrichPlugin {
 /**
  * Throw an OpenMMException unless a value is finite and positive, or zero where that is allowed.
  */
-inline void requirePositive(const std::string& item, double value, bool allowZero=false) {
+inline void requirePositive(const std::string& item, double value, bool allowZero = false) {
     if (std::isfinite(value) && (value > 0 || (allowZero && value == 0)))
         return;
     std::stringstream message;

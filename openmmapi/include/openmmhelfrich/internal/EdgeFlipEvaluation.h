@@ -11,7 +11,8 @@ namespace HelfrichPlugin {
 struct HelfrichParameters;
 
 /**
- * What a sweep knows of a vertex, on a cache line of its own: who needs one of these numbers nearly always needs the others.
+ * What a sweep knows of a vertex, on a cache line of its own: who needs one of these numbers nearly always needs the
+ * others.
  */
 struct alignas(64) EdgeFlipVertex {
     // The first 32 bytes are loaded at once, and so must not change during a sweep.
@@ -44,7 +45,8 @@ struct alignas(64) EdgeFlipAttempt {
 };
 
 /**
- * What a flip changes, as far as it does not follow from the connectivity: its halfedge i-j, the vertices i, j, k and l, and the changes at these.
+ * What a flip changes, as far as it does not follow from the connectivity: its halfedge i-j, the vertices i, j, k and
+ * l, and the changes at these.
  */
 struct EdgeFlip {
     int halfedge, vertex[4];
@@ -52,8 +54,9 @@ struct EdgeFlip {
 };
 
 /**
- * Consecutive attempts to flip an edge, side by side.  The flip replaces the edge i-j of the triangles (i, j, k) and (j, i, l) by k-l.  Vertices 0 to 3 are i, j, k and l; 4 to 7
- * are those beyond the edges j-k, k-i, i-l and l-j around them.
+ * Consecutive attempts to flip an edge, side by side.  The flip replaces the edge i-j of the triangles (i, j, k) and
+ * (j, i, l) by k-l.  Vertices 0 to 3 are i, j, k and l; 4 to 7 are those beyond the edges j-k, k-i, i-l and l-j around
+ * them.
  */
 struct alignas(64) EdgeFlipBatch {
     static constexpr int SIZE = 64;
@@ -95,18 +98,21 @@ struct EdgeFlipList {
         return flips;
     }
     const EdgeFlip* end() const {
-        return flips+count;
+        return flips + count;
     }
 };
 
 /**
- * The evaluation of attempts, compiled for one instruction set.  What is computed of an attempt does not depend on the others in a batch, to the last bit.
+ * The evaluation of attempts, compiled for one instruction set.  What is computed of an attempt does not depend on the
+ * others in a batch, to the last bit.
  */
 struct EdgeFlipEvaluation {
     /// draw the random numbers of a batch's attempts, beginning with that of a given number
     void (*draw)(const Philox& random, long long sweep, long long firstAttempt, int numHalfedges, EdgeFlipBatch& batch);
-    /// compute what the flips from the first up to the last would change, except for the repulsion; attempts beside them may be computed again as well
-    void (*evaluate)(const HelfrichParameters& parameters, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first, int last);
+    /// compute what the flips from the first up to the last would change, except for the repulsion; attempts beside
+    /// them may be computed again as well
+    void (*evaluate)(const HelfrichParameters& parameters, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch,
+                     int first, int last);
 };
 
 /**

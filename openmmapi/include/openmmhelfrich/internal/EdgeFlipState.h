@@ -11,10 +11,12 @@
 namespace HelfrichPlugin {
 
 /**
- * A membrane as a sweep sees it: the connectivity, the areas and curvatures of the vertices, and which of them are close to each other.  It evaluates what flips would change, and
- * carries them out.  What it computes of an attempt is the same in any state in which the same flips were carried out at the attempt's vertices.
+ * A membrane as a sweep sees it: the connectivity, the areas and curvatures of the vertices, and which of them are
+ * close to each other.  It evaluates what flips would change, and carries them out.  What it computes of an attempt is
+ * the same in any state in which the same flips were carried out at the attempt's vertices.
  *
- * Other threads may evaluate while one carries out flips.  At the vertices of these flips, what they compute has no meaning.
+ * Other threads may evaluate while one carries out flips.  At the vertices of these flips, what they compute has no
+ * meaning.
  */
 class EdgeFlipState {
 public:
@@ -33,13 +35,15 @@ public:
      * @param first      the number of the first vertex
      * @param last       the number of the vertex after the last
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first, int last);
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first,
+                      int last);
     /**
      * Set the same as another state of the membrane has them.
      */
     void setPositions(const EdgeFlipState& other, int first, int last);
     /**
-     * Set the list of each vertex's partners, which is needed if needsNeighborList().  Flips divide them as they do the mesh.
+     * Set the list of each vertex's partners, which is needed if needsNeighborList().  Flips divide them as they do the
+     * mesh.
      */
     void setNeighbors(HelfrichNeighborList* neighbors) {
         this->neighbors = neighbors;
@@ -60,7 +64,7 @@ public:
      *
      * @param upcoming  the batch to be evaluated next, whose data is brought into the cache meanwhile; or NULL
      */
-    void evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming=NULL) const;
+    void evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming = NULL) const;
     /**
      * Carry out a flip that was evaluated in this state, or in one that is the same at its vertices.
      */
@@ -97,7 +101,7 @@ private:
     void setBonded(int vertex, int other);
     void setApart(int vertex, int other);
     Relaxed<int>* partnersOf(int vertex) const {
-        return neighbors->partners.data()+vertices[vertex].firstPartner;
+        return neighbors->partners.data() + vertices[vertex].firstPartner;
     }
     HelfrichMesh& mesh;
     const EdgeFlipEvaluation& evaluation;

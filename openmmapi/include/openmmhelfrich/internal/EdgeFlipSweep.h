@@ -18,31 +18,37 @@ struct EdgeFlipStatistics {
 };
 
 /**
- * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes from the two triangles of the edge, the
- * four around them, and the totals of the surface.
+ * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes
+ * from the two triangles of the edge, the four around them, and the totals of the surface.
  *
- * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed as a pipeline of batches, in two steps:
+ * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed as a pipeline of batches, in
+ * two steps:
  *
  * - The attempts of a batch are evaluated, several to a vector, as if they were the next ones to be decided.
- * - One thread, the first, decides batch after batch, each attempt in its turn, with the totals of the moment, and carries the flip out if it accepts it.  An attempt that has a
- *   vertex in common with a flip that its evaluation had not seen is evaluated again at that time, and so is one whose repulsion depends on the neighbors of such a vertex; nothing
- *   else can have changed what was evaluated.
+ * - One thread, the first, decides batch after batch, each attempt in its turn, with the totals of the moment, and
+ * carries the flip out if it accepts it.  An attempt that has a vertex in common with a flip that its evaluation had
+ * not seen is evaluated again at that time, and so is one whose repulsion depends on the neighbors of such a vertex;
+ * nothing else can have changed what was evaluated.
  *
- * Other threads evaluate batches ahead of the decisions, and none waits for the others but when the pipeline is full.  The first thread evaluates whenever the next batch to decide is
- * not ready.
+ * Other threads evaluate batches ahead of the decisions, and none waits for the others but when the pipeline is full.
+ * The first thread evaluates whenever the next batch to decide is not ready.
  *
- * Each of the others has a copy of the membrane, where it carries out flips as it hears of them, and no thread reads what another one changes.  But a processor's cache has no room for
- * copies of a large membrane.  There all threads look at the same one, and what they evaluate may be wrong, for it may be from before and from after a flip that the first thread carries
- * out at that time.  Such an attempt is always evaluated again: whatever a flip changes (triangles, what is opposite to their sides, lists of partners) belongs to one of its four vertices,
- * and an evaluation looks at what belongs to the attempt's vertices, or, if its repulsion depends on them, to their partners.  So both have a vertex in common, and the
- * evaluation counts as not having seen the flip.
+ * Each of the others has a copy of the membrane, where it carries out flips as it hears of them, and no thread reads
+ * what another one changes.  But a processor's cache has no room for copies of a large membrane.  There all threads
+ * look at the same one, and what they evaluate may be wrong, for it may be from before and from after a flip that the
+ * first thread carries out at that time.  Such an attempt is always evaluated again: whatever a flip changes
+ * (triangles, what is opposite to their sides, lists of partners) belongs to one of its four vertices, and an
+ * evaluation looks at what belongs to the attempt's vertices, or, if its repulsion depends on them, to their partners.
+ * So both have a vertex in common, and the evaluation counts as not having seen the flip.
  *
- * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is faster.
+ * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is
+ * faster.
  */
 class OPENMM_EXPORT_HELFRICH EdgeFlipSweep {
 public:
     /**
-     * This is called for each accepted flip, in their order, with the change of energy by which it was accepted.  The mesh has all of them after the sweep.
+     * This is called for each accepted flip, in their order, with the change of energy by which it was accepted.  The
+     * mesh has all of them after the sweep.
      */
     typedef std::function<void(double)> Observer;
     /**
@@ -52,16 +58,18 @@ public:
      * @param numThreads  the number of threads
      * @param maxCopied   for at most so many vertices each thread has a copy of the membrane
      */
-    explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads=1, int maxCopied=MAX_COPIED);
+    explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads = 1, int maxCopied = MAX_COPIED);
     static constexpr int MAX_COPIED = 100000;
     /**
      * Set where the vertices are.  This must be called before a sweep if they have moved since the last one.
      *
      * @param positions  the position of each particle
      * @param geometry   the areas, volume and curvatures of the membrane at these positions
-     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Sweeps divide them as the flipped mesh does
+     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Sweeps divide them as the
+     * flipped mesh does
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, HelfrichNeighborList* neighbors);
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
+                      HelfrichNeighborList* neighbors);
     /**
      * Get whether a sweep needs to know which vertices are close to each other.
      */
@@ -78,10 +86,11 @@ public:
      * @param sweep        the number of the sweep, which with that of the attempt is the counter of the random numbers
      * @param observer     called for each accepted flip, unless empty
      */
-    EdgeFlipStatistics execute(const HelfrichParameters& parameters, double kT, long long numAttempts, const Philox& random, long long sweep,
-                               const Observer& observer=Observer());
+    EdgeFlipStatistics execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
+                               const Philox& random, long long sweep, const Observer& observer = Observer());
     /**
-     * Get the area, volume and integrated mean curvature of the surface, as the flips since setPositions() have changed them.
+     * Get the area, volume and integrated mean curvature of the surface, as the flips since setPositions() have changed
+     * them.
      */
     const HelfrichTotals& getTotals() const {
         return totals;
@@ -101,7 +110,8 @@ private:
         EdgeFlipBatch batch;
         /// the number of the first batch whose flips the evaluation has not seen
         int firstUnseen;
-        /// the flips that seemed likely to be accepted when they were evaluated, a bit for each of their attempts, and those that are accepted
+        /// the flips that seemed likely to be accepted when they were evaluated, a bit for each of their attempts, and
+        /// those that are accepted
         EdgeFlipList likelyFlips;
         uint64_t isLikely;
         EdgeFlipList acceptedFlips;
@@ -109,7 +119,8 @@ private:
         std::atomic<int> evaluated;
     };
     /**
-     * A copy of the membrane for a thread that evaluates ahead.  It stays up to date from sweep to sweep: copying a mesh takes as long as many attempts.
+     * A copy of the membrane for a thread that evaluates ahead.  It stays up to date from sweep to sweep: copying a
+     * mesh takes as long as many attempts.
      */
     struct alignas(64) Copy {
         explicit Copy(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
@@ -122,7 +133,7 @@ private:
         std::atomic<int> numSeen;
     };
     Slot& getSlot(int batch) {
-        return slots[batch%slots.size()];
+        return slots[batch % slots.size()];
     }
     void prepare(Copy& copy) const;
     void findClosePartners();
@@ -169,10 +180,12 @@ private:
     HelfrichNeighborList* neighbors;
     EdgeFlipState state;
     std::vector<Slot> slots;
-    /// the evaluation of an attempt once more: in the batch it would take longer, for that may be in another thread's cache
+    /// the evaluation of an attempt once more: in the batch it would take longer, for that may be in another thread's
+    /// cache
     EdgeFlipBatch renewed;
-    std::vector<std::unique_ptr<Copy> > copies;
-    /// the number of batches that some thread evaluates or has evaluated, and of those that are decided; on cache lines of their own, for all threads look at them often
+    std::vector<std::unique_ptr<Copy>> copies;
+    /// the number of batches that some thread evaluates or has evaluated, and of those that are decided; on cache lines
+    /// of their own, for all threads look at them often
     alignas(64) std::atomic<int> numClaimed;
     alignas(64) std::atomic<int> numDecided;
     /// for each vertex the last batch that flipped an edge at it, or NONE

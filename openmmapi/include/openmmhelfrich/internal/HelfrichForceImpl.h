@@ -29,7 +29,8 @@ public:
     }
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy, int groups);
     /**
-     * Get whether makeTrajectory() can move the particles: the platform must be able to, and all particles must be vertices.
+     * Get whether makeTrajectory() can move the particles: the platform must be able to, and all particles must be
+     * vertices.
      */
     bool canMakeTrajectory(OpenMM::ContextImpl& context) const;
     /**
@@ -46,7 +47,7 @@ public:
     }
     std::map<std::string, double> getDefaultParameters();
     std::vector<std::string> getKernelNames();
-    std::vector<std::pair<int, int> > getBondedParticles() const;
+    std::vector<std::pair<int, int>> getBondedParticles() const;
     void updateParametersInContext(OpenMM::ContextImpl& context);
     HelfrichEnergyTerms getEnergyTerms(OpenMM::ContextImpl& context);
     HelfrichGeometry getGeometry(OpenMM::ContextImpl& context);
@@ -56,16 +57,17 @@ public:
     HelfrichMesh& getMesh() {
         return *mesh;
     }
-    void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles);
+    void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles);
     /**
      * Set the triangles and the order of vertices of a run that goes on.
      */
-    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3> >& triangles, const std::vector<int>& order);
+    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
+                 const std::vector<int>& order);
     /**
      * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.
      */
-    EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random, long long sweep,
-                                 const EdgeFlipSweep::Observer& observer=EdgeFlipSweep::Observer());
+    EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random,
+                                 long long sweep, const EdgeFlipSweep::Observer& observer = EdgeFlipSweep::Observer());
     /**
      * Get the moduli with the present targets of a Context.
      */

@@ -12,30 +12,31 @@ namespace HelfrichPlugin {
 /**
  * The connectivity of a closed, oriented, triangulated surface, which edge flips change in place.
  *
- * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its corner c to the next one.  The ordered
- * triangles are the complete state: everything else here derives from them.
+ * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its
+ * corner c to the next one.  The ordered triangles are the complete state: everything else here derives from them.
  *
- * Threads may look at a mesh while another one flips edges.  What they find at the vertices of a flip may be from before or after it, and not fit together; but every number is that of
- * a vertex or halfedge, and every search comes to an end.
+ * Threads may look at a mesh while another one flips edges.  What they find at the vertices of a flip may be from
+ * before or after it, and not fit together; but every number is that of a vertex or halfedge, and every search comes to
+ * an end.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichMesh {
 public:
     /**
-     * Create a mesh.  Throws an OpenMMException that names the item unless the triangles form closed, consistently oriented manifolds, with at most one edge between two
-     * vertices and at least three at each.
+     * Create a mesh.  Throws an OpenMMException that names the item unless the triangles form closed, consistently
+     * oriented manifolds, with at most one edge between two vertices and at least three at each.
      *
      * @param triangles     the particles of each triangle, in counter-clockwise order seen from outside
      * @param numParticles  the number of particles in the System
      */
-    HelfrichMesh(const std::vector<std::array<int, 3> >& triangles, int numParticles);
+    HelfrichMesh(const std::vector<std::array<int, 3>>& triangles, int numParticles);
     int getNumVertices() const {
         return particles.size();
     }
     int getNumTriangles() const {
-        return halfedges.size()/3;
+        return halfedges.size() / 3;
     }
     int getNumEdges() const {
-        return halfedges.size()/2;
+        return halfedges.size() / 2;
     }
     int getNumHalfedges() const {
         return halfedges.size();
@@ -55,34 +56,37 @@ public:
     /**
      * Get the particles of each triangle.
      */
-    std::vector<std::array<int, 3> > getTriangles() const;
+    std::vector<std::array<int, 3>> getTriangles() const;
     /**
-     * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid, connect the same particles as before and have every
-     * fixed edge.
+     * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid, connect
+     * the same particles as before and have every fixed edge.
      */
-    void setTriangles(const std::vector<std::array<int, 3> >& triangles);
+    void setTriangles(const std::vector<std::array<int, 3>>& triangles);
     /**
-     * Set the edges that never flip, as pairs of particles in either order.  They remain those of the mesh when its triangles are replaced.  Throws an OpenMMException that
-     * names the edge, and leaves the mesh as it was, unless each is an edge of the triangles and appears once.
+     * Set the edges that never flip, as pairs of particles in either order.  They remain those of the mesh when its
+     * triangles are replaced.  Throws an OpenMMException that names the edge, and leaves the mesh as it was, unless
+     * each is an edge of the triangles and appears once.
      */
-    void setFixedEdges(const std::vector<std::array<int, 2> >& edges);
+    void setFixedEdges(const std::vector<std::array<int, 2>>& edges);
     /**
      * The number of vertices in a patch of the order: their positions fit in a processor's first-level cache.
      */
     static constexpr int PATCH = 512;
     /**
-     * Get all vertices in an order that keeps neighbors close to each other: patch by patch, each of which grew breadth-first from a vertex beside an earlier one.
+     * Get all vertices in an order that keeps neighbors close to each other: patch by patch, each of which grew
+     * breadth-first from a vertex beside an earlier one.
      */
     const std::vector<int>& getOrder() const {
         return order;
     }
     /**
-     * Make a new order, for flips scramble the patches.  When this is done must not depend on when a simulation was restarted: the order of the
-     * vertices is that of the kernels' sums, and shows in their last bits.
+     * Make a new order, for flips scramble the patches.  When this is done must not depend on when a simulation was
+     * restarted: the order of the vertices is that of the kernels' sums, and shows in their last bits.
      */
     void renewOrder();
     /**
-     * Set the order of an earlier mesh with the same vertices.  Throws an OpenMMException unless it has every vertex once.
+     * Set the order of an earlier mesh with the same vertices.  Throws an OpenMMException unless it has every vertex
+     * once.
      */
     void setOrder(const std::vector<int>& order);
     /**
@@ -90,14 +94,14 @@ public:
      */
     static int next(int h) {
         static constexpr int STEPS[3] = {1, 1, -2};
-        return h+STEPS[unsigned(h)%3];
+        return h + STEPS[unsigned(h) % 3];
     }
     /**
      * Get the previous halfedge of the same triangle.
      */
     static int previous(int h) {
         static constexpr int STEPS[3] = {2, -1, -1};
-        return h+STEPS[unsigned(h)%3];
+        return h + STEPS[unsigned(h) % 3];
     }
     /**
      * Get the vertex that a halfedge starts from.
@@ -188,9 +192,9 @@ public:
      * Bring what the mesh knows of a halfedge's triangle, which may be on two lines, into the cache.
      */
     void prefetch(int h) const {
-        int first = h-unsigned(h)%3;
+        int first = h - unsigned(h) % 3;
         __builtin_prefetch(&halfedges[first]);
-        __builtin_prefetch(&halfedges[first+2].outer);
+        __builtin_prefetch(&halfedges[first + 2].outer);
     }
     /**
      * Bring what the mesh knows of a vertex into the cache.
@@ -205,13 +209,15 @@ public:
      */
     void flip(int h);
     /**
-     * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one change.
+     * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one
+     * change.
      */
     void markChanged() {
         revision++;
     }
     /**
-     * Throw an OpenMMException unless the mesh is valid and everything derived from the triangles is right.  This is meant for tests.
+     * Throw an OpenMMException unless the mesh is valid and everything derived from the triangles is right.  This is
+     * meant for tests.
      */
     void validate() const;
 private:
@@ -222,8 +228,8 @@ private:
     struct Halfedge {
         Relaxed<int> origin, opposite, outer;
     };
-    void findParticles(const std::vector<std::array<int, 3> >& triangles);
-    void findVertices(const std::vector<std::array<int, 3> >& triangles);
+    void findParticles(const std::vector<std::array<int, 3>>& triangles);
+    void findVertices(const std::vector<std::array<int, 3>>& triangles);
     void connect();
     void pair(const int* sameEdge, int count);
     void chooseOutgoings();
@@ -234,9 +240,9 @@ private:
     std::vector<int> particles, order;
     std::vector<Vertex> vertices;
     std::vector<Halfedge> halfedges;
-    std::vector<std::array<int, 2> > fixedEdges;
+    std::vector<std::array<int, 2>> fixedEdges;
     /// for each halfedge whether its edge is fixed; empty when none is
-    std::vector<Relaxed<char> > fixedHalfedges;
+    std::vector<Relaxed<char>> fixedHalfedges;
     long long revision = 0;
 };
 

@@ -11,14 +11,15 @@ namespace HelfrichPlugin {
 class HelfrichMesh;
 
 /**
- * For each vertex its partners: all vertices that are closer to it than the repulsion's onset, and some farther away.  Those apart from it come before those bonded to it.
+ * For each vertex its partners: all vertices that are closer to it than the repulsion's onset, and some farther away.
+ * Those apart from it come before those bonded to it.
  */
 struct OPENMM_EXPORT_HELFRICH HelfrichNeighborList {
     struct List {
         int start, numApart, numPartners;
     };
     std::vector<List> lists;
-    std::vector<Relaxed<int> > partners;
+    std::vector<Relaxed<int>> partners;
     /// the revision of the mesh that tells who is bonded
     long long revision = -1;
     /// how often the partners were found anew

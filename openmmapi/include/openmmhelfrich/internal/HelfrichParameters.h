@@ -50,8 +50,8 @@ template <class Real>
 inline Real penalty(double modulus, Real x, double target) {
     if (modulus == 0)
         return 0;
-    Real deviation = x/target-1;
-    return modulus*deviation*deviation;
+    Real deviation = x / target - 1;
+    return modulus * deviation * deviation;
 }
 
 /**
@@ -59,17 +59,19 @@ inline Real penalty(double modulus, Real x, double target) {
  */
 template <class Real>
 inline Real penaltySlope(double modulus, Real x, double target) {
-    return modulus == 0 ? Real(0) : 2*modulus*(x/target-1)/target;
+    return modulus == 0 ? Real(0) : 2 * modulus * (x / target - 1) / target;
 }
 
 /**
  * The terms of the energy that depend on totals alone.
  */
 template <class Real>
-inline void addPenalties(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals, HelfrichEnergyTerms& terms) {
+inline void addPenalties(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals,
+                         HelfrichEnergyTerms& terms) {
     terms.area += penalty(p.areaModulus, totals.area, p.targetArea);
     terms.volume += penalty(p.volumeModulus, totals.volume, p.targetVolume);
-    terms.areaDifference += penalty(p.areaDifferenceModulus, 2*p.leafletSeparation*totals.curvature, p.targetAreaDifference);
+    terms.areaDifference +=
+            penalty(p.areaDifferenceModulus, 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference);
 }
 
 /**
@@ -81,7 +83,7 @@ inline HelfrichTotalsOf<Real> penaltySlopes(const HelfrichParameters& p, const H
     slopes.area = penaltySlope(p.areaModulus, totals.area, p.targetArea);
     slopes.volume = penaltySlope(p.volumeModulus, totals.volume, p.targetVolume);
     double h = p.leafletSeparation;
-    slopes.curvature = 2*h*penaltySlope(p.areaDifferenceModulus, 2*h*totals.curvature, p.targetAreaDifference);
+    slopes.curvature = 2 * h * penaltySlope(p.areaDifferenceModulus, 2 * h * totals.curvature, p.targetAreaDifference);
     return slopes;
 }
 
@@ -93,8 +95,9 @@ inline HelfrichTotalsOf<Real> penaltySlopes(const HelfrichParameters& p, const H
 template <class Real>
 inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
     Real scale = p.tetherLengthScale;
-    Real potential = tetherPotential<Real>(l/scale, p.tetherMinLength/scale, p.tetherMaxLength/scale, p.tetherExponent, slope);
-    slope = slope/scale;
+    Real potential = tetherPotential<Real>(l / scale, p.tetherMinLength / scale, p.tetherMaxLength / scale,
+                                           p.tetherExponent, slope);
+    slope = slope / scale;
     return potential;
 }
 

@@ -16,7 +16,7 @@ struct LaneOf {
 };
 
 template <class Real>
-struct LaneOf<Real, std::void_t<decltype(std::declval<Real&>()[0])> > {
+struct LaneOf<Real, std::void_t<decltype(std::declval<Real&>()[0])>> {
     typedef std::remove_reference_t<decltype(std::declval<Real&>()[0])> type;
 };
 
@@ -30,30 +30,32 @@ template <class Real>
 struct Vector3 {
     Real x, y, z;
     Vector3 operator+(const Vector3& v) const {
-        return {x+v.x, y+v.y, z+v.z};
+        return {x + v.x, y + v.y, z + v.z};
     }
     Vector3 operator-(const Vector3& v) const {
-        return {x-v.x, y-v.y, z-v.z};
+        return {x - v.x, y - v.y, z - v.z};
     }
     Vector3 operator*(Real s) const {
-        return {x*s, y*s, z*s};
+        return {x * s, y * s, z * s};
     }
 };
 
 template <class Real>
 inline Real dot(const Vector3<Real>& a, const Vector3<Real>& b) {
-    return a.x*b.x+a.y*b.y+a.z*b.z;
+    return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
 template <class Real>
 inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
-    return {a.y*b.z-a.z*b.y, a.z*b.x-a.x*b.z, a.x*b.y-a.y*b.x};
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
 /**
- * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to the triangles (i, j, k) and
- * (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge e, and its component along it is
- * -|e| N_f.(x_l-x_i): no cross product is needed, and no normal need have unit length.  It is never -0, so that two triangles folded onto each other have the angle pi.
+ * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to
+ * the triangles (i, j, k) and (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge
+ * e, and its component along it is
+ * -|e| N_f.(x_l-x_i): no cross product is needed, and no normal need have unit length.  It is never -0, so that two
+ * triangles folded onto each other have the angle pi.
  *
  * @param length   |e|
  * @param normalF  (x_j-x_i) x (x_k-x_i)
@@ -61,17 +63,19 @@ inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
  * @param toL      x_l-x_i
  */
 template <class Real>
-inline void dihedralSineCosine(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG, const Vector3<Real>& toL, Real& sine, Real& cosine) {
-    sine = Lane<Real>(0)-length*dot(normalF, toL);
+inline void dihedralSineCosine(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG,
+                               const Vector3<Real>& toL, Real& sine, Real& cosine) {
+    sine = Lane<Real>(0) - length * dot(normalF, toL);
     cosine = dot(normalF, normalG);
 }
 
 /**
- * The dihedral angle of an edge: 0 when flat, positive when convex, and 0 by definition when one of the triangles has no area.
- * See dihedralSineCosine() for the parameters.
+ * The dihedral angle of an edge: 0 when flat, positive when convex, and 0 by definition when one of the triangles has
+ * no area. See dihedralSineCosine() for the parameters.
  */
 template <class Real>
-inline Real dihedralAngle(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG, const Vector3<Real>& toL) {
+inline Real dihedralAngle(Real length, const Vector3<Real>& normalF, const Vector3<Real>& normalG,
+                          const Vector3<Real>& toL) {
     using std::atan2;
     Real sine, cosine;
     dihedralSineCosine(length, normalF, normalG, toL, sine, cosine);
@@ -92,7 +96,7 @@ struct ScalarMath {
     }
     template <class Real>
     static Real divide(Real x, Real y) {
-        return x/y;
+        return x / y;
     }
     template <class Real>
     static Real copySign(Real magnitude, Real sign) {
@@ -101,23 +105,32 @@ struct ScalarMath {
 };
 
 /**
- * (arctan(z)/z-1)/z^2 as a function of t = z^2, for z up to tan(pi/8): Chebyshev polynomials, good enough for errors of 6e-18 (double) and 2e-9 (single) of the angle.
+ * (arctan(z)/z-1)/z^2 as a function of t = z^2, for z up to tan(pi/8): Chebyshev polynomials, good enough for errors of
+ * 6e-18 (double) and 2e-9 (single) of the angle.
  */
 template <class Real>
 inline Real arctangentSeries(Real t) {
     if constexpr (std::is_same<Lane<Real>, float>::value)
-        return (((-0.06451928158f*t+0.1074373147f)*t-0.142639556f)*t+0.1999954048f)*t-0.3333333176f;
+        return (((-0.06451928158f * t + 0.1074373147f) * t - 0.142639556f) * t + 0.1999954048f) * t - 0.3333333176f;
     else {
-        Real t2 = t*t;
-        Real odd = ((((0.03923044778479309*t2+0.05858140904866328)*t2+0.07692183125376892)*t2+0.11111111015187018)*t2+0.19999999999995516);
-        Real even = (((((-0.019175404711104935*t2-0.050854078345894844)*t2-0.06664510525508936)*t2-0.0909090457530649)*t2-0.14285714284665682)*t2-0.3333333333333333);
-        return even+t*odd;
+        Real t2 = t * t;
+        Real odd = ((((0.03923044778479309 * t2 + 0.05858140904866328) * t2 + 0.07692183125376892) * t2 +
+                     0.11111111015187018) *
+                            t2 +
+                    0.19999999999995516);
+        Real even = (((((-0.019175404711104935 * t2 - 0.050854078345894844) * t2 - 0.06664510525508936) * t2 -
+                       0.0909090457530649) *
+                              t2 -
+                      0.14285714284665682) *
+                             t2 -
+                     0.3333333333333333);
+        return even + t * odd;
     }
 }
 
 /**
- * The angle of the point (x, y), and 0 if both are 0: atan2() without branches, for several points at a time.  The ratio of the smaller to the larger coordinate
- * is brought below tan(pi/8); small angles keep their relative accuracy.
+ * The angle of the point (x, y), and 0 if both are 0: atan2() without branches, for several points at a time.  The
+ * ratio of the smaller to the larger coordinate is brought below tan(pi/8); small angles keep their relative accuracy.
  */
 template <class Math, class Real>
 inline Real angleOf(Real y, Real x) {
@@ -125,14 +138,14 @@ inline Real angleOf(Real y, Real x) {
     Real ay = Math::absolute(y), ax = Math::absolute(x);
     auto steep = (ay > ax);
     Real low = Math::select(steep, ax, ay), high = Math::select(steep, ay, ax);
-    auto wide = (low > L(0.41421356237309503)*high);
-    Real numerator = Math::select(wide, low-high, low), denominator = Math::select(wide, low+high, high);
-    Real z = Math::select(denominator > L(0), Math::divide(numerator, denominator), denominator*L(0));
-    Real t = z*z;
-    Real angle = z+z*t*arctangentSeries(t);
-    angle = Math::select(wide, L(0.78539816339744828)+angle, angle);
-    angle = Math::select(steep, L(1.5707963267948966)-angle, angle);
-    angle = Math::select(x < L(0), L(3.1415926535897931)-angle, angle);
+    auto wide = (low > L(0.41421356237309503) * high);
+    Real numerator = Math::select(wide, low - high, low), denominator = Math::select(wide, low + high, high);
+    Real z = Math::select(denominator > L(0), Math::divide(numerator, denominator), denominator * L(0));
+    Real t = z * z;
+    Real angle = z + z * t * arctangentSeries(t);
+    angle = Math::select(wide, L(0.78539816339744828) + angle, angle);
+    angle = Math::select(steep, L(1.5707963267948966) - angle, angle);
+    angle = Math::select(x < L(0), L(3.1415926535897931) - angle, angle);
     return Math::copySign(angle, y);
 }
 
@@ -141,14 +154,15 @@ inline Real angleOf(Real y, Real x) {
  */
 template <class Real>
 inline Real integerPower(Real x, int n) {
-    Real result = x*0+1;
+    Real result = x * 0 + 1;
     for (int i = 0; i < n; i++)
-        result = result*x;
+        result = result * x;
     return result;
 }
 
 /**
- * The potential exp(r/(r-onset)) r^-n that keeps two points apart, for 0 < r < onset: it and all its derivatives vanish at the onset.
+ * The potential exp(r/(r-onset)) r^-n that keeps two points apart, for 0 < r < onset: it and all its derivatives vanish
+ * at the onset.
  *
  * @param inverse      1/(r-onset)
  * @param exponential  exp(r/(r-onset))
@@ -156,16 +170,16 @@ inline Real integerPower(Real x, int n) {
  */
 template <class Real>
 inline Real contactPotential(Real r, Real onset, int exponent, Real inverse, Real exponential, Real& slope) {
-    Real value = exponential/integerPower(r, exponent);
-    slope = -value*(onset*inverse*inverse+Lane<Real>(exponent)/r);
+    Real value = exponential / integerPower(r, exponent);
+    slope = -value * (onset * inverse * inverse + Lane<Real>(exponent) / r);
     return value;
 }
 
 template <class Real>
 inline Real contactPotential(Real r, Real onset, int exponent, Real& slope) {
     using std::exp;
-    Real inverse = 1/(r-onset);
-    return contactPotential(r, onset, exponent, inverse, exp(r*inverse), slope);
+    Real inverse = 1 / (r - onset);
+    return contactPotential(r, onset, exponent, inverse, exp(r * inverse), slope);
 }
 
 /**
@@ -175,13 +189,15 @@ inline Real contactPotential(Real r, Real onset, int exponent, Real& slope) {
  */
 template <class Real>
 inline Real stretchPotential(Real l, Real maxLength, int exponent, Real& slope) {
-    Real excess = l-maxLength, power = integerPower(excess, exponent-1)*Lane<Real>(integerPower(double(exponent), exponent+1));
-    slope = Lane<Real>(exponent)*power;
-    return power*excess;
+    Real excess = l - maxLength,
+         power = integerPower(excess, exponent - 1) * Lane<Real>(integerPower(double(exponent), exponent + 1));
+    slope = Lane<Real>(exponent) * power;
+    return power * excess;
 }
 
 /**
- * The potential of an edge of length l: contactPotential() below minLength, stretchPotential() above maxLength, 0 between.
+ * The potential of an edge of length l: contactPotential() below minLength, stretchPotential() above maxLength, 0
+ * between.
  *
  * @param[out] slope  its derivative by l
  */

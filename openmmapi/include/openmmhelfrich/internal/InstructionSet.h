@@ -8,11 +8,11 @@ namespace HelfrichPlugin {
 /**
  * The instruction sets for which the inner loops are compiled, the best last.
  */
-enum class InstructionSet {Baseline, AVX2, AVX512};
+enum class InstructionSet { Baseline, AVX2, AVX512 };
 
 /**
- * Get the best instruction set that the processor and this build have, or the one that the environment variable OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or AVX512.
- * Throws an OpenMMException if it names another.
+ * Get the best instruction set that the processor and this build have, or the one that the environment variable
+ * OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or AVX512. Throws an OpenMMException if it names another.
  */
 OPENMM_EXPORT_HELFRICH InstructionSet getInstructionSet();
 

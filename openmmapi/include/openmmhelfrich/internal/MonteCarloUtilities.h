@@ -28,10 +28,12 @@ static const double BOLTZMANN = 8.31446261815324e-3;
  */
 inline void requireFreeParticles(const OpenMM::System& system, const std::string& integrator) {
     if (system.getNumConstraints() > 0)
-        throw OpenMM::OpenMMException(integrator+": the System has "+std::to_string(system.getNumConstraints())+" constraints; its trajectories support none");
+        throw OpenMM::OpenMMException(integrator + ": the System has " + std::to_string(system.getNumConstraints()) +
+                                      " constraints; its trajectories support none");
     for (int i = 0; i < system.getNumParticles(); i++)
         if (system.isVirtualSite(i))
-            throw OpenMM::OpenMMException(integrator+": particle "+std::to_string(i)+" is a virtual site; its trajectories support none");
+            throw OpenMM::OpenMMException(integrator + ": particle " + std::to_string(i) +
+                                          " is a virtual site; its trajectories support none");
 }
 
 /**
@@ -45,10 +47,11 @@ inline bool hasOnlyMembranes(OpenMM::ContextImpl& context) {
 }
 
 /**
- * Compute the energy of a Context whose energy has been computed before, and add the forces.  What a platform prepares for its own forces takes as long
- * as a membrane's own: it is left out where there are none.
+ * Compute the energy of a Context whose energy has been computed before, and add the forces.  What a platform prepares
+ * for its own forces takes as long as a membrane's own: it is left out where there are none.
  */
-inline double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool hasOnlyMembranes, bool includeForces, bool includeEnergy, int groups) {
+inline double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool hasOnlyMembranes, bool includeForces,
+                                  bool includeEnergy, int groups) {
     if (!hasOnlyMembranes)
         return context.calcForcesAndEnergy(includeForces, includeEnergy, groups);
     double energy = 0;
@@ -65,7 +68,7 @@ inline double computeKineticEnergy(OpenMM::ContextImpl& context) {
     context.getVelocities(velocities);
     double energy = 0;
     for (int i = 0; i < (int) velocities.size(); i++)
-        energy += 0.5*context.getSystem().getParticleMass(i)*velocities[i].dot(velocities[i]);
+        energy += 0.5 * context.getSystem().getParticleMass(i) * velocities[i].dot(velocities[i]);
     return energy;
 }
 
@@ -74,10 +77,12 @@ inline double computeKineticEnergy(OpenMM::ContextImpl& context) {
  */
 inline OpenMM::Vec3 drawNormals(const Philox& random, uint64_t high, uint64_t low) {
     const double twoPi = 6.283185307179586;
-    auto a = random(high, 2*low), b = random(high, 2*low+1);
-    double radius1 = std::sqrt(-2*std::log(1-Philox::uniform(a[0], a[1]))), angle1 = twoPi*Philox::uniform(a[2], a[3]);
-    double radius2 = std::sqrt(-2*std::log(1-Philox::uniform(b[0], b[1]))), angle2 = twoPi*Philox::uniform(b[2], b[3]);
-    return OpenMM::Vec3(radius1*std::cos(angle1), radius1*std::sin(angle1), radius2*std::cos(angle2));
+    auto a = random(high, 2 * low), b = random(high, 2 * low + 1);
+    double radius1 = std::sqrt(-2 * std::log(1 - Philox::uniform(a[0], a[1]))),
+           angle1 = twoPi * Philox::uniform(a[2], a[3]);
+    double radius2 = std::sqrt(-2 * std::log(1 - Philox::uniform(b[0], b[1]))),
+           angle2 = twoPi * Philox::uniform(b[2], b[3]);
+    return OpenMM::Vec3(radius1 * std::cos(angle1), radius1 * std::sin(angle1), radius2 * std::cos(angle2));
 }
 
 /**

@@ -33,7 +33,8 @@ struct KickAndDrift {
 };
 
 /**
- * A palindromic splitting: kicks and drifts take turns, and read the same in both directions, so that it is reversible.  Since each of them shears phase space, it preserves volume.
+ * A palindromic splitting: kicks and drifts take turns, and read the same in both directions, so that it is reversible.
+ * Since each of them shears phase space, it preserves volume.
  */
 struct Splitting {
     /// as fractions of a step, which has as many drifts as stages and begins and ends with a kick
@@ -41,22 +42,23 @@ struct Splitting {
     /**
      * Get a splitting by its name.  All are of order 2.
      *
-     * @param name  "leapfrog"; or "bcss2" or "bcss3", of two or three stages, whose coefficients minimise the largest expected energy error of harmonic oscillators up to the step where the
-     *              leapfrog steps of the same cost become unstable (Blanes, Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556, 2014, section 4; for two stages it is near that of
-     *              Predescu et al., Mol. Phys. 110, 967, 2012)
+     * @param name  "leapfrog"; or "bcss2" or "bcss3", of two or three stages, whose coefficients minimise the largest
+     * expected energy error of harmonic oscillators up to the step where the leapfrog steps of the same cost become
+     * unstable (Blanes, Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556, 2014, section 4; for two stages it is
+     * near that of Predescu et al., Mol. Phys. 110, 967, 2012)
      */
     static Splitting byName(const std::string& name) {
         if (name == "leapfrog")
             return {{0.5, 0.5}, {1}};
         if (name == "bcss2") {
             const double b = 0.2117809813657482;
-            return {{b, 1-2*b, b}, {0.5, 0.5}};
+            return {{b, 1 - 2 * b, b}, {0.5, 0.5}};
         }
         if (name == "bcss3") {
             const double b = 0.11888010966548, a = 0.29619504261126;
-            return {{b, 0.5-b, 0.5-b, b}, {a, 1-2*a, a}};
+            return {{b, 0.5 - b, 0.5 - b, b}, {a, 1 - 2 * a, a}};
         }
-        throw OpenMM::OpenMMException("the splitting is '"+name+"'; it must be 'leapfrog', 'bcss2' or 'bcss3'");
+        throw OpenMM::OpenMMException("the splitting is '" + name + "'; it must be 'leapfrog', 'bcss2' or 'bcss3'");
     }
     int getNumStages() const {
         return drifts.size();
@@ -64,21 +66,21 @@ struct Splitting {
     /**
      * Get the kicks and drifts of a number of steps.  The last drift is 0.
      *
-     * @param tetherSubsteps  if this is more than 1, the motion under the tether alone takes the place of each drift, in so many steps of leapfrog (r-RESPA; Tuckerman, Berne and Martyna,
-     *                        J. Chem. Phys. 97, 1990, 1992)
+     * @param tetherSubsteps  if this is more than 1, the motion under the tether alone takes the place of each drift,
+     * in so many steps of leapfrog (r-RESPA; Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990, 1992)
      */
-    std::vector<KickAndDrift> getSequence(double stepSize, int numSteps, int tetherSubsteps=1) const {
+    std::vector<KickAndDrift> getSequence(double stepSize, int numSteps, int tetherSubsteps = 1) const {
         std::vector<KickAndDrift> sequence = getPlainSequence(stepSize, numSteps);
         return tetherSubsteps == 1 ? sequence : divideDrifts(sequence, tetherSubsteps);
     }
 private:
     std::vector<KickAndDrift> getPlainSequence(double stepSize, int numSteps) const {
-        std::vector<KickAndDrift> sequence = {{kicks[0]*stepSize, 0}};
+        std::vector<KickAndDrift> sequence = {{kicks[0] * stepSize, 0}};
         for (int step = 0; step < numSteps; step++)
             for (int stage = 0; stage < getNumStages(); stage++) {
-                bool isLastStage = (stage+1 == getNumStages()), isLast = (isLastStage && step+1 == numSteps);
-                sequence.back().drift = drifts[stage]*stepSize;
-                sequence.push_back({(kicks[stage+1]+(isLastStage && !isLast ? kicks[0] : 0))*stepSize, 0});
+                bool isLastStage = (stage + 1 == getNumStages()), isLast = (isLastStage && step + 1 == numSteps);
+                sequence.back().drift = drifts[stage] * stepSize;
+                sequence.push_back({(kicks[stage + 1] + (isLastStage && !isLast ? kicks[0] : 0)) * stepSize, 0});
             }
         return sequence;
     }
@@ -86,8 +88,8 @@ private:
         std::vector<KickAndDrift> result;
         double before = 0;
         for (auto& outer : sequence) {
-            double step = outer.drift/tetherSubsteps;
-            result.push_back({outer.kick, step, 0.5*(before+step)/outer.kick, false});
+            double step = outer.drift / tetherSubsteps;
+            result.push_back({outer.kick, step, 0.5 * (before + step) / outer.kick, false});
             for (int i = 1; i < tetherSubsteps && step != 0; i++)
                 result.push_back({step, step, 1, true});
             before = step;
