@@ -702,7 +702,7 @@ def compare(folder, name, items):
         else:
             problem = difference(recorded[key], items[key])
         numDifferent += problem is not None
-        print(f"  {key:45} {'same' if problem is None else 'DIFFERS: ' + problem}")
+        print(f"  {key:52} {'same' if problem is None else 'DIFFERS: ' + problem}")
     return numDifferent
 
 
