@@ -132,9 +132,9 @@ inline V inverseLength(V x) {
 template <class Real>
 struct Parameters {
     explicit Parameters(const HelfrichParameters& p)
-            : bendingModulus(p.bendingModulus), tetherModulus(p.tetherModulus), tetherMinLength(p.tetherMinLength),
-              tetherMaxLength(p.tetherMaxLength), perTetherScale(1 / p.tetherLengthScale),
-              tetherExponent(p.tetherExponent) {
+            : bendingModulus(p.moduli[Term::Bending]), tetherModulus(p.moduli[Term::Tether]),
+              tetherMinLength(p.tetherMinLength), tetherMaxLength(p.tetherMaxLength),
+              perTetherScale(1 / p.tetherLengthScale), tetherExponent(p.tetherExponent) {
     }
     Real bendingModulus, tetherModulus, tetherMinLength, tetherMaxLength, perTetherScale;
     int tetherExponent;
@@ -292,7 +292,7 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
 template <class Real>
 void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays<Real>& arrays,
                   int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
-    bool hasTether = (p.tetherModulus != 0);
+    bool hasTether = p.has(Term::Tether);
     auto compute = hasTether ? computeEnergy<Edges, true, Real> : computeEnergy<Edges, false, Real>;
     if (p.needsCurvature())
         compute = hasTether ? computeEnergy<Angles, true, Real> : computeEnergy<Angles, false, Real>;
@@ -387,7 +387,7 @@ void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p,
 template <class Real>
 void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes,
                     const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, double* gradients) {
-    bool hasTether = (p.tetherModulus != 0);
+    bool hasTether = p.has(Term::Tether);
     auto compute = hasTether ? computeGradient<Edges, true, Real> : computeGradient<Edges, false, Real>;
     if (p.needsCurvature())
         compute = hasTether ? computeGradient<Angles, true, Real> : computeGradient<Angles, false, Real>;
