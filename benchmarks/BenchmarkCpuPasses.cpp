@@ -34,9 +34,9 @@ struct Scene {
         }
         layout.initialize(*mesh, getCpuHelfrichPasses().in<Real>().width);
         layout.update(*mesh, 1);
-        parameters.bendingModulus = 20;
+        parameters.moduli[Term::Bending] = 20;
         if (hasTether) {
-            parameters.tetherModulus = 1;
+            parameters.moduli[Term::Tether] = 1;
             parameters.tetherMinLength = 0.7 * edge;
             parameters.tetherMaxLength = 1.5 * edge;
             parameters.tetherExponent = 2;

@@ -67,7 +67,6 @@ public:
     typedef std::array<Real, 3> Point;
     Real area = 0, volume = 0, curvature = 0;
     std::vector<Real> vertexAreas, vertexCurvatures;
-    Real bending = 0, areaEnergy = 0, volumeEnergy = 0, areaDifference = 0, tether = 0, repulsion = 0;
     HelfrichEquations(const std::vector<std::array<int, 3>>& triangles, const std::vector<Point>& x,
                       const HelfrichParameters& p)
             : vertexAreas(x.size(), Real(0)), vertexCurvatures(x.size(), Real(0)), triangles(triangles), x(x) {
@@ -78,19 +77,29 @@ public:
         addEdges(p);
         Real two = 2;
         for (size_t i = 0; i < x.size(); i++)
-            if (p.bendingModulus != 0)
-                bending += two * Real(p.bendingModulus) * vertexCurvatures[i] * vertexCurvatures[i] / vertexAreas[i];
-        areaEnergy = penalty(p.areaModulus, area, p.targetArea);
-        volumeEnergy = penalty(p.volumeModulus, volume, p.targetVolume);
-        areaDifference =
-                penalty(p.areaDifferenceModulus, two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
-        if (p.repulsionModulus != 0)
+            if (p.has(Term::Bending))
+                energy(Term::Bending) += two * Real(p.moduli[Term::Bending]) * vertexCurvatures[i] *
+                                         vertexCurvatures[i] / vertexAreas[i];
+        energy(Term::Area) = penalty(p.moduli[Term::Area], area, p.targetArea);
+        energy(Term::Volume) = penalty(p.moduli[Term::Volume], volume, p.targetVolume);
+        energy(Term::AreaDifference) = penalty(p.moduli[Term::AreaDifference],
+                                               two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
+        if (p.has(Term::Repulsion))
             addRepulsion(p);
     }
+    Real operator[](Term term) const {
+        return energies[int(term)];
+    }
     Real getTotal() const {
-        return bending + areaEnergy + volumeEnergy + areaDifference + tether + repulsion;
+        Real total = 0;
+        for (auto& term : energies)
+            total += term;
+        return total;
     }
 private:
+    Real& energy(Term term) {
+        return energies[int(term)];
+    }
     static Point subtract(const Point& a, const Point& b) {
         return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
     }
@@ -142,7 +151,7 @@ private:
             vertexCurvatures[i] += quarter;
             vertexCurvatures[j] += quarter;
             curvature += quarter + quarter;
-            if (p.tetherModulus != 0)
+            if (p.has(Term::Tether))
                 addTether(l, p);
         }
     }
@@ -150,11 +159,11 @@ private:
         using std::pow;
         Real scale = p.tetherLengthScale;
         if (l < Real(p.tetherMinLength))
-            tether += Real(p.tetherModulus) * contact(l, p.tetherMinLength, p.tetherExponent) *
-                      pow(scale, p.tetherExponent);
+            energy(Term::Tether) += Real(p.moduli[Term::Tether]) * contact(l, p.tetherMinLength, p.tetherExponent) *
+                                    pow(scale, p.tetherExponent);
         else if (Real(p.tetherMaxLength) < l)
-            tether += Real(p.tetherModulus) * pow(Real(p.tetherExponent), p.tetherExponent + 1) *
-                      pow((l - Real(p.tetherMaxLength)) / scale, p.tetherExponent);
+            energy(Term::Tether) += Real(p.moduli[Term::Tether]) * pow(Real(p.tetherExponent), p.tetherExponent + 1) *
+                                    pow((l - Real(p.tetherMaxLength)) / scale, p.tetherExponent);
     }
     void addRepulsion(const HelfrichParameters& p) {
         std::vector<std::set<int>> bonded(x.size()), excluded(x.size());
@@ -171,12 +180,14 @@ private:
             for (size_t j = 0; j < x.size(); j++) {
                 Real r = i == j ? Real(0) : length(subtract(x[j], x[i]));
                 if (i != j && r < Real(p.repulsionOnset) && excluded[i].count(j) == 0)
-                    repulsion += Real(p.repulsionModulus) * contact(r, p.repulsionOnset, p.repulsionExponent);
+                    energy(Term::Repulsion) +=
+                            Real(p.moduli[Term::Repulsion]) * contact(r, p.repulsionOnset, p.repulsionExponent);
             }
     }
     const std::vector<std::array<int, 3>>& triangles;
     const std::vector<Point>& x;
     std::map<std::pair<int, int>, int> apexes;
+    std::array<Real, NUM_TERMS> energies = {};
 };
 
 /**

@@ -143,7 +143,20 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
     return result;
 }
 
-enum Terms { Bending = 1, Area = 2, Volume = 4, AreaDifference = 8, Tether = 16, Repulsion = 32, AllTerms = 63 };
+constexpr TermMask Bending = Term::Bending, Area = Term::Area, Volume = Term::Volume,
+                   AreaDifference = Term::AreaDifference, Tether = Term::Tether, Repulsion = Term::Repulsion,
+                   AllTerms = TermMask::ALL;
+
+/**
+ * The terms of the bits of a number, that of the lowest bit first.
+ */
+inline TermMask getTermsOfBits(unsigned int bits) {
+    TermMask terms;
+    for (int i = 0; i < NUM_TERMS; i++)
+        if ((bits >> i & 1) != 0)
+            terms = terms | Term(i);
+    return terms;
+}
 
 /**
  * The mean length of the edges.
@@ -162,28 +175,27 @@ inline double getMeanEdge(const Membrane& membrane) {
  * Parameters with which the given terms are far from their minima, some edges are too long and some too short, and some
  * vertices repel each other at every exclusion level, on a surface of about the area and volume of a blob.
  */
-inline HelfrichParameters createParameters(const Membrane& membrane, int terms, int exclusionLevel = 1) {
+inline HelfrichParameters createParameters(const Membrane& membrane, TermMask terms, int exclusionLevel = 1) {
     HelfrichParameters p;
     double edge = getMeanEdge(membrane);
-    auto ifOn = [&](int term, double modulus) { return (terms & term) != 0 ? modulus : 0.0; };
-    p.bendingModulus = ifOn(Bending, 20);
-    p.areaModulus = ifOn(Area, 3000);
+    p.moduli[Term::Bending] = 20;
+    p.moduli[Term::Area] = 3000;
     p.targetArea = 8;
-    p.volumeModulus = ifOn(Volume, 2000);
+    p.moduli[Term::Volume] = 2000;
     p.targetVolume = 1.8;
-    p.areaDifferenceModulus = ifOn(AreaDifference, 1500);
+    p.moduli[Term::AreaDifference] = 1500;
     p.targetAreaDifference = 2.7;
     p.leafletSeparation = 0.1;
-    p.tetherModulus = ifOn(Tether, 7);
+    p.moduli[Term::Tether] = 7;
     p.tetherMinLength = 0.9 * edge;
     p.tetherMaxLength = 1.1 * edge;
     p.tetherLengthScale = 0.8 * edge;
     p.tetherExponent = 3;
-    p.repulsionModulus = ifOn(Repulsion, 0.5);
+    p.moduli[Term::Repulsion] = 0.5;
     p.repulsionOnset = 2.6 * edge;
     p.repulsionExponent = 2;
     p.repulsionExclusionLevel = exclusionLevel;
-    return p;
+    return p.only(terms);
 }
 
 /**
@@ -192,17 +204,17 @@ inline HelfrichParameters createParameters(const Membrane& membrane, int terms, 
 inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParameters& p) {
     HelfrichForce* force = new HelfrichForce();
     force->setTriangles(membrane.triangles);
-    force->setBendingModulus(p.bendingModulus);
-    force->setAreaModulus(p.areaModulus);
+    force->setBendingModulus(p.moduli[Term::Bending]);
+    force->setAreaModulus(p.moduli[Term::Area]);
     force->setTargetArea(p.targetArea);
-    force->setVolumeModulus(p.volumeModulus);
+    force->setVolumeModulus(p.moduli[Term::Volume]);
     force->setTargetVolume(p.targetVolume);
-    force->setAreaDifferenceModulus(p.areaDifferenceModulus);
+    force->setAreaDifferenceModulus(p.moduli[Term::AreaDifference]);
     force->setTargetAreaDifference(p.targetAreaDifference);
     force->setLeafletSeparation(p.leafletSeparation);
-    force->setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force->setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force->setTetherLengthScale(p.tetherLengthScale);
-    force->setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    force->setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     return force;
 }
 

@@ -95,9 +95,9 @@ void assertEqualRelative(double expected, double found, double tolerance) {
  */
 vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
     vector<HelfrichParameters> all;
-    for (int terms : {Bending, Area, Volume, AreaDifference, Tether})
+    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether})
         all.push_back(createParameters(membrane, terms));
-    for (int terms : {Repulsion, AllTerms})
+    for (TermMask terms : {Repulsion, AllTerms})
         for (int level = 0; level < 3; level++)
             all.push_back(createParameters(membrane, terms, level));
     return all;
@@ -110,12 +110,8 @@ void testEnergyAgainstEquations() {
         HelfrichEnergyTerms terms = context.getTerms();
         auto exact = computeExactly(blob, p);
         assertEqualRelative(exact.getTotal(), context.getEnergy(), 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.bending, terms.bending, 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.areaEnergy, terms.area, 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.volumeEnergy, terms.volume, 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.areaDifference, terms.areaDifference, 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.tether, terms.tether, 1e-12);
-        ASSERT_EQUAL_TOL((double) exact.repulsion, terms.repulsion, 1e-12);
+        for (int i = 0; i < NUM_TERMS; i++)
+            ASSERT_EQUAL_TOL((double) exact[Term(i)], terms[Term(i)], 1e-12);
     }
 }
 
@@ -126,10 +122,9 @@ void testEveryTermIsAtWork() {
     vector<double> repulsion;
     for (int level = 0; level < 3; level++) {
         auto exact = computeExactly(blob, createParameters(blob, AllTerms, level));
-        for (long double term :
-             {exact.bending, exact.areaEnergy, exact.volumeEnergy, exact.areaDifference, exact.tether, exact.repulsion})
-            ASSERT(term > 10);
-        repulsion.push_back(exact.repulsion);
+        for (int i = 0; i < NUM_TERMS; i++)
+            ASSERT(exact[Term(i)] > 10);
+        repulsion.push_back(exact[Term::Repulsion]);
     }
     ASSERT(repulsion[0] > 1.1 * repulsion[1]);
     ASSERT(repulsion[1] > 1.1 * repulsion[2]);
@@ -260,17 +255,18 @@ void testScaling() {
     MembraneContext bending(blob, createParameters(blob, Bending));
     vector<Vec3> forces = bending.getForces();
     ASSERT_EQUAL_TOL(0, getVirial(blob.positions, forces) / (getNorm(forces) * getNorm(blob.positions)), 1e-13);
-    auto getDegree = [&](int term, double total, double target, double modulus) {
+    auto getDegree = [&](TermMask term, double total, double target, double modulus) {
         MembraneContext context(blob, createParameters(blob, term));
         double slope = 2 * modulus * (total / target - 1) / target;
         return getVirial(blob.positions, context.getForces()) / (slope * total);
     };
     HelfrichGeometry geometry = bending.getGeometry();
     HelfrichParameters p = createParameters(blob, AllTerms);
-    ASSERT_EQUAL_TOL(2, getDegree(Area, geometry.area, p.targetArea, p.areaModulus), 1e-11);
-    ASSERT_EQUAL_TOL(3, getDegree(Volume, geometry.volume, p.targetVolume, p.volumeModulus), 1e-11);
+    ASSERT_EQUAL_TOL(2, getDegree(Area, geometry.area, p.targetArea, p.moduli[Term::Area]), 1e-11);
+    ASSERT_EQUAL_TOL(3, getDegree(Volume, geometry.volume, p.targetVolume, p.moduli[Term::Volume]), 1e-11);
     ASSERT_EQUAL_TOL(
-            1, getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.areaDifferenceModulus),
+            1,
+            getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.moduli[Term::AreaDifference]),
             1e-11);
 }
 
@@ -292,7 +288,7 @@ void testTermsAddUp() {
     Membrane blob = createBlob(2);
     double sum = 0;
     vector<Vec3> forces(blob.positions.size());
-    for (int term : {Bending, Area, Volume, AreaDifference, Tether, Repulsion}) {
+    for (TermMask term : {Bending, Area, Volume, AreaDifference, Tether, Repulsion}) {
         MembraneContext context(blob, createParameters(blob, term));
         sum += context.getEnergy();
         ASSERT_EQUAL(context.getEnergy(), context.getTerms().getTotal());
@@ -304,7 +300,7 @@ void testTermsAddUp() {
     assertEqualRelative(sum, all.getEnergy(), 1e-12);
     assertEqualVectors(forces, all.getForces(), 1e-12);
     ASSERT_EQUAL(all.getEnergy(), all.getTerms().getTotal());
-    MembraneContext none(blob, createParameters(blob, 0));
+    MembraneContext none(blob, createParameters(blob, TermMask()));
     ASSERT_EQUAL(0.0, none.getEnergy());
     ASSERT_EQUAL(0.0, getNorm(none.getForces()));
 }
@@ -457,20 +453,20 @@ void testUpdateParameters() {
     MembraneContext context(blob, p);
     HelfrichForce& force = *context.forces[0];
     double before = context.getEnergy();
-    p.bendingModulus = 0;
-    p.areaModulus = 11;
+    p.moduli[Term::Bending] = 0;
+    p.moduli[Term::Area] = 11;
     p.leafletSeparation = 0.13;
     p.tetherExponent = 2;
     p.tetherMinLength *= 0.9;
     p.tetherLengthScale *= 1.7;
     p.repulsionOnset *= 1.2;
     p.repulsionExclusionLevel = 2;
-    force.setBendingModulus(p.bendingModulus);
-    force.setAreaModulus(p.areaModulus);
+    force.setBendingModulus(p.moduli[Term::Bending]);
+    force.setAreaModulus(p.moduli[Term::Area]);
     force.setLeafletSeparation(p.leafletSeparation);
-    force.setTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
+    force.setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force.setTetherLengthScale(p.tetherLengthScale);
-    force.setRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    force.setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     ASSERT_EQUAL(before, context.getEnergy());
     force.updateParametersInContext(*context.context);
     MembraneContext fresh(blob, p);
@@ -507,7 +503,7 @@ void testChangingTriangles() {
 
 void checkRepulsion(MembraneContext& context, const Membrane& membrane, const HelfrichParameters& p) {
     auto exact = computeExactly(membrane, p);
-    assertEqualRelative(exact.repulsion, context.getEnergy(membrane.positions), 1e-9);
+    assertEqualRelative(exact[Term::Repulsion], context.getEnergy(membrane.positions), 1e-9);
     vector<int> some;
     for (int i = 0; i < (int) membrane.positions.size(); i += 5)
         some.push_back(i);
@@ -533,7 +529,7 @@ void testRepulsionOfApproachingFaces() {
                 for (auto& x : pressed.positions)
                     x[2] *= thickness;
                 context.context->setPositions(pressed.positions);
-                double exact = computeExactly(pressed, p).repulsion;
+                double exact = computeExactly(pressed, p)[Term::Repulsion];
                 ASSERT_EQUAL_TOL(exact, context.getEnergy(pressed.positions), 1e-9);
             }
     }

@@ -1,6 +1,6 @@
 // How methods appear in Python: exceptions, the interpreter's lock, units, ownership, and documentation where it differs from that in C++.
 
-%ignore HelfrichPlugin::HelfrichEnergyTerms;
+%ignore HelfrichPlugin::HelfrichForce::getParameters;
 %ignore HelfrichPlugin::HelfrichGeometry;
 
 %fragment("HelfrichExceptions", "header") {
@@ -211,6 +211,12 @@ Get the live triangles of a Context, which edge flips change.
 :param context: the Context to query
 :rtype: array of int32, shape (T, 3)
 :return: the particles of each triangle, a copy
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getTermNames "
+Get the names of the terms of the energy, in the order in which they are added up.
+
+:rtype: tuple
+:return: the names (str), which are the keys of what getEnergyTermsInContext() returns
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getEnergyTermsInContext "
 Compute the energy of each term for the present positions of a Context.

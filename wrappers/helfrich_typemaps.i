@@ -115,10 +115,24 @@ static PyObject* trianglesToArray(const std::vector<std::array<int, 3> >& triang
 %apply int& OUTPUT { int& particle1, int& particle2, int& particle3, int& exponent, int& exclusionLevel };
 %apply double& OUTPUT { double& modulus, double& minLength, double& maxLength, double& onset };
 
+namespace HelfrichPlugin {
+struct HelfrichEnergyTerms;
+}
 %typemap(out) HelfrichPlugin::HelfrichEnergyTerms {
     const HelfrichPlugin::HelfrichEnergyTerms& terms = $1;
-    $result = Py_BuildValue("{s:d,s:d,s:d,s:d,s:d,s:d}", "bending", terms.bending, "area", terms.area, "volume", terms.volume,
-            "areaDifference", terms.areaDifference, "tether", terms.tether, "repulsion", terms.repulsion);
+    $result = PyDict_New();
+    for (int i = 0; i < HelfrichPlugin::NUM_TERMS; i++) {
+        PyObject* energy = PyFloat_FromDouble(terms[HelfrichPlugin::Term(i)]);
+        PyDict_SetItemString($result, HelfrichPlugin::TERM_NAMES[i], energy);
+        Py_DECREF(energy);
+    }
+}
+
+%typemap(out) std::vector<std::string> {
+    const std::vector<std::string>& strings = $1;
+    $result = PyTuple_New(strings.size());
+    for (size_t i = 0; i < strings.size(); i++)
+        PyTuple_SET_ITEM($result, i, PyUnicode_FromString(strings[i].c_str()));
 }
 
 %fragment("HelfrichVector", "header") {

@@ -133,7 +133,7 @@ inline Simd bendingChange(const Attempts& attempts, const HelfrichParameters& p,
         Simd area = attempts.area(n), curvature = attempts.curvature(n);
         change += bendingOf(curvature + changes.curvature[n], area + changes.area[n]) - bendingOf(curvature, area);
     }
-    return 2 * p.bendingModulus * change;
+    return 2 * p.moduli[Term::Bending] * change;
 }
 
 inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
@@ -146,7 +146,7 @@ inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
             if (taut[lane])
                 energy[lane] = tetherPotential(p, std::sqrt(length2[lane]), slope);
     }
-    return p.tetherModulus * energy;
+    return p.moduli[Term::Tether] * energy;
 }
 
 template <bool HasCurvature, bool HasTether>
@@ -159,7 +159,7 @@ void evaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeF
         computeAreas(patch, changes, area);
         if (HasCurvature) {
             computeCurvatures(attempts, patch, changes, curvature);
-            if (p.bendingModulus != 0)
+            if (p.has(Term::Bending))
                 energy += bendingChange(attempts, p, changes);
         }
         if (HasTether)
@@ -178,7 +178,7 @@ void evaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeF
 
 void chooseEvaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first,
                     int last) {
-    bool hasTether = (p.tetherModulus != 0);
+    bool hasTether = p.has(Term::Tether);
     auto function = p.needsCurvature() ? (hasTether ? evaluate<true, true> : evaluate<true, false>)
                                        : (hasTether ? evaluate<false, true> : evaluate<false, false>);
     function(p, vertices, batch, first, last);

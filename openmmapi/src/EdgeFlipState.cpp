@@ -109,7 +109,7 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming
         collect(batch, n, walks.isFound[n]);
     if (needsNeighborList(p))
         findRepulsion(batch);
-    else if (p.repulsionModulus != 0 && p.repulsionExclusionLevel == 1)
+    else if (p.has(Term::Repulsion) && p.repulsionExclusionLevel == 1)
         for (int n = 0; n < batch.numAttempts; n++)
             batch.attempts[n].energy += pairEnergy(batch.vertex[0][n], batch.vertex[1][n]) -
                                         pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
@@ -338,5 +338,5 @@ double EdgeFlipState::pairEnergy(int vertex1, int vertex2) const {
     double r2 = distance2(vertex1, vertex2), slope;
     if (r2 >= p.repulsionOnset * p.repulsionOnset)
         return 0;
-    return 2 * p.repulsionModulus * repulsionPotential(sqrt(r2), p.repulsionOnset, p.repulsionExponent, slope);
+    return 2 * p.moduli[Term::Repulsion] * repulsionPotential(sqrt(r2), p.repulsionOnset, p.repulsionExponent, slope);
 }

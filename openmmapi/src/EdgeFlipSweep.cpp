@@ -77,7 +77,7 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     this->random = random;
     this->sweep = sweep;
     this->observer = &observer;
-    updatePenalties();
+    change = ChangeByTotals(p, totals);
     exception = NULL;
     statistics = EdgeFlipStatistics();
     numBatches = (numAttempts + batchSize - 1) / batchSize;
@@ -266,8 +266,7 @@ void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
         statistics.forbidden++;
         return;
     }
-    double energy = attempt->energy + areaPenalty.change(attempt->area) + volumePenalty.change(attempt->volume) +
-                    areaDifferencePenalty.change(attempt->curvature);
+    double energy = change.addTo(attempt->energy, {attempt->area, attempt->volume, attempt->curvature});
     if (energy <= 0 || energy < threshold)
         accept(slot, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(slot, n), energy);
 }
@@ -282,7 +281,7 @@ void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt
     totals.area += attempt.area;
     totals.volume += attempt.volume;
     totals.curvature += attempt.curvature;
-    updatePenalties();
+    change = ChangeByTotals(p, totals);
     for (int vertex : attempt.vertex)
         lastFlips[vertex] = batch;
     state.carryOut(flip);
@@ -304,23 +303,6 @@ bool EdgeFlipSweep::isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUn
             if (lastFlips[state.getPartners(vertex)[n]] >= firstUnseen)
                 return true;
     return false;
-}
-
-void EdgeFlipSweep::updatePenalties() {
-    auto update = [](Penalty& penalty, double modulus, double total, double target) {
-        penalty = {modulus, modulus == 0 ? 0 : 1 / target, modulus == 0 ? 0 : total / target - 1};
-    };
-    update(areaPenalty, p.areaModulus, totals.area, p.targetArea);
-    update(volumePenalty, p.volumeModulus, totals.volume, p.targetVolume);
-    update(areaDifferencePenalty, p.areaDifferenceModulus, totals.curvature,
-           p.targetAreaDifference / (2 * p.leafletSeparation));
-}
-
-double EdgeFlipSweep::Penalty::change(double difference) const {
-    // (x+d)^2-x^2 = d (2x+d): the small change does not come from the difference of two large energies.
-
-    double relative = difference * inverseTarget;
-    return modulus * relative * (2 * deviation + relative);
 }
 
 namespace HelfrichPlugin {

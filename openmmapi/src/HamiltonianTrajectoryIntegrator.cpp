@@ -199,11 +199,11 @@ void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
     };
     setKick(&kick);
     try {
-        if (kick.isTetherAlone)
+        if (kick.terms == TermMask::ALL) // other forces act with all terms of the membranes
+            calcForcesAndEnergy(*context, hasOnlyMembranes, true, false, getIntegrationForceGroups());
+        else
             for (auto membrane : membranes)
                 membrane->calcForcesAndEnergy(*context, true, false, getIntegrationForceGroups());
-        else
-            calcForcesAndEnergy(*context, hasOnlyMembranes, true, false, getIntegrationForceGroups());
     }
     catch (...) {
         setKick(NULL);

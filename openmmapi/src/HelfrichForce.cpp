@@ -2,6 +2,7 @@
 #include "openmmhelfrich/internal/Checks.h"
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include "openmm/internal/ContextImpl.h"
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -80,49 +81,49 @@ void HelfrichForce::setFixedEdgeParameters(int index, int particle1, int particl
 
 void HelfrichForce::setBendingModulus(double modulus) {
     requirePositive("setBendingModulus: the modulus", modulus, true);
-    bendingModulus = modulus;
+    parameters.moduli[Term::Bending] = modulus;
 }
 
 void HelfrichForce::setAreaModulus(double modulus) {
     requirePositive("setAreaModulus: the modulus", modulus, true);
-    areaModulus = modulus;
+    parameters.moduli[Term::Area] = modulus;
 }
 
 void HelfrichForce::setTargetArea(double area) {
     requirePositive("setTargetArea: the area", area, true);
-    targetArea = area;
+    parameters.targetArea = area;
 }
 
 void HelfrichForce::setVolumeModulus(double modulus) {
     requirePositive("setVolumeModulus: the modulus", modulus, true);
-    volumeModulus = modulus;
+    parameters.moduli[Term::Volume] = modulus;
 }
 
 void HelfrichForce::setTargetVolume(double volume) {
     requirePositive("setTargetVolume: the volume", volume, true);
-    targetVolume = volume;
+    parameters.targetVolume = volume;
 }
 
 void HelfrichForce::setAreaDifferenceModulus(double modulus) {
     requirePositive("setAreaDifferenceModulus: the modulus", modulus, true);
-    areaDifferenceModulus = modulus;
+    parameters.moduli[Term::AreaDifference] = modulus;
 }
 
 void HelfrichForce::setTargetAreaDifference(double areaDifference) {
     checkFinite("setTargetAreaDifference: the area difference", areaDifference);
-    targetAreaDifference = areaDifference;
+    parameters.targetAreaDifference = areaDifference;
 }
 
 void HelfrichForce::setLeafletSeparation(double separation) {
     requirePositive("setLeafletSeparation: the separation", separation);
-    leafletSeparation = separation;
+    parameters.leafletSeparation = separation;
 }
 
 void HelfrichForce::getTether(double& modulus, double& minLength, double& maxLength, int& exponent) const {
-    modulus = tetherModulus;
-    minLength = tetherMinLength;
-    maxLength = tetherMaxLength;
-    exponent = tetherExponent;
+    modulus = parameters.moduli[Term::Tether];
+    minLength = parameters.tetherMinLength;
+    maxLength = parameters.tetherMaxLength;
+    exponent = parameters.tetherExponent;
 }
 
 void HelfrichForce::setTether(double modulus, double minLength, double maxLength, int exponent) {
@@ -136,22 +137,22 @@ void HelfrichForce::setTether(double modulus, double minLength, double maxLength
         throw OpenMMException(message.str());
     }
     checkExponent("setTether: the exponent", exponent);
-    tetherModulus = modulus;
-    tetherMinLength = minLength;
-    tetherMaxLength = maxLength;
-    tetherExponent = exponent;
+    parameters.moduli[Term::Tether] = modulus;
+    parameters.tetherMinLength = minLength;
+    parameters.tetherMaxLength = maxLength;
+    parameters.tetherExponent = exponent;
 }
 
 void HelfrichForce::setTetherLengthScale(double length) {
     requirePositive("setTetherLengthScale: the length", length);
-    tetherLengthScale = length;
+    parameters.tetherLengthScale = length;
 }
 
 void HelfrichForce::getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const {
-    modulus = repulsionModulus;
-    onset = repulsionOnset;
-    exponent = repulsionExponent;
-    exclusionLevel = repulsionExclusionLevel;
+    modulus = parameters.moduli[Term::Repulsion];
+    onset = parameters.repulsionOnset;
+    exponent = parameters.repulsionExponent;
+    exclusionLevel = parameters.repulsionExclusionLevel;
 }
 
 void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int exclusionLevel) {
@@ -162,10 +163,33 @@ void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int
     checkExponent("setRepulsion: the exponent", exponent);
     if (exclusionLevel < 0 || exclusionLevel > 2)
         fail("setRepulsion: the exclusion level", exclusionLevel, "0, 1 or 2");
-    repulsionModulus = modulus;
-    repulsionOnset = onset;
-    repulsionExponent = exponent;
-    repulsionExclusionLevel = exclusionLevel;
+    parameters.moduli[Term::Repulsion] = modulus;
+    parameters.repulsionOnset = onset;
+    parameters.repulsionExponent = exponent;
+    parameters.repulsionExclusionLevel = exclusionLevel;
+}
+
+static string getParameterName(const HelfrichForce& force, Term term) {
+    return force.getName() +
+           find_if(begin(HELFRICH_CONTEXT_PARAMETERS), end(HELFRICH_CONTEXT_PARAMETERS), [&](auto& parameter) {
+               return parameter.term == term;
+           })->name;
+}
+
+string HelfrichForce::getTargetAreaParameter() const {
+    return getParameterName(*this, Term::Area);
+}
+
+string HelfrichForce::getTargetVolumeParameter() const {
+    return getParameterName(*this, Term::Volume);
+}
+
+string HelfrichForce::getTargetAreaDifferenceParameter() const {
+    return getParameterName(*this, Term::AreaDifference);
+}
+
+vector<string> HelfrichForce::getTermNames() {
+    return vector<string>(begin(TERM_NAMES), end(TERM_NAMES));
 }
 
 static HelfrichForceImpl& findImpl(ForceImpl& impl) {

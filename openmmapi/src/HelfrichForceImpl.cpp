@@ -10,19 +10,6 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
-static HelfrichParameters copyModuli(const HelfrichForce& force) {
-    HelfrichParameters p;
-    p.bendingModulus = force.getBendingModulus();
-    p.areaModulus = force.getAreaModulus();
-    p.volumeModulus = force.getVolumeModulus();
-    p.areaDifferenceModulus = force.getAreaDifferenceModulus();
-    p.leafletSeparation = force.getLeafletSeparation();
-    force.getTether(p.tetherModulus, p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
-    p.tetherLengthScale = force.getTetherLengthScale();
-    force.getRepulsion(p.repulsionModulus, p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
-    return p;
-}
-
 static vector<array<int, 2>> copyFixedEdges(const HelfrichForce& force) {
     vector<array<int, 2>> edges(force.getNumFixedEdges());
     for (int i = 0; i < force.getNumFixedEdges(); i++)
@@ -48,16 +35,13 @@ HelfrichForceImpl::HelfrichForceImpl(const HelfrichForce& owner) : owner(owner) 
 void HelfrichForceImpl::initialize(ContextImpl& context) {
     const System& system = context.getSystem();
     checkName(system);
-    moduli = copyModuli(owner);
-    checkTarget("area", "setTargetArea", moduli.areaModulus, owner.getTargetArea());
-    checkTarget("volume", "setTargetVolume", moduli.volumeModulus, owner.getTargetVolume());
-    checkTarget("area difference", "setTargetAreaDifference", moduli.areaDifferenceModulus,
-                owner.getTargetAreaDifference());
+    parameters = owner.getParameters();
+    checkContextParameters(parameters);
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
     mesh->setFixedEdges(copyFixedEdges(owner));
     sweep.reset(new EdgeFlipSweep(*mesh, getNumThreads(context)));
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
-    kernel.getAs<CalcHelfrichForceKernel>().initialize(system, *mesh);
+    kernel.getAs<CalcHelfrichForceKernel>().initialize(system, owner, *mesh);
 }
 
 void HelfrichForceImpl::checkName(const System& system) const {
@@ -71,24 +55,25 @@ void HelfrichForceImpl::checkName(const System& system) const {
     }
 }
 
-void HelfrichForceImpl::checkTarget(const string& term, const string& setter, double modulus, double target) const {
-    if (modulus != 0 && (target == 0 || !isfinite(target))) {
-        stringstream message;
-        message << owner.getName() << ": the " << term << " term is on (modulus " << modulus
-                << " kJ/mol), but its target is " << target << "; set it to a finite value other than zero with "
-                << setter << "() or as a parameter of the Context";
-        throw OpenMMException(message.str());
+void HelfrichForceImpl::checkContextParameters(HelfrichParameters& p) const {
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS) {
+        double value = parameter.valueIn(p);
+        if (p.has(parameter.term) && (value == 0 || !isfinite(value))) {
+            stringstream message;
+            message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but "
+                    << owner.getName() << parameter.name << " is " << value
+                    << "; set it to a finite value other than zero with set" << parameter.name
+                    << "() or as a parameter of the Context";
+            throw OpenMMException(message.str());
+        }
     }
 }
 
 HelfrichParameters HelfrichForceImpl::getParameters(ContextImpl& context) const {
-    HelfrichParameters p = moduli;
-    p.targetArea = context.getParameter(owner.getTargetAreaParameter());
-    p.targetVolume = context.getParameter(owner.getTargetVolumeParameter());
-    p.targetAreaDifference = context.getParameter(owner.getTargetAreaDifferenceParameter());
-    checkTarget("area", "setTargetArea", p.areaModulus, p.targetArea);
-    checkTarget("volume", "setTargetVolume", p.volumeModulus, p.targetVolume);
-    checkTarget("area difference", "setTargetAreaDifference", p.areaDifferenceModulus, p.targetAreaDifference);
+    HelfrichParameters p = parameters;
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
+        parameter.valueIn(p) = context.getParameter(owner.getName() + parameter.name);
+    checkContextParameters(p);
     return p;
 }
 
@@ -96,14 +81,14 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
     // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held
     // to this.
 
-    if (isOrientationChecked || parameters.volumeModulus == 0)
+    if (isOrientationChecked || !parameters.needsOrientation())
         return;
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
     double volume = geometry.volume;
     if (volume <= 0) {
         stringstream message;
-        message << owner.getName() << ": the volume term is on, but the surface encloses a volume of " << volume
+        message << owner.getName() << ": the energy depends on the volume, but the surface encloses one of " << volume
                 << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: "
                    "exchange two particles of each";
         throw OpenMMException(message.str());
@@ -140,10 +125,10 @@ void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichEnerg
     context.getPositions(positions);
     checkPositions(positions);
     stringstream message;
-    message << owner.getName() << ": the energy is not finite, or a force is not (bending " << terms.bending
-            << ", area " << terms.area << ", volume " << terms.volume << ", area difference " << terms.areaDifference
-            << ", tether " << terms.tether << ", repulsion " << terms.repulsion
-            << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
+    message << owner.getName() << ": the energy is not finite, or a force is not (";
+    for (int i = 0; i < NUM_TERMS; i++)
+        message << (i == 0 ? "" : ", ") << TERM_NAMES[i] << " " << terms[Term(i)];
+    message << " kJ/mol): the positions are too far apart, or vertices or triangles have collapsed to a point";
     throw OpenMMException(message.str());
 }
 
@@ -184,9 +169,11 @@ double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const vector<Kick
 }
 
 map<string, double> HelfrichForceImpl::getDefaultParameters() {
-    return {{owner.getTargetAreaParameter(), owner.getTargetArea()},
-            {owner.getTargetVolumeParameter(), owner.getTargetVolume()},
-            {owner.getTargetAreaDifferenceParameter(), owner.getTargetAreaDifference()}};
+    HelfrichParameters p = owner.getParameters();
+    map<string, double> defaults;
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
+        defaults[owner.getName() + parameter.name] = parameter.valueIn(p);
+    return defaults;
 }
 
 vector<string> HelfrichForceImpl::getKernelNames() {
@@ -203,7 +190,8 @@ vector<pair<int, int>> HelfrichForceImpl::getBondedParticles() const {
 }
 
 void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
-    moduli = copyModuli(owner);
+    parameters = owner.getParameters();
+    kernel.getAs<CalcHelfrichForceKernel>().copyParametersToContext(context, owner);
     context.systemChanged();
 }
 
@@ -228,7 +216,7 @@ HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
     checkGeometry(context, geometry, true);
-    geometry.areaDifference = 2 * moduli.leafletSeparation * geometry.integratedMeanCurvature;
+    geometry.areaDifference = 2 * parameters.leafletSeparation * geometry.integratedMeanCurvature;
     return geometry;
 }
 

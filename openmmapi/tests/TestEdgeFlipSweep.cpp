@@ -75,9 +75,11 @@ Membrane createFlatIcosphere(int subdivisions) {
  */
 vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
     vector<HelfrichParameters> all;
-    for (int terms = 1; terms <= AllTerms; terms++)
-        for (int level = 0; level < ((terms & Repulsion) != 0 ? 3 : 1); level++)
+    for (int bits = 1; bits < 1 << NUM_TERMS; bits++) {
+        TermMask terms = getTermsOfBits(bits);
+        for (int level = 0; level < (terms.contains(Term::Repulsion) ? 3 : 1); level++)
             all.push_back(createParameters(membrane, terms, level));
+    }
     return all;
 }
 
@@ -87,9 +89,9 @@ void testEnergyChanges() {
 
     Membrane blob = createBlob(2);
     vector<HelfrichParameters> all;
-    for (int terms : {Bending, Area, Volume, AreaDifference, Tether})
+    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether})
         all.push_back(createParameters(blob, terms));
-    for (int terms : {Repulsion, AllTerms})
+    for (TermMask terms : {Repulsion, AllTerms})
         for (int level = 0; level < 3; level++)
             all.push_back(createParameters(blob, terms, level));
     for (auto& p : all) {
@@ -111,7 +113,7 @@ void testEnergyChanges() {
         }
         ASSERT(numAccepted > 100);
         // With repulsion alone and nothing excluded, no flip changes the energy.
-        bool isConstant = (p.bendingModulus == 0 && p.repulsionModulus != 0 && p.repulsionExclusionLevel == 0);
+        bool isConstant = (!p.has(Term::Bending) && p.has(Term::Repulsion) && p.repulsionExclusionLevel == 0);
         ASSERT(isConstant ? numChanged == 0 : numChanged > 50);
     }
 }
@@ -212,7 +214,7 @@ void testDefinition() {
     Membrane blob = createFlatIcosphere(3);
     checkDefinition(blob, createParameters(blob, AllTerms, 2), HOT, 100, {1, 2, 4});
     blob = createFlatIcosphere(4);
-    checkDefinition(blob, createParameters(blob, AllTerms & ~Repulsion), HOT, 160, {1, 2, 4, sharing(2)});
+    checkDefinition(blob, createParameters(blob, ~Repulsion), HOT, 160, {1, 2, 4, sharing(2)});
 }
 
 /**
@@ -568,7 +570,7 @@ void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& re
                           Threads threads = 1) {
     const int numSamples = 20000, attemptsPerSample = 100;
     HelfrichParameters plain = repelling;
-    plain.repulsionModulus = 0;
+    plain.moduli[Term::Repulsion] = 0;
     Ensemble ensemble(membrane, plain, 1);
     vector<double> energies = ensemble.getEnergies(plain), repellingEnergies = ensemble.getEnergies(repelling);
     auto check = [&](const HelfrichParameters& p, double kT, const vector<double>& right, const vector<double>& wrong) {
@@ -590,12 +592,12 @@ void checkDetailedBalance(const Membrane& membrane, const HelfrichParameters& re
 HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, int exclusionLevel) {
     HelfrichParameters p = createParameters(membrane, AllTerms, exclusionLevel);
     auto geometry = computeExactly(membrane, p);
-    p.bendingModulus = 0.3 * scale;
-    p.areaModulus = 3 * scale;
+    p.moduli[Term::Bending] = 0.3 * scale;
+    p.moduli[Term::Area] = 3 * scale;
     p.targetArea = geometry.area;
-    p.volumeModulus = scale;
+    p.moduli[Term::Volume] = scale;
     p.targetVolume = geometry.volume;
-    p.areaDifferenceModulus = scale;
+    p.moduli[Term::AreaDifference] = scale;
     p.leafletSeparation = 1;
     p.targetAreaDifference = 2 * geometry.curvature;
     p.repulsionOnset = 3 * getMeanEdge(membrane);
@@ -608,12 +610,12 @@ HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, 
  */
 HelfrichParameters createOctahedronParameters(const Membrane& blob) {
     HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
-    p.tetherModulus = 0.01;
+    p.moduli[Term::Tether] = 0.01;
     p.tetherMinLength = 0.8 * getMeanEdge(blob);
     p.tetherMaxLength = 1.2 * getMeanEdge(blob);
     p.tetherLengthScale = 1;
     p.tetherExponent = 2;
-    p.repulsionModulus = 0.3;
+    p.moduli[Term::Repulsion] = 0.3;
     return p;
 }
 
@@ -628,7 +630,7 @@ void testDetailedBalanceOfThreads() {
 
     Membrane blob = createBlob(0, 0.3);
     HelfrichParameters p = createOctahedronParameters(blob);
-    p.areaModulus = p.volumeModulus = p.areaDifferenceModulus = 0;
+    p.moduli[Term::Area] = p.moduli[Term::Volume] = p.moduli[Term::AreaDifference] = 0;
     for (Threads threads : {Threads(2), Threads(3), sharing(2)})
         checkDetailedBalance(blob, p, 2000, threads);
 }
@@ -639,8 +641,8 @@ void testDetailedBalanceWithFixedEdges() {
 
     Membrane blob = createBlob(0, 0.3);
     HelfrichParameters p = createSoftParameters(blob, 0.3, 1);
-    p.tetherModulus = 0;
-    p.repulsionModulus = 0;
+    p.moduli[Term::Tether] = 0;
+    p.moduli[Term::Repulsion] = 0;
     vector<array<int, 2>> fixedEdges = {{0, 1}, {2, 0}};
     Ensemble ensemble(blob, p, 1, fixedEdges);
     vector<double> energies = ensemble.getEnergies(p);
@@ -669,12 +671,12 @@ void testDetailedBalanceOfSecondNeighbors() {
     for (auto& x : rod.positions)
         x += random.vector(0.15);
     HelfrichParameters p = createSoftParameters(rod, 0.2, 2);
-    p.tetherModulus = 10;
+    p.moduli[Term::Tether] = 10;
     p.tetherMinLength = 0.8 * getMeanEdge(rod);
     p.tetherMaxLength = 1.45 * getMeanEdge(rod);
     p.tetherLengthScale = 1;
     p.tetherExponent = 6;
-    p.repulsionModulus = 20;
+    p.moduli[Term::Repulsion] = 20;
     checkDetailedBalance(rod, p);
 }
 

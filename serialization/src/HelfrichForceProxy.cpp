@@ -16,15 +16,12 @@ static const int VERSION = 3, OLDEST_VERSION = 1;
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
 
-static void storeTether(const HelfrichForce& force, SerializationNode& node) {
-    double modulus, minLength, maxLength;
-    int exponent;
-    force.getTether(modulus, minLength, maxLength, exponent);
-    node.setDoubleProperty("modulus", modulus)
-            .setDoubleProperty("minLength", minLength)
-            .setDoubleProperty("maxLength", maxLength)
-            .setIntProperty("exponent", exponent);
-    node.setDoubleProperty("lengthScale", force.getTetherLengthScale());
+static void storeTether(const HelfrichParameters& p, SerializationNode& node) {
+    node.setDoubleProperty("modulus", p.moduli[Term::Tether])
+            .setDoubleProperty("minLength", p.tetherMinLength)
+            .setDoubleProperty("maxLength", p.tetherMaxLength)
+            .setIntProperty("exponent", p.tetherExponent)
+            .setDoubleProperty("lengthScale", p.tetherLengthScale);
 }
 
 static void loadTether(HelfrichForce& force, const SerializationNode& node, int version) {
@@ -34,14 +31,11 @@ static void loadTether(HelfrichForce& force, const SerializationNode& node, int 
         force.setTetherLengthScale(node.getDoubleProperty("lengthScale"));
 }
 
-static void storeRepulsion(const HelfrichForce& force, SerializationNode& node) {
-    double modulus, onset;
-    int exponent, exclusionLevel;
-    force.getRepulsion(modulus, onset, exponent, exclusionLevel);
-    node.setDoubleProperty("modulus", modulus)
-            .setDoubleProperty("onset", onset)
-            .setIntProperty("exponent", exponent)
-            .setIntProperty("exclusionLevel", exclusionLevel);
+static void storeRepulsion(const HelfrichParameters& p, SerializationNode& node) {
+    node.setDoubleProperty("modulus", p.moduli[Term::Repulsion])
+            .setDoubleProperty("onset", p.repulsionOnset)
+            .setIntProperty("exponent", p.repulsionExponent)
+            .setIntProperty("exclusionLevel", p.repulsionExclusionLevel);
 }
 
 static void loadRepulsion(HelfrichForce& force, const SerializationNode& node) {
@@ -72,16 +66,17 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     const HelfrichForce& force = *reinterpret_cast<const HelfrichForce*>(object);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
-    node.setDoubleProperty("bendingModulus", force.getBendingModulus());
-    node.setDoubleProperty("areaModulus", force.getAreaModulus());
-    node.setDoubleProperty("targetArea", force.getTargetArea());
-    node.setDoubleProperty("volumeModulus", force.getVolumeModulus());
-    node.setDoubleProperty("targetVolume", force.getTargetVolume());
-    node.setDoubleProperty("areaDifferenceModulus", force.getAreaDifferenceModulus());
-    node.setDoubleProperty("targetAreaDifference", force.getTargetAreaDifference());
-    node.setDoubleProperty("leafletSeparation", force.getLeafletSeparation());
-    storeTether(force, node.createChildNode("Tether"));
-    storeRepulsion(force, node.createChildNode("Repulsion"));
+    const HelfrichParameters& p = force.getParameters();
+    node.setDoubleProperty("bendingModulus", p.moduli[Term::Bending]);
+    node.setDoubleProperty("areaModulus", p.moduli[Term::Area]);
+    node.setDoubleProperty("targetArea", p.targetArea);
+    node.setDoubleProperty("volumeModulus", p.moduli[Term::Volume]);
+    node.setDoubleProperty("targetVolume", p.targetVolume);
+    node.setDoubleProperty("areaDifferenceModulus", p.moduli[Term::AreaDifference]);
+    node.setDoubleProperty("targetAreaDifference", p.targetAreaDifference);
+    node.setDoubleProperty("leafletSeparation", p.leafletSeparation);
+    storeTether(p, node.createChildNode("Tether"));
+    storeRepulsion(p, node.createChildNode("Repulsion"));
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
     storeFixedEdges(force, node.createChildNode("FixedEdges"));
 }

@@ -49,8 +49,8 @@ static void editPositions(FuzzedDataProvider& data, vector<Vec3>& positions) {
 }
 
 static HelfrichForce* createFuzzedForce(FuzzedDataProvider& data, const Membrane& membrane) {
-    HelfrichParameters p =
-            createParameters(membrane, data.ConsumeIntegral<uint8_t>() & AllTerms, data.ConsumeIntegralInRange(0, 2));
+    HelfrichParameters p = createParameters(membrane, getTermsOfBits(data.ConsumeIntegral<uint8_t>()),
+                                            data.ConsumeIntegralInRange(0, 2));
     unique_ptr<HelfrichForce> force(createForce(membrane, p));
     if (data.ConsumeBool()) {
         force->setBendingModulus(fabs(drawNumber(data)));

@@ -45,8 +45,8 @@ static void flip(FuzzedDataProvider& data, HelfrichMesh& mesh) {
 static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& membrane) {
     // Energies need not make sense here: what becomes of the connectivity does.
 
-    HelfrichParameters p =
-            createParameters(membrane, data.ConsumeIntegral<uint8_t>() & AllTerms, data.ConsumeIntegralInRange(0, 2));
+    HelfrichParameters p = createParameters(membrane, getTermsOfBits(data.ConsumeIntegral<uint8_t>()),
+                                            data.ConsumeIntegralInRange(0, 2));
     vector<Vec3> positions = membrane.positions;
     for (auto& x : positions)
         if (data.remaining_bytes() > 8 && data.ConsumeBool())

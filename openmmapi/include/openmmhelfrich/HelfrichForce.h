@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICHFORCE_H_
 #define OPENMM_HELFRICHFORCE_H_
 
+#include "internal/HelfrichParameters.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/Context.h"
 #include "openmm/Force.h"
@@ -9,19 +10,6 @@
 #include <vector>
 
 namespace HelfrichPlugin {
-
-/**
- * The energy of a HelfrichForce, term by term, each measured in kJ/mol.
- */
-struct OPENMM_EXPORT_HELFRICH HelfrichEnergyTerms {
-    double bending = 0, area = 0, volume = 0, areaDifference = 0, tether = 0, repulsion = 0;
-    /**
-     * Get the sum of all terms, in kJ/mol: the energy that the force contributes to the potential energy.
-     */
-    double getTotal() const {
-        return bending + area + volume + areaDifference + tether + repulsion;
-    }
-};
 
 /**
  * The geometry of a membrane.  The arrays have one element a vertex, in ascending order of the particles'
@@ -157,7 +145,7 @@ public:
      * Get the bending modulus kappa_B, measured in kJ/mol.
      */
     double getBendingModulus() const {
-        return bendingModulus;
+        return parameters.moduli[Term::Bending];
     }
     /**
      * Set the bending modulus kappa_B, measured in kJ/mol.  The default, 0, turns the term off.
@@ -167,7 +155,7 @@ public:
      * Get the modulus kappa_A of the area term, measured in kJ/mol.
      */
     double getAreaModulus() const {
-        return areaModulus;
+        return parameters.moduli[Term::Area];
     }
     /**
      * Set the modulus kappa_A of the area term, measured in kJ/mol.  The default, 0, turns the term off.
@@ -177,7 +165,7 @@ public:
      * Get the target area A_0, measured in nm^2.
      */
     double getTargetArea() const {
-        return targetArea;
+        return parameters.targetArea;
     }
     /**
      * Set the target area A_0, measured in nm^2: the default value of the Context's parameter.
@@ -187,7 +175,7 @@ public:
      * Get the modulus kappa_V of the volume term, measured in kJ/mol.
      */
     double getVolumeModulus() const {
-        return volumeModulus;
+        return parameters.moduli[Term::Volume];
     }
     /**
      * Set the modulus kappa_V of the volume term, measured in kJ/mol.  The default, 0, turns the term off.
@@ -197,7 +185,7 @@ public:
      * Get the target volume V_0, measured in nm^3.
      */
     double getTargetVolume() const {
-        return targetVolume;
+        return parameters.targetVolume;
     }
     /**
      * Set the target volume V_0, measured in nm^3: the default value of the Context's parameter.
@@ -207,7 +195,7 @@ public:
      * Get the modulus kappa_dA of the area difference term, measured in kJ/mol.
      */
     double getAreaDifferenceModulus() const {
-        return areaDifferenceModulus;
+        return parameters.moduli[Term::AreaDifference];
     }
     /**
      * Set the modulus kappa_dA of the area difference term, measured in kJ/mol.  The default, 0, turns the term off.
@@ -217,7 +205,7 @@ public:
      * Get the target area difference dA_0, measured in nm^2.
      */
     double getTargetAreaDifference() const {
-        return targetAreaDifference;
+        return parameters.targetAreaDifference;
     }
     /**
      * Set the target area difference dA_0, measured in nm^2: the default value of the Context's parameter.
@@ -227,7 +215,7 @@ public:
      * Get the distance h between the neutral surfaces of the two leaflets, measured in nm.
      */
     double getLeafletSeparation() const {
-        return leafletSeparation;
+        return parameters.leafletSeparation;
     }
     /**
      * Set the distance h between the neutral surfaces of the two leaflets, measured in nm.  The default is 1 nm.
@@ -257,7 +245,7 @@ public:
      * Get the unit l_0 of the lengths in the tether term, measured in nm.
      */
     double getTetherLengthScale() const {
-        return tetherLengthScale;
+        return parameters.tetherLengthScale;
     }
     /**
      * Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as
@@ -288,22 +276,16 @@ public:
     /**
      * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
      */
-    std::string getTargetAreaParameter() const {
-        return getName() + "TargetArea";
-    }
+    std::string getTargetAreaParameter() const;
     /**
      * Get the name of the Context parameter that holds the target volume: the Force's name followed by "TargetVolume".
      */
-    std::string getTargetVolumeParameter() const {
-        return getName() + "TargetVolume";
-    }
+    std::string getTargetVolumeParameter() const;
     /**
      * Get the name of the Context parameter that holds the target area difference: the Force's name followed by
      * "TargetAreaDifference".
      */
-    std::string getTargetAreaDifferenceParameter() const {
-        return getName() + "TargetAreaDifference";
-    }
+    std::string getTargetAreaDifferenceParameter() const;
     /**
      * Get the live triangles of a Context, which edge flips change.
      *
@@ -319,6 +301,16 @@ public:
      * @param triangles  the particles of each triangle
      */
     void setTrianglesInContext(OpenMM::Context& context, const std::vector<std::array<int, 3>>& triangles) const;
+    /**
+     * Get all moduli and other parameters, with the default values of those that a Context has.
+     */
+    const HelfrichParameters& getParameters() const {
+        return parameters;
+    }
+    /**
+     * Get the names of the terms of the energy, in the order in which they are added up.
+     */
+    static std::vector<std::string> getTermNames();
     /**
      * Compute the energy of each term for the present positions of a Context.
      *
@@ -350,14 +342,7 @@ protected:
 private:
     std::vector<std::array<int, 3>> triangles;
     std::vector<std::array<int, 2>> fixedEdges;
-    double bendingModulus = 0;
-    double areaModulus = 0, targetArea = 0;
-    double volumeModulus = 0, targetVolume = 0;
-    double areaDifferenceModulus = 0, targetAreaDifference = 0, leafletSeparation = 1;
-    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
-    int tetherExponent = 2;
-    double repulsionModulus = 0, repulsionOnset = 0;
-    int repulsionExponent = 2, repulsionExclusionLevel = 1;
+    HelfrichParameters parameters;
 };
 
 } // namespace HelfrichPlugin

@@ -29,14 +29,25 @@ public:
      * Initialize the kernel.
      *
      * @param system  the System this kernel will be applied to
+     * @param force   the HelfrichForce this kernel will be used for
      * @param mesh    the live connectivity, which lasts as long as the kernel: its revision changes whenever it does
      */
-    virtual void initialize(const OpenMM::System& system, const HelfrichMesh& mesh) = 0;
+    virtual void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh) = 0;
     /**
-     * Compute the energy, and add the forces to those of the Context if they are wanted.
+     * Copy changed parameters over to a Context.  A kernel that keeps no more of them than execute() is given has
+     * nothing to do.
+     *
+     * @param context  the Context to copy parameters to
+     * @param force    the HelfrichForce to copy the parameters from
+     */
+    virtual void copyParametersToContext(OpenMM::ContextImpl& context, const HelfrichForce& force) {
+    }
+    /**
+     * Compute the energy, and add the forces to those of the Context if they are wanted.  Without forces this may be
+     * called at any time, as computeGeometry() may, and not only while the Context is being evaluated.
      *
      * @param context        the Context in which to execute the kernel
-     * @param parameters     the moduli and targets
+     * @param parameters     the moduli and other parameters, with the present values of those that are the Context's
      * @param includeForces  true if forces should be computed
      * @param[out] terms     the terms of the energy
      * @return false if the area of the surface is not finite, as it is where a position is not, or a force is not: the

@@ -14,14 +14,24 @@ class CpuHelfrichLayout;
  */
 template <class Real>
 struct CpuHelfrichArrays {
-    double* positions;     ///< of each slot: x, y, z, unused
-    Real* bendingSlopes;   ///< of each slot: 4 kappa_B M/A
-    Real* areas;           ///< of each slot, or NULL if nobody wants them
-    Real* curvatures;      ///< of each slot, or NULL
-    Real* anglesPerLength; ///< of each corner: the dihedral angle of the edge over its length
-    int* fixedPositions;   ///< what passes in single precision read in place of the positions; see
-                           ///< CpuHelfrichPasses::roundPositions()
-    float fixedUnit;       ///< the length of which fixedPositions are multiples
+    /// of each slot: x, y, z, unused
+    double* positions;
+    /// of each slot: the derivative of the bending energy by its curvature, 4 kappa_B M/A
+    Real* bendingSlopes;
+    /// of each slot, or NULL if nobody wants them
+    Real* areas;
+    Real* curvatures;
+    /// of each corner: the dihedral angle of the edge over its length
+    Real* anglesPerLength;
+    /// what passes in single precision read in place of the positions; see CpuHelfrichPasses::roundPositions()
+    int* fixedPositions;
+    /// the length of which fixedPositions are multiples
+    float fixedUnit;
+    /// of each slot, if the bending moduli differ: kappa_B, in place of that of the parameters, which then only says
+    /// that the term is on; else NULL
+    const Real* bendingModuli = nullptr;
+    /// of each slot, if the bending moduli differ: the derivative of the bending energy by its area
+    Real* areaSlopes = nullptr;
 };
 
 /**

@@ -25,7 +25,8 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
     return max(1, min(getData(context).threads.getNumThreads(), numItems / ITEMS_PER_THREAD));
 }
 
-void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
+void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
+                                            const HelfrichMesh& mesh) {
     this->mesh = &mesh;
     setLayoutWidth(passes.inDouble.width);
 }
@@ -138,7 +139,7 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
     for (int chunk = 0; chunk < numChunks; chunk++) {
         passes.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
                                         chunkSums[chunk]);
-        if (parameters.repulsionModulus != 0)
+        if (parameters.has(Term::Repulsion))
             chunkSums[chunk].outdated =
                     repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
@@ -152,7 +153,7 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
 }
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
-    if (parameters.repulsionModulus != 0) {
+    if (parameters.has(Term::Repulsion)) {
 #pragma omp single
         repulsion.update(*mesh, layout, positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
     }
@@ -169,18 +170,18 @@ void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& param
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
     passes.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk),
                                       gradients);
-    if (parameters.repulsionModulus != 0)
+    if (parameters.has(Term::Repulsion))
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
 
 HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters,
                                                          const CpuHelfrichSums& sums) const {
     HelfrichEnergyTerms terms;
-    terms.bending = sums.bending;
-    terms.tether = sums.tether;
-    if (parameters.repulsionModulus != 0)
-        terms.repulsion = addUp(chunkSums, &CpuHelfrichSums::repulsion);
-    addPenalties(parameters, sums, terms);
+    terms[Term::Bending] = sums.bending;
+    terms[Term::Tether] = sums.tether;
+    if (parameters.has(Term::Repulsion))
+        terms[Term::Repulsion] = addUp(chunkSums, &CpuHelfrichSums::repulsion);
+    addTermsOfTotals(parameters, sums, terms);
     return terms;
 }
 
@@ -199,12 +200,12 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
         CpuHelfrichSums found = computeEnergy(parameters, arrays);
         if (isfinite(found.area)) {
             updateRepulsion(parameters, arrays.positions);
-            HelfrichTotals slopes = penaltySlopes(parameters, found);
+            HelfrichTotals slopes = getSlopesByTotals(parameters, found);
 #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 if (includeForces)
                     chunkSums[chunk].force = addForces(parameters, slopes, arrays, chunk, forces);
-                else if (parameters.repulsionModulus != 0)
+                else if (parameters.has(Term::Repulsion))
                     computeRepulsion(parameters, arrays.positions, chunk, NULL);
         }
 #pragma omp master
@@ -313,8 +314,8 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
         if (!roundPositions(arrays))
             return false;
     int numChunks = getNumChunks();
-    if (times.isTetherAlone) { // its forces need no sums, and the next step at which all terms act finds what is not
-                               // finite
+    if (times.terms == Term::Tether) {
+        // Its forces need no sums, and the next step at which all terms act finds what is not finite.
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             move(parameters, HelfrichTotals(), arrays, chunk, times, nextPositions);
@@ -324,7 +325,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     if (!isfinite(sums.area))
         return false;
     updateRepulsion(parameters, arrays.positions);
-    HelfrichTotals slopes = penaltySlopes(parameters, sums);
+    HelfrichTotals slopes = getSlopesByTotals(parameters, sums);
 #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
         move(parameters, slopes, arrays, chunk, times, nextPositions);
@@ -374,7 +375,7 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
                                                 HelfrichEnergyTerms& terms) {
     bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms)
                           : makeSteps<double>(context, parameters, sequence, terms);
-    bool areTermsExact = (!mixed && sequence.back().tetherShare == 1);
+    bool areTermsExact = (!mixed && sequence.back().terms == TermMask::ALL && sequence.back().tetherShare == 1);
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
@@ -385,7 +386,7 @@ const vector<Vec3>& CpuCalcHelfrichForceKernel::getPositions(ContextImpl& contex
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     HelfrichParameters parameters;
-    parameters.bendingModulus = 1;
+    parameters.moduli[Term::Bending] = 1;
     auto arrays = prepareArrays<double>(parameters, numThreads);
     nextPositions.resize(positions.size());
     arrays.areas = nextPositions.data();

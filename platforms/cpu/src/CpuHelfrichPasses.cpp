@@ -132,9 +132,9 @@ inline V inverseLength(V x) {
 template <class Real>
 struct Parameters {
     explicit Parameters(const HelfrichParameters& p)
-            : bendingModulus(p.bendingModulus), tetherModulus(p.tetherModulus), tetherMinLength(p.tetherMinLength),
-              tetherMaxLength(p.tetherMaxLength), perTetherScale(1 / p.tetherLengthScale),
-              tetherExponent(p.tetherExponent) {
+            : bendingModulus(p.moduli[Term::Bending]), tetherModulus(p.moduli[Term::Tether]),
+              tetherMinLength(p.tetherMinLength), tetherMaxLength(p.tetherMaxLength),
+              perTetherScale(1 / p.tetherLengthScale), tetherExponent(p.tetherExponent) {
     }
     Real bendingModulus, tetherModulus, tetherMinLength, tetherMaxLength, perTetherScale;
     int tetherExponent;
@@ -176,9 +176,10 @@ inline Vector<Real> tetherEnergy(Vector<Real> length, typename SimdOf<Real>::Int
 }
 
 /**
- * What of the ring the terms need: each is evaluated with what comes before it.
+ * What of the ring the terms need: each is evaluated with what comes before it.  Materials are moduli that differ from
+ * vertex to vertex.
  */
-enum Parts { Edges, Triangles, Angles };
+enum Parts { Edges, Triangles, Angles, Materials };
 
 /**
  * The sums over the rings of a group.
@@ -193,12 +194,12 @@ template <Parts parts, bool HasTether, class Real>
 inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, const Point<Real>& previousNormal,
                     const Point<Real>& toNeighbor, const Point<Real>& toPrevious, const Parameters<Real>& p,
                     const CpuHelfrichArrays<Real>& arrays, RingSums<Real>& sums) {
-    if (parts != Angles && !HasTether)
+    if (parts < Angles && !HasTether)
         return;
     Vector<Real> length2 = dot(toNeighbor, toNeighbor);
     // Of an edge without length this makes something that is no number, and so an error.
     Vector<Real> inverse = inverseSqrt(length2), length = length2 * inverse;
-    if (parts == Angles) {
+    if (parts >= Angles) {
         Vector<Real> sine, cosine;
         dihedralSineCosine(length, normal, previousNormal, toPrevious, sine, cosine);
         Vector<Real> angle = angleOf<SimdMath>(sine, cosine);
@@ -270,14 +271,22 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
         volume += toDoubles(dot(ringSums.normals, offset));
         if (arrays.areas != nullptr)
             store(arrays.areas + slot, vertexArea);
-        if (parts == Angles) {
+        if (parts >= Angles) {
             Vector<Real> vertexCurvature = Real(0.25) * ringSums.curvature;
             Vector<Real> meanCurvature = choose(vertexArea > Real(0), vertexCurvature / vertexArea, Vector<Real>{});
             curvature += toDoubles(vertexCurvature);
-            bending += toDoubles(vertexCurvature * meanCurvature);
             if (arrays.curvatures != nullptr)
                 store(arrays.curvatures + slot, vertexCurvature);
-            store(arrays.bendingSlopes + slot, 4 * p.bendingModulus * meanCurvature);
+            if (parts == Materials) {
+                Vector<Real> modulus = load(arrays.bendingModuli + slot);
+                bending += toDoubles(modulus * vertexCurvature * meanCurvature);
+                store(arrays.bendingSlopes + slot, Real(4) * modulus * meanCurvature);
+                store(arrays.areaSlopes + slot, Real(-2) * modulus * meanCurvature * meanCurvature);
+            }
+            else {
+                bending += toDoubles(vertexCurvature * meanCurvature);
+                store(arrays.bendingSlopes + slot, 4 * p.bendingModulus * meanCurvature);
+            }
         }
         if (HasTether)
             tether += toDoubles(ringSums.tether);
@@ -285,20 +294,27 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
     sums.area = sum(area);
     sums.volume = sum(volume) * (1.0 / 18.0);
     sums.curvature = sum(curvature);
-    sums.bending = 2 * p.bendingModulus * sum(bending);
+    sums.bending = 2 * (parts == Materials ? Real(1) : p.bendingModulus) * sum(bending);
     sums.tether = 0.5 * sum(tether);
+}
+
+template <class Real>
+Parts chooseParts(const HelfrichParameters& p, const CpuHelfrichArrays<Real>& arrays) {
+    if (p.needsCurvature())
+        return p.has(Term::Bending) && arrays.bendingModuli != nullptr ? Materials : Angles;
+    return p.needsTriangles() ? Triangles : Edges;
 }
 
 template <class Real>
 void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays<Real>& arrays,
                   int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
-    bool hasTether = (p.tetherModulus != 0);
-    auto compute = hasTether ? computeEnergy<Edges, true, Real> : computeEnergy<Edges, false, Real>;
-    if (p.needsCurvature())
-        compute = hasTether ? computeEnergy<Angles, true, Real> : computeEnergy<Angles, false, Real>;
-    else if (p.needsTriangles())
-        compute = hasTether ? computeEnergy<Triangles, true, Real> : computeEnergy<Triangles, false, Real>;
-    compute(layout, Parameters<Real>(p), arrays, firstGroup, lastGroup, sums);
+    static constexpr decltype(&computeEnergy<Edges, false, Real>) compute[][2] = {
+            {computeEnergy<Edges, false, Real>, computeEnergy<Edges, true, Real>},
+            {computeEnergy<Triangles, false, Real>, computeEnergy<Triangles, true, Real>},
+            {computeEnergy<Angles, false, Real>, computeEnergy<Angles, true, Real>},
+            {computeEnergy<Materials, false, Real>, computeEnergy<Materials, true, Real>}};
+    compute[chooseParts(p, arrays)][p.has(Term::Tether)](layout, Parameters<Real>(p), arrays, firstGroup, lastGroup,
+                                                         sums);
 }
 
 /**
@@ -340,11 +356,16 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
     Point<Real> gradient = {};
     Point<Real> first = ring.toNeighbor(0), u = first;
     Vector<Real> u2 = dot(u, u), alpha = {}, firstAlpha = {}, alphaU = {};
-    if (parts == Angles) {
+    Vector<Real> areaSlope = {}, areaSlopeU = {};
+    if (parts >= Angles) {
         alpha = load(arrays.bendingSlopes + ring.firstSlot);
         prefetch(arrays.bendingSlopes + ring.firstSlot + SLOTS_AHEAD, ring.WIDTH);
         prefetch(arrays.anglesPerLength + ring.corner(CORNERS_AHEAD), group.length * ring.WIDTH);
         firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
+    }
+    if (parts == Materials) {
+        areaSlope = load(arrays.areaSlopes + ring.firstSlot);
+        areaSlopeU = ring.ofNeighbor(arrays.areaSlopes, 0);
     }
     for (int i = 0; i < group.length; i++) {
         bool isLast = (i + 1 == group.length);
@@ -353,9 +374,15 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
         Point<Real> normal = ring.normal(i, u, w);
         Vector<Real> inverse = inverseLength(dot(normal, normal));
         Vector<Real> byNormal = broadcast(byVolume), byArea = broadcast(Real(slopes.area)), byEdge = {};
-        if (parts == Angles) {
+        if (parts >= Angles) {
             Vector<Real> alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i + 1);
-            byArea += byBendingSlope2 * (alpha * alpha + alphaU * alphaU + alphaW * alphaW);
+            if (parts == Materials) {
+                Vector<Real> areaSlopeW = ring.ofNeighbor(arrays.areaSlopes, isLast ? 0 : i + 1);
+                byArea += Real(1.0 / 3.0) * (areaSlope + areaSlopeU + areaSlopeW);
+                areaSlopeU = areaSlopeW;
+            }
+            else
+                byArea += byBendingSlope2 * (alpha * alpha + alphaU * alphaU + alphaW * alphaW);
             byNormal -= Real(0.25) * inverse * inverse * ((alphaU - alpha) * dc + (alphaW - alpha) * db);
             byEdge = (Real(0.25) * (alpha + alphaU) + Real(0.5) * byCurvature) *
                      load(arrays.anglesPerLength + ring.corner(i));
@@ -387,13 +414,13 @@ void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p,
 template <class Real>
 void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const HelfrichTotals& slopes,
                     const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, double* gradients) {
-    bool hasTether = (p.tetherModulus != 0);
-    auto compute = hasTether ? computeGradient<Edges, true, Real> : computeGradient<Edges, false, Real>;
-    if (p.needsCurvature())
-        compute = hasTether ? computeGradient<Angles, true, Real> : computeGradient<Angles, false, Real>;
-    else if (p.needsTriangles())
-        compute = hasTether ? computeGradient<Triangles, true, Real> : computeGradient<Triangles, false, Real>;
-    compute(layout, Parameters<Real>(p), slopes, arrays, firstGroup, lastGroup, gradients);
+    static constexpr decltype(&computeGradient<Edges, false, Real>) compute[][2] = {
+            {computeGradient<Edges, false, Real>, computeGradient<Edges, true, Real>},
+            {computeGradient<Triangles, false, Real>, computeGradient<Triangles, true, Real>},
+            {computeGradient<Angles, false, Real>, computeGradient<Angles, true, Real>},
+            {computeGradient<Materials, false, Real>, computeGradient<Materials, true, Real>}};
+    compute[chooseParts(p, arrays)][p.has(Term::Tether)](layout, Parameters<Real>(p), slopes, arrays, firstGroup,
+                                                         lastGroup, gradients);
 }
 
 CpuHelfrichBox findBox(const double* positions, int firstSlot, int lastSlot) {

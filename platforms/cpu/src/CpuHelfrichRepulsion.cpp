@@ -193,10 +193,10 @@ double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichPara
             if (r2 >= onset2)
                 continue;
             double r = sqrt(r2), slope;
-            energy += p.repulsionModulus * repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
+            energy += p.moduli[Term::Repulsion] * repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
             if (gradients != NULL) {
                 double* gradient = gradients + 4 * (slot - firstSlot);
-                double scale = 2 * p.repulsionModulus * slope / r;
+                double scale = 2 * p.moduli[Term::Repulsion] * slope / r;
                 gradient[0] += scale * dx;
                 gradient[1] += scale * dy;
                 gradient[2] += scale * dz;

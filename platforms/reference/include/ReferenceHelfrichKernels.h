@@ -14,7 +14,7 @@ public:
     ReferenceCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
             : CalcHelfrichForceKernel(name, platform) {
     }
-    void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
     const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);

@@ -68,7 +68,7 @@ Real ReferenceHelfrichEnergy::getMeanCurvature(int vertex) const {
 
 template <class Visitor>
 void ReferenceHelfrichEnergy::forEachRepellingPair(const HelfrichParameters& p, Visitor visit) const {
-    if (p.repulsionModulus == 0)
+    if (!p.has(Term::Repulsion))
         return;
     for (int i = 0; i < mesh.getNumVertices(); i++)
         for (int j = i + 1; j < mesh.getNumVertices(); j++)
@@ -80,32 +80,33 @@ void ReferenceHelfrichEnergy::forEachRepellingPair(const HelfrichParameters& p, 
 HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParameters& p) const {
     HelfrichEnergyTerms terms;
     Real bending = 0, tether = 0, repulsion = 0, slope;
-    if (p.bendingModulus != 0)
+    if (p.has(Term::Bending))
         for (int i = 0; i < mesh.getNumVertices(); i++)
-            bending += 2 * p.bendingModulus * vertexCurvatures[i] * getMeanCurvature(i);
-    if (p.tetherModulus != 0)
+            bending += 2 * p.moduli[Term::Bending] * vertexCurvatures[i] * getMeanCurvature(i);
+    if (p.has(Term::Tether))
         forEachEdge([&](int h, int i, int j) {
-            tether += p.tetherModulus * tetherPotential(p, (x[j] - x[i]).norm(), slope);
+            tether += p.moduli[Term::Tether] * tetherPotential(p, (x[j] - x[i]).norm(), slope);
         });
     forEachRepellingPair(p, [&](int i, int j, Real r) {
-        repulsion += 2 * p.repulsionModulus * repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
+        repulsion += 2 * p.moduli[Term::Repulsion] *
+                     repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
     });
-    terms.bending = bending;
-    terms.tether = tether;
-    terms.repulsion = repulsion;
-    addPenalties(p, totals, terms);
+    terms[Term::Bending] = bending;
+    terms[Term::Tether] = tether;
+    terms[Term::Repulsion] = repulsion;
+    addTermsOfTotals(p, totals, terms);
     return terms;
 }
 
 ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const HelfrichParameters& p) const {
-    HelfrichTotalsOf<Real> slopes = penaltySlopes(p, totals);
+    HelfrichTotalsOf<Real> slopes = getSlopesByTotals(p, totals);
     vector<Real> byVertexArea(mesh.getNumVertices(), slopes.area),
             byVertexCurvature(mesh.getNumVertices(), slopes.curvature);
-    if (p.bendingModulus != 0)
+    if (p.has(Term::Bending))
         for (int i = 0; i < mesh.getNumVertices(); i++) {
             Real meanCurvature = getMeanCurvature(i);
-            byVertexArea[i] -= 2 * p.bendingModulus * meanCurvature * meanCurvature;
-            byVertexCurvature[i] += 4 * p.bendingModulus * meanCurvature;
+            byVertexArea[i] -= 2 * p.moduli[Term::Bending] * meanCurvature * meanCurvature;
+            byVertexCurvature[i] += 4 * p.moduli[Term::Bending] * meanCurvature;
         }
     Vectors gradient(mesh.getNumVertices(), Vector::Zero());
     addAreaAndVolumeGradient(byVertexArea, slopes.volume, gradient);
@@ -158,13 +159,13 @@ void ReferenceHelfrichEnergy::addTurnOfTriangle(int h, Real factor, Vectors& gra
 }
 
 void ReferenceHelfrichEnergy::addTetherGradient(const HelfrichParameters& p, Vectors& gradient) const {
-    if (p.tetherModulus == 0)
+    if (!p.has(Term::Tether))
         return;
     forEachEdge([&](int h, int i, int j) {
         Vector edge = x[j] - x[i];
         Real length = edge.norm(), slope;
         tetherPotential(p, length, slope);
-        Vector pull = p.tetherModulus * slope * edge / length;
+        Vector pull = p.moduli[Term::Tether] * slope * edge / length;
         gradient[j] += pull;
         gradient[i] -= pull;
     });
@@ -174,7 +175,7 @@ void ReferenceHelfrichEnergy::addRepulsionGradient(const HelfrichParameters& p, 
     forEachRepellingPair(p, [&](int i, int j, Real r) {
         Real slope;
         repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
-        Vector push = 2 * p.repulsionModulus * slope * (x[j] - x[i]) / r;
+        Vector push = 2 * p.moduli[Term::Repulsion] * slope * (x[j] - x[i]) / r;
         gradient[j] += push;
         gradient[i] -= push;
     });

@@ -13,7 +13,8 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
 }
 
-void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
+void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
+                                                  const HelfrichMesh& mesh) {
     this->mesh = &mesh;
 }
 

@@ -6,6 +6,7 @@
 #include "HelfrichNeighborList.h"
 #include "HelfrichParameters.h"
 #include "openmm/Vec3.h"
+#include "openmmhelfrich/HelfrichForce.h"
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -25,7 +26,7 @@ public:
      * Get whether the energy depends on which vertices are close to each other and share no neighbor.
      */
     static bool needsNeighborList(const HelfrichParameters& parameters) {
-        return parameters.repulsionModulus != 0 && parameters.repulsionExclusionLevel == 2;
+        return parameters.has(Term::Repulsion) && parameters.repulsionExclusionLevel == 2;
     }
     /**
      * Set where the vertices from the first up to the last are.

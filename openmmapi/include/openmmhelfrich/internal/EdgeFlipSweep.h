@@ -97,13 +97,6 @@ public:
     }
 private:
     /**
-     * The energy that holds a total to its target.
-     */
-    struct Penalty {
-        double modulus, inverseTarget, deviation;
-        double change(double difference) const;
-    };
-    /**
      * A place in the pipeline.
      */
     struct alignas(64) Slot {
@@ -163,7 +156,6 @@ private:
     void accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy);
     bool isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const;
     bool isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const;
-    void updatePenalties();
     HelfrichMesh& mesh;
     const EdgeFlipEvaluation& evaluation;
     int numThreads, batchSize;
@@ -175,7 +167,8 @@ private:
     const Observer* observer;
     std::exception_ptr exception;
     HelfrichTotals totals;
-    Penalty areaPenalty, volumePenalty, areaDifferencePenalty;
+    /// what the energy would change by with the totals
+    ChangeByTotals change;
     EdgeFlipStatistics statistics;
     HelfrichNeighborList* neighbors;
     EdgeFlipState state;

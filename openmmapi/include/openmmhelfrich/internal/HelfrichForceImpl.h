@@ -69,20 +69,21 @@ public:
     EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random,
                                  long long sweep, const EdgeFlipSweep::Observer& observer = EdgeFlipSweep::Observer());
     /**
-     * Get the moduli with the present targets of a Context.
+     * Get the moduli and other parameters, with the present values of those that are the Context's.
      */
     HelfrichParameters getParameters(OpenMM::ContextImpl& context) const;
 private:
     void checkName(const OpenMM::System& system) const;
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
-    void checkTarget(const std::string& term, const std::string& setter, double modulus, double target) const;
+    void checkContextParameters(HelfrichParameters& parameters) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
     void checkGeometry(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
-    HelfrichParameters moduli;
+    /// those of the owner, as of initialize() or updateParametersInContext()
+    HelfrichParameters parameters;
     const KickAndDrift* kick = NULL;
     bool isOrientationChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;

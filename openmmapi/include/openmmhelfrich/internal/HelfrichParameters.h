@@ -1,31 +1,170 @@
 #ifndef OPENMM_HELFRICHPARAMETERS_H_
 #define OPENMM_HELFRICHPARAMETERS_H_
 
-#include "openmmhelfrich/HelfrichForce.h"
-#include "openmmhelfrich/internal/HelfrichStencils.h"
+#include <iterator>
+
+/* The home of the terms of the energy: their names, their parameters and what sets these in a Context.  A term that
+   depends on the totals of the surface alone is defined here as a whole, for every platform and for edge flips. */
 
 namespace HelfrichPlugin {
 
 /**
- * What an evaluation of the energy needs to know besides positions and connectivity: the moduli of a HelfrichForce and
- * the targets of a Context, in OpenMM's units.
+ * The terms of the energy, in the order in which they are added up.
  */
-struct HelfrichParameters {
-    double bendingModulus = 0;
-    double areaModulus = 0, targetArea = 0;
-    double volumeModulus = 0, targetVolume = 0;
-    double areaDifferenceModulus = 0, targetAreaDifference = 0, leafletSeparation = 0;
-    double tetherModulus = 0, tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
-    int tetherExponent = 0;
-    double repulsionModulus = 0, repulsionOnset = 0;
-    int repulsionExponent = 0, repulsionExclusionLevel = 0;
-    bool needsCurvature() const {
-        return bendingModulus != 0 || areaDifferenceModulus != 0;
+enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Count };
+
+inline constexpr int NUM_TERMS = int(Term::Count);
+
+/**
+ * The names of the terms.
+ */
+inline constexpr const char* TERM_NAMES[] = {"bending", "area", "volume", "areaDifference", "tether", "repulsion"};
+
+static_assert(std::size(TERM_NAMES) == NUM_TERMS, "every term has a name");
+
+/**
+ * A number for each term.
+ */
+class TermValues {
+public:
+    constexpr double& operator[](Term term) {
+        return values[int(term)];
     }
-    bool needsTriangles() const {
-        return areaModulus != 0 || volumeModulus != 0 || needsCurvature();
+    constexpr double operator[](Term term) const {
+        return values[int(term)];
+    }
+private:
+    double values[NUM_TERMS] = {};
+};
+
+/**
+ * The energy of a HelfrichForce, term by term, each measured in kJ/mol.
+ */
+struct HelfrichEnergyTerms : TermValues {
+    /**
+     * Get the sum of all terms, in kJ/mol: the energy that the force contributes to the potential energy.
+     */
+    double getTotal() const {
+        double total = 0;
+        for (int i = 0; i < NUM_TERMS; i++)
+            total += (*this)[Term(i)];
+        return total;
     }
 };
+
+/**
+ * A set of terms.
+ */
+class TermMask {
+public:
+    /// all terms
+    static const TermMask ALL;
+    /// no term
+    constexpr TermMask() = default;
+    constexpr TermMask(Term term) : bits(1u << int(term)) {
+    }
+    constexpr bool contains(Term term) const {
+        return (bits >> int(term) & 1) != 0;
+    }
+    constexpr TermMask operator|(TermMask other) const {
+        return TermMask(bits | other.bits);
+    }
+    constexpr TermMask operator~() const {
+        return TermMask(~bits & ((1u << NUM_TERMS) - 1));
+    }
+    constexpr bool operator==(TermMask other) const {
+        return bits == other.bits;
+    }
+    constexpr bool operator!=(TermMask other) const {
+        return bits != other.bits;
+    }
+private:
+    constexpr explicit TermMask(unsigned int bits) : bits(bits) {
+    }
+    unsigned int bits = 0;
+};
+
+inline constexpr TermMask TermMask::ALL = ~TermMask();
+
+/**
+ * What an evaluation of the energy needs to know besides positions and connectivity, in OpenMM's units: the moduli and
+ * the other parameters of a HelfrichForce, whose defaults are these.  In a Context, the values of its own parameters
+ * take the place of some: see HelfrichContextParameter.
+ */
+struct HelfrichParameters {
+    /// a term whose modulus is 0 is off
+    TermValues moduli;
+    double targetArea = 0, targetVolume = 0;
+    double targetAreaDifference = 0, leafletSeparation = 1;
+    double tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
+    int tetherExponent = 2;
+    double repulsionOnset = 0;
+    int repulsionExponent = 2, repulsionExclusionLevel = 1;
+    /**
+     * Get whether a term is on.
+     */
+    bool has(Term term) const {
+        return moduli[term] != 0;
+    }
+    /**
+     * Get the terms that are on.
+     */
+    TermMask getTerms() const {
+        TermMask terms;
+        for (int i = 0; i < NUM_TERMS; i++)
+            if (has(Term(i)))
+                terms = terms | Term(i);
+        return terms;
+    }
+    /**
+     * Get the same parameters with all but the given terms off.
+     */
+    HelfrichParameters only(TermMask terms) const {
+        HelfrichParameters p = *this;
+        for (int i = 0; i < NUM_TERMS; i++)
+            if (!terms.contains(Term(i)))
+                p.moduli[Term(i)] = 0;
+        return p;
+    }
+    /**
+     * Get whether a term depends on the curvatures of the vertices, which are made of dihedral angles.
+     */
+    bool needsCurvature() const {
+        return has(Term::Bending) || has(Term::AreaDifference);
+    }
+    /**
+     * Get whether a term depends on the triangles.
+     */
+    bool needsTriangles() const {
+        return has(Term::Area) || has(Term::Volume) || needsCurvature();
+    }
+    /**
+     * Get whether a term has a meaning only where the surface encloses a positive volume.
+     */
+    bool needsOrientation() const {
+        return has(Term::Volume);
+    }
+};
+
+/**
+ * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite and not zero if its term is on.
+ */
+struct HelfrichContextParameter {
+    Term term;
+    /// its name, which follows that of the force; and after "set" the name of the setter of its default value
+    const char* name;
+    /// what it sets
+    double& (*valueIn)(HelfrichParameters& parameters);
+};
+
+/**
+ * All of them, at most one for each term.
+ */
+inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
+        {Term::Area, "TargetArea", [](HelfrichParameters& p) -> double& { return p.targetArea; }},
+        {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; }},
+        {Term::AreaDifference, "TargetAreaDifference",
+         [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }}};
 
 /**
  * The sums over the whole surface on which the energy depends.
@@ -63,43 +202,76 @@ inline Real penaltySlope(double modulus, Real x, double target) {
 }
 
 /**
- * The terms of the energy that depend on totals alone.
+ * The change of penalty() with x.
+ */
+class PenaltyChange {
+public:
+    PenaltyChange() = default;
+    PenaltyChange(double modulus, double x, double target)
+            : modulus(modulus), inverseTarget(modulus == 0 ? 0 : 1 / target),
+              deviation(modulus == 0 ? 0 : x / target - 1) {
+    }
+    double operator()(double difference) const {
+        // (x+d)^2-x^2 = d (2x+d): the small change does not come from the difference of two large energies.
+
+        double relative = difference * inverseTarget;
+        return modulus * relative * (2 * deviation + relative);
+    }
+private:
+    double modulus, inverseTarget, deviation;
+};
+
+/**
+ * Add the terms of the energy that depend on totals alone.
  */
 template <class Real>
-inline void addPenalties(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals,
-                         HelfrichEnergyTerms& terms) {
-    terms.area += penalty(p.areaModulus, totals.area, p.targetArea);
-    terms.volume += penalty(p.volumeModulus, totals.volume, p.targetVolume);
-    terms.areaDifference +=
-            penalty(p.areaDifferenceModulus, 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference);
+inline void addTermsOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals,
+                             HelfrichEnergyTerms& terms) {
+    terms[Term::Area] += penalty(p.moduli[Term::Area], totals.area, p.targetArea);
+    terms[Term::Volume] += penalty(p.moduli[Term::Volume], totals.volume, p.targetVolume);
+    terms[Term::AreaDifference] +=
+            penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference);
 }
 
 /**
- * The derivatives of the same terms by the three totals.
+ * Get the derivatives of the same terms by the three totals.
  */
 template <class Real>
-inline HelfrichTotalsOf<Real> penaltySlopes(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
+inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
     HelfrichTotalsOf<Real> slopes;
-    slopes.area = penaltySlope(p.areaModulus, totals.area, p.targetArea);
-    slopes.volume = penaltySlope(p.volumeModulus, totals.volume, p.targetVolume);
+    slopes.area = penaltySlope(p.moduli[Term::Area], totals.area, p.targetArea);
+    slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.targetVolume);
     double h = p.leafletSeparation;
-    slopes.curvature = 2 * h * penaltySlope(p.areaDifferenceModulus, 2 * h * totals.curvature, p.targetAreaDifference);
+    slopes.curvature =
+            2 * h * penaltySlope(p.moduli[Term::AreaDifference], 2 * h * totals.curvature, p.targetAreaDifference);
     return slopes;
 }
 
 /**
- * The tether's potential of an edge of length l, which its modulus multiplies.
- *
- * @param[out] slope  its derivative by l
+ * The change of the same terms with the totals.
  */
-template <class Real>
-inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
-    Real scale = p.tetherLengthScale;
-    Real potential = tetherPotential<Real>(l / scale, p.tetherMinLength / scale, p.tetherMaxLength / scale,
-                                           p.tetherExponent, slope);
-    slope = slope / scale;
-    return potential;
-}
+class ChangeByTotals {
+public:
+    ChangeByTotals() = default;
+    ChangeByTotals(const HelfrichParameters& p, const HelfrichTotals& totals)
+            : area(p.moduli[Term::Area], totals.area, p.targetArea),
+              volume(p.moduli[Term::Volume], totals.volume, p.targetVolume),
+              areaDifference(p.moduli[Term::AreaDifference], totals.curvature,
+                             p.targetAreaDifference / (2 * p.leafletSeparation)) {
+    }
+    /**
+     * Add it to the change of the other terms.
+     *
+     * @param change       the change of the other terms
+     * @param differences  how much the totals change
+     * @return the sum
+     */
+    double addTo(double change, const HelfrichTotals& differences) const {
+        return change + area(differences.area) + volume(differences.volume) + areaDifference(differences.curvature);
+    }
+private:
+    PenaltyChange area, volume, areaDifference;
+};
 
 } // namespace HelfrichPlugin
 

@@ -1,6 +1,7 @@
 #ifndef OPENMM_HELFRICHSTENCILS_H_
 #define OPENMM_HELFRICHSTENCILS_H_
 
+#include "HelfrichParameters.h"
 #include <cmath>
 #include <type_traits>
 #include <utility>
@@ -209,6 +210,20 @@ inline Real tetherPotential(Real l, Real minLength, Real maxLength, int exponent
         return stretchPotential(l, maxLength, exponent, slope);
     slope = 0;
     return 0;
+}
+
+/**
+ * The tether's potential of an edge of length l, which its modulus multiplies.
+ *
+ * @param[out] slope  its derivative by l
+ */
+template <class Real>
+inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
+    Real scale = p.tetherLengthScale;
+    Real potential = tetherPotential<Real>(l / scale, p.tetherMinLength / scale, p.tetherMaxLength / scale,
+                                           p.tetherExponent, slope);
+    slope = slope / scale;
+    return potential;
 }
 
 /**

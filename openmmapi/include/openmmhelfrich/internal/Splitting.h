@@ -16,18 +16,16 @@ namespace HelfrichPlugin {
 struct KickAndDrift {
     /// the time for which the forces act, and that for which the particles move, measured in ps
     double kick, drift;
+    /// the terms that act
+    TermMask terms = TermMask::ALL;
     /// the time for which the tether acts, as a fraction of the kick
     double tetherShare = 1;
-    /// whether no other term acts
-    bool isTetherAlone = false;
     /**
      * Get the parameters of the terms that act.
      */
     HelfrichParameters getParameters(const HelfrichParameters& all) const {
-        HelfrichParameters p = all;
-        p.tetherModulus *= tetherShare;
-        if (isTetherAlone)
-            p.bendingModulus = p.areaModulus = p.volumeModulus = p.areaDifferenceModulus = p.repulsionModulus = 0;
+        HelfrichParameters p = all.only(terms);
+        p.moduli[Term::Tether] *= tetherShare;
         return p;
     }
 };
@@ -89,9 +87,9 @@ private:
         double before = 0;
         for (auto& outer : sequence) {
             double step = outer.drift / tetherSubsteps;
-            result.push_back({outer.kick, step, 0.5 * (before + step) / outer.kick, false});
+            result.push_back({outer.kick, step, TermMask::ALL, 0.5 * (before + step) / outer.kick});
             for (int i = 1; i < tetherSubsteps && step != 0; i++)
-                result.push_back({step, step, 1, true});
+                result.push_back({step, step, Term::Tether});
             before = step;
         }
         return result;

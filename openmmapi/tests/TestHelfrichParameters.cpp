@@ -1,0 +1,113 @@
+#include "openmmhelfrich/internal/HelfrichParameters.h"
+#include "Membranes.h"
+#include "openmm/internal/AssertionUtilities.h"
+#include <iostream>
+#include <set>
+#include <string>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+void testMasks() {
+    ASSERT(~TermMask::ALL == TermMask());
+    for (int bits = 0; bits < 1 << NUM_TERMS; bits++) {
+        TermMask terms = getTermsOfBits(bits), others = ~terms;
+        ASSERT((terms | others) == TermMask::ALL);
+        ASSERT(terms != others);
+        for (int i = 0; i < NUM_TERMS; i++) {
+            ASSERT_EQUAL((bits >> i & 1) != 0, terms.contains(Term(i)));
+            ASSERT(others.contains(Term(i)) != terms.contains(Term(i)));
+        }
+    }
+}
+
+void testTermsThatAreOn() {
+    // Nothing but the moduli of other terms changes, and what a term needs is what any of those needs that are on.
+
+    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    ASSERT(all.getTerms() == TermMask::ALL);
+    for (int bits = 0; bits < 1 << NUM_TERMS; bits++) {
+        TermMask terms = getTermsOfBits(bits);
+        HelfrichParameters p = all.only(terms);
+        ASSERT(p.getTerms() == terms);
+        bool needsCurvature = false, needsTriangles = false;
+        for (int i = 0; i < NUM_TERMS; i++) {
+            ASSERT_EQUAL(terms.contains(Term(i)) ? all.moduli[Term(i)] : 0.0, p.moduli[Term(i)]);
+            needsCurvature = needsCurvature || (p.has(Term(i)) && all.only(Term(i)).needsCurvature());
+            needsTriangles = needsTriangles || (p.has(Term(i)) && all.only(Term(i)).needsTriangles());
+        }
+        ASSERT_EQUAL(needsCurvature, p.needsCurvature());
+        ASSERT_EQUAL(needsTriangles, p.needsTriangles());
+        ASSERT_EQUAL(all.targetArea, p.targetArea);
+        ASSERT_EQUAL(all.tetherMinLength, p.tetherMinLength);
+        ASSERT_EQUAL(all.repulsionExclusionLevel, p.repulsionExclusionLevel);
+    }
+}
+
+static double computeEnergy(const HelfrichParameters& p, const HelfrichTotals& totals) {
+    HelfrichEnergyTerms terms;
+    addTermsOfTotals(p, totals, terms);
+    return terms.getTotal();
+}
+
+void testTermsOfTotals() {
+    // Slopes and changes are those of the energy, of each term alone and of all together.
+
+    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    HelfrichTotals totals;
+    totals.area = 7;
+    totals.volume = 2.2;
+    totals.curvature = 11;
+    double HelfrichTotals::* const members[] = {&HelfrichTotals::area, &HelfrichTotals::volume,
+                                                &HelfrichTotals::curvature};
+    int numTerms = 0;
+    for (int bits = 1; bits < 1 << NUM_TERMS; bits++) {
+        HelfrichParameters p = all.only(getTermsOfBits(bits));
+        double energy = computeEnergy(p, totals);
+        numTerms += (energy != 0);
+        HelfrichTotals slopes = getSlopesByTotals(p, totals);
+        ChangeByTotals change(p, totals);
+        for (auto member : members)
+            for (double difference : {1e-3, -0.5}) {
+                HelfrichTotals differences, before = totals, after = totals;
+                differences.*member = difference;
+                after += differences;
+                before.*member -= difference;
+                double expected = computeEnergy(p, after) - energy,
+                       expectedSlope = (computeEnergy(p, after) - computeEnergy(p, before)) / (2 * difference);
+                ASSERT_EQUAL_TOL(5 + expected, change.addTo(5, differences), 1e-12 * (1 + energy));
+                ASSERT_EQUAL_TOL(expectedSlope, slopes.*member, 1e-9 * (1 + energy));
+            }
+    }
+    ASSERT(numTerms > 0);
+}
+
+void testContextParameters() {
+    // Each sets a parameter of its own.
+
+    HelfrichParameters p;
+    set<string> names;
+    set<const double*> places;
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS) {
+        names.insert(parameter.name);
+        places.insert(&parameter.valueIn(p));
+    }
+    ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), names.size());
+    ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), places.size());
+}
+
+int main() {
+    try {
+        testMasks();
+        testTermsThatAreOn();
+        testTermsOfTotals();
+        testContextParameters();
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
+}

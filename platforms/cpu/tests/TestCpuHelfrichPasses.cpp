@@ -1,0 +1,202 @@
+#include "CpuHelfrichKernels.h"
+#include "HelfrichEquations.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/internal/AssertionUtilities.h"
+#include <cstdlib>
+#include <iostream>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+/**
+ * The energy of a membrane, without repulsion, and its gradient, by the passes that compute in Real.
+ */
+template <class Real>
+class Passes {
+public:
+    /**
+     * @param moduli  the bending modulus of each vertex; or none, for that of the parameters
+     */
+    Passes(const Membrane& membrane, const HelfrichParameters& p, const vector<double>& moduli)
+            : mesh(membrane.triangles, membrane.positions.size()) {
+        auto& passes = getCpuHelfrichPasses().in<Real>();
+        layout.initialize(mesh, passes.width);
+        layout.update(mesh, 1);
+        fillArrays(membrane, moduli);
+        int numSlots = layout.getNumSlots(), numGroups = layout.getNumGroups();
+        passes.computeEnergy(layout, p, arrays, 0, numGroups, sums);
+        terms[Term::Bending] = sums.bending;
+        terms[Term::Tether] = sums.tether;
+        addTermsOfTotals(p, sums, terms);
+        vector<double, CacheLineAllocator<double>> slotGradients(4 * numSlots);
+        passes.computeGradient(layout, p, getSlopesByTotals(p, sums), arrays, 0, numGroups, slotGradients.data());
+        for (int slot : layout.slots)
+            gradient.push_back({slotGradients[4 * slot], slotGradients[4 * slot + 1], slotGradients[4 * slot + 2]});
+    }
+    HelfrichEnergyTerms terms;
+    vector<Vec3> gradient;
+private:
+    typedef vector<Real, CacheLineAllocator<Real>> Array;
+    void fillArrays(const Membrane& membrane, const vector<double>& moduli) {
+        int numSlots = layout.getNumSlots();
+        positions.resize(4 * numSlots);
+        fixedPositions.resize(4 * numSlots, -1);
+        for (Array* array : {&bendingSlopes, &areaSlopes, &bendingModuli})
+            array->resize(numSlots);
+        anglesPerLength.resize(layout.neighbors.size());
+        for (int slot = 0; slot < numSlots; slot++)
+            for (int i = 0; i < 3; i++)
+                positions[4 * slot + i] = membrane.positions[layout.vertices[slot]][i];
+        for (size_t vertex = 0; vertex < moduli.size(); vertex++)
+            bendingModuli[layout.slots[vertex]] = moduli[vertex];
+        const double corner[] = {-4, -4, -4}, unit = ldexp(1, -28);
+        getCpuHelfrichPasses().roundPositions(positions.data(), 0, mesh.getNumVertices(), corner, 1 / unit,
+                                              fixedPositions.data());
+        arrays = {positions.data(),
+                  bendingSlopes.data(),
+                  NULL,
+                  NULL,
+                  anglesPerLength.data(),
+                  fixedPositions.data(),
+                  float(unit),
+                  moduli.empty() ? NULL : bendingModuli.data(),
+                  areaSlopes.data()};
+    }
+    HelfrichMesh mesh;
+    CpuHelfrichLayout layout;
+    CpuHelfrichSums sums;
+    vector<double, CacheLineAllocator<double>> positions;
+    vector<int, CacheLineAllocator<int>> fixedPositions;
+    Array bendingSlopes, areaSlopes, bendingModuli, anglesPerLength;
+    CpuHelfrichArrays<Real> arrays;
+};
+
+/**
+ * Terms that need curvatures, alone and together.
+ */
+static vector<HelfrichParameters> createSomeParameters(const Membrane& membrane) {
+    return {createParameters(membrane, Bending), createParameters(membrane, Bending | Area | Volume | AreaDifference),
+            createParameters(membrane, ~Repulsion), createParameters(membrane, AreaDifference | Tether)};
+}
+
+static void assertEqualEnergies(const HelfrichEnergyTerms& expected, const HelfrichEnergyTerms& found,
+                                double tolerance) {
+    for (int i = 0; i < NUM_TERMS; i++)
+        ASSERT_EQUAL_TOL(0, (found[Term(i)] - expected[Term(i)]) / (1e-300 + fabs(expected[Term(i)])), tolerance);
+}
+
+static void assertEqualGradients(const vector<Vec3>& expected, const vector<Vec3>& found, double tolerance) {
+    double norm = 0, difference = 0;
+    for (size_t i = 0; i < expected.size(); i++) {
+        norm += expected[i].dot(expected[i]);
+        difference += (found[i] - expected[i]).dot(found[i] - expected[i]);
+    }
+    ASSERT(norm > 0);
+    ASSERT(sqrt(difference / norm) < tolerance);
+}
+
+/**
+ * The same modulus for every vertex is the same as one modulus.
+ */
+template <class Real>
+void testEqualModuli(double tolerance) {
+    for (int subdivisions : {0, 3}) {
+        Membrane blob = createBlob(subdivisions);
+        for (auto& p : createSomeParameters(blob)) {
+            Passes<Real> expected(blob, p, {});
+            Passes<Real> found(blob, p, vector<double>(blob.positions.size(), p.moduli[Term::Bending]));
+            assertEqualEnergies(expected.terms, found.terms, tolerance);
+            assertEqualGradients(expected.gradient, found.gradient, tolerance);
+        }
+    }
+}
+
+/**
+ * Moduli that differ, 0 among them.
+ */
+static vector<double> createModuli(int numVertices) {
+    TestRandom random(4);
+    vector<double> moduli;
+    for (int i = 0; i < numVertices; i++)
+        moduli.push_back(i % 7 == 0 ? 0 : random.uniform(1, 60));
+    return moduli;
+}
+
+/**
+ * The bending energy from its equation, the other terms as they were.
+ */
+template <class Real>
+static Real computeEnergyWithModuli(const HelfrichEquations<Real>& equations, const vector<double>& moduli) {
+    Real energy = equations.getTotal();
+    for (size_t i = 0; i < moduli.size(); i++)
+        energy += Real(2 * moduli[i]) * equations.vertexCurvatures[i] * equations.vertexCurvatures[i] /
+                  equations.vertexAreas[i];
+    return energy;
+}
+
+/**
+ * The gradient of the same energy, by automatic differentiation.
+ */
+static vector<Vec3> computeGradientWithModuli(const Membrane& membrane, const HelfrichParameters& p,
+                                              const vector<double>& moduli) {
+    vector<array<Dual, 3>> x;
+    for (auto& point : membrane.positions)
+        x.push_back({Dual(point[0]), Dual(point[1]), Dual(point[2])});
+    vector<Vec3> gradient;
+    for (auto& point : x) {
+        gradient.push_back(Vec3());
+        for (int i = 0; i < 3; i++) {
+            point[i].slope = 1;
+            gradient.back()[i] =
+                    computeEnergyWithModuli(HelfrichEquations<Dual>(membrane.triangles, x, p), moduli).slope;
+            point[i].slope = 0;
+        }
+    }
+    return gradient;
+}
+
+/**
+ * With a modulus for each vertex, energy and gradient are those of the equation.
+ */
+template <class Real>
+void testDifferentModuli(double tolerance) {
+    Membrane blob = createBlob(2);
+    vector<double> moduli = createModuli(blob.positions.size());
+    for (auto& p : createSomeParameters(blob)) {
+        if (!p.has(Term::Bending))
+            continue;
+        HelfrichParameters others = p.only(~Bending);
+        double exact = computeEnergyWithModuli(computeExactly(blob, others), moduli);
+        Passes<Real> found(blob, p, moduli);
+        ASSERT_EQUAL_TOL(1, found.terms.getTotal() / exact, tolerance);
+        assertEqualGradients(computeGradientWithModuli(blob, others, moduli), found.gradient, tolerance);
+    }
+}
+
+int main() {
+    try {
+        int numSupported = 0;
+        for (const char* name : {"Baseline", "AVX2", "AVX512"}) {
+            setenv("OPENMM_HELFRICH_SIMD", name, 1);
+            try {
+                getCpuHelfrichPasses();
+            }
+            catch (const OpenMMException&) {
+                continue;
+            }
+            numSupported++;
+            testEqualModuli<double>(1e-14);
+            testEqualModuli<float>(1e-6);
+            testDifferentModuli<double>(1e-12);
+            testDifferentModuli<float>(3e-6);
+        }
+        ASSERT(numSupported > 0);
+    }
+    catch (const exception& e) {
+        cout << "exception: " << e.what() << endl;
+        return 1;
+    }
+    cout << "Done" << endl;
+    return 0;
+}
