@@ -53,17 +53,13 @@ private:
         size_t next = order.size(), end = next - next % HelfrichMesh::PATCH + HelfrichMesh::PATCH;
         add(seed);
         for (; next < order.size(); next++) {
-            int first = mesh.outgoing(order[next]), h = first;
-            do {
-                int neighbor = mesh.tip(h);
+            for (int neighbor : mesh.neighbors(order[next]))
                 if (!isCollected[neighbor]) {
                     if (order.size() < end)
                         add(neighbor);
                     else
                         border.push_back(neighbor);
                 }
-                h = mesh.rotate(h);
-            } while (h != first);
         }
     }
     void add(int vertex) {
@@ -188,12 +184,11 @@ void HelfrichMesh::connect() {
 
 void HelfrichMesh::checkVertices() const {
     for (int v = 0; v < getNumVertices(); v++) {
-        int h = outgoing(v), numRotations = 0;
-        do {
-            h = rotate(h);
-            numRotations++;
-        } while (h != outgoing(v) && numRotations <= valence(v));
-        if (numRotations != valence(v))
+        // One fan of all triangles comes to its first halfedge once, a smaller one again.
+        int numTurns = 0;
+        for (int h : outgoingHalfedges(v))
+            numTurns += (h == outgoing(v));
+        if (numTurns != 1)
             throw OpenMMException("HelfrichForce: the triangles around particle " + to_string(particles[v]) +
                                   " form more than one fan; surfaces must not touch at a vertex");
         if (valence(v) < 3)
@@ -227,12 +222,9 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
     auto found = lower_bound(particles.begin(), particles.end(), particle1);
     if (found == particles.end() || *found != particle1)
         return -1;
-    int first = outgoing(found - particles.begin()), h = first;
-    do {
+    for (int h : outgoingHalfedges(found - particles.begin()))
         if (particles[tip(h)] == particle2)
             return h;
-        h = rotate(h);
-    } while (h != first);
     return -1;
 }
 
@@ -251,22 +243,6 @@ void HelfrichMesh::setFixedEdges(const vector<array<int, 2>>& edges) {
     }
     fixedEdges = edges;
     fixedHalfedges = isFixed;
-}
-
-bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
-    if (level == 0)
-        return false;
-    if (areBonded(vertex1, vertex2))
-        return true;
-    if (level == 1)
-        return false;
-    int first = outgoing(vertex1), h = first;
-    do {
-        if (areBonded(tip(h), vertex2))
-            return true;
-        h = rotate(h);
-    } while (h != first);
-    return false;
 }
 
 void HelfrichMesh::flip(int h) {
@@ -292,6 +268,32 @@ void HelfrichMesh::flip(int h) {
         fixedHalfedges[h] = fixedHalfedges[oPrevious];
         fixedHalfedges[o] = fixedHalfedges[hPrevious];
         fixedHalfedges[hPrevious] = fixedHalfedges[oPrevious] = 0;
+    }
+}
+
+void HelfrichMesh::unflip(int h) {
+    int hPrevious = previous(h), oPrevious = opposite(hPrevious), o = next(oPrevious);
+    int i = origin(next(o)), j = origin(next(h)), k = origin(hPrevious), l = origin(oPrevious);
+    vertices[k].outgoing = hPrevious;
+    vertices[l].outgoing = oPrevious;
+    for (int vertex : {i, j})
+        vertices[vertex].valence += 1;
+    for (int vertex : {k, l})
+        vertices[vertex].valence += -1;
+    halfedges[hPrevious] = {k, opposite(o), outer(o)};
+    halfedges[oPrevious] = {l, opposite(h), outer(h)};
+    halfedges[h] = {i, o, l};
+    halfedges[o] = {j, h, k};
+    halfedges[opposite(hPrevious)].opposite = hPrevious;
+    halfedges[opposite(oPrevious)].opposite = oPrevious;
+    halfedges[opposite(hPrevious)].outer = j;
+    halfedges[opposite(next(o))].outer = j;
+    halfedges[opposite(oPrevious)].outer = i;
+    halfedges[opposite(next(h))].outer = i;
+    if (!fixedHalfedges.empty()) {
+        fixedHalfedges[oPrevious] = fixedHalfedges[h];
+        fixedHalfedges[hPrevious] = fixedHalfedges[o];
+        fixedHalfedges[h] = fixedHalfedges[o] = 0;
     }
 }
 

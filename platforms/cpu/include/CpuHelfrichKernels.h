@@ -5,6 +5,8 @@
 #include "CpuHelfrichPasses.h"
 #include "CpuHelfrichRepulsion.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/EdgeFlipSweep.h"
+#include <memory>
 #include <new>
 #include <vector>
 
@@ -48,8 +50,14 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    /**
+     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the
+     * mesh may divide them anew.
+     *
+     * @param context  the Context in which to execute the kernel
+     * @param onset    the onset of the repulsion, measured in nm
+     */
     HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeTrajectory() const {
         return true;
@@ -106,6 +114,24 @@ private:
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
     std::vector<CpuHelfrichBox> chunkBoxes;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of edge flips.
+ */
+class CpuSweepEdgeFlipsKernel : public SweepEdgeFlipsKernel {
+public:
+    CpuSweepEdgeFlipsKernel(std::string name, const OpenMM::Platform& platform) : SweepEdgeFlipsKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double kT, long long numAttempts,
+                 const Philox& random, long long sweep, EdgeFlipStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
+    CpuCalcHelfrichForceKernel* calculation;
+    std::unique_ptr<EdgeFlipSweep> edgeFlips;
+    HelfrichGeometry geometry;
 };
 
 /**

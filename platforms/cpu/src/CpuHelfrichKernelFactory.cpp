@@ -18,6 +18,7 @@ extern "C" OPENMM_EXPORT void registerKernelFactories() {
         if (platform.getName() == "CPU") {
             KernelFactory* factory = new CpuHelfrichKernelFactory();
             platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
+            platform.registerKernelFactory(SweepEdgeFlipsKernel::Name(), factory);
             platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
         }
     }
@@ -31,6 +32,8 @@ KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platfo
                                                        ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new CpuCalcHelfrichForceKernel(name, platform);
+    if (name == SweepEdgeFlipsKernel::Name())
+        return new CpuSweepEdgeFlipsKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");

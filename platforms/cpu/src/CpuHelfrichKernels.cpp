@@ -378,10 +378,6 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
-const vector<Vec3>& CpuCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
-    return *getData(context).positions;
-}
-
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     HelfrichParameters parameters;
@@ -426,6 +422,28 @@ HelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& c
     }
     return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
+}
+
+void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                         CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+    this->calculation = &dynamic_cast<CpuCalcHelfrichForceKernel&>(calculation);
+}
+
+bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
+                                      long long numAttempts, const Philox& random, long long sweep,
+                                      EdgeFlipStatistics& statistics) {
+    calculation->computeGeometry(context, geometry);
+    if (!isFinite(geometry, parameters.needsCurvature()))
+        return false;
+    if (!edgeFlips)
+        edgeFlips.reset(new EdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
+    HelfrichNeighborList* neighbors = NULL;
+    if (EdgeFlipSweep::needsNeighborList(parameters))
+        neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
+    edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
+    statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
+    return true;
 }
 
 static const int PARTICLES_PER_CHUNK = 256;

@@ -1,4 +1,5 @@
 #include "ReferenceHelfrichKernels.h"
+#include "ReferenceEdgeFlips.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
@@ -13,21 +14,21 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
 }
 
-void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
-    this->mesh = &mesh;
-}
-
-ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPositions(ContextImpl& context) const {
+static ReferenceHelfrichEnergy::Vectors getVertexPositions(ContextImpl& context, const HelfrichMesh& mesh) {
     const vector<Vec3>& positions = *getData(context).positions;
     ReferenceHelfrichEnergy::Vectors x;
-    for (int particle : mesh->getParticles())
+    for (int particle : mesh.getParticles())
         x.push_back({positions[particle][0], positions[particle][1], positions[particle][2]});
     return x;
 }
 
+void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const HelfrichMesh& mesh) {
+    this->mesh = &mesh;
+}
+
 bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
                                                bool includeForces, HelfrichEnergyTerms& terms) {
-    auto x = getVertexPositions(context);
+    auto x = getVertexPositions(context, *mesh);
     ReferenceHelfrichEnergy energy(*mesh, x);
     bool isFinite = isfinite(double(energy.getTotals().area));
     if (includeForces) {
@@ -43,22 +44,27 @@ bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const Helfr
     return isFinite;
 }
 
-const vector<Vec3>& ReferenceCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
-    return *getData(context).positions;
-}
-
 void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    auto x = getVertexPositions(context);
+    auto x = getVertexPositions(context, *mesh);
     ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
 }
 
-HelfrichNeighborList& ReferenceCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
-    vector<Vec3> x;
-    for (int particle : mesh->getParticles())
-        x.push_back((*getData(context).positions)[particle]);
-    neighbors.build(x, onset);
-    neighbors.divide(*mesh);
-    return neighbors;
+void ReferenceSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                               CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+}
+
+bool ReferenceSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
+                                            long long numAttempts, const Philox& random, long long sweep,
+                                            EdgeFlipStatistics& statistics) {
+    auto x = getVertexPositions(context, *mesh);
+    ReferenceHelfrichEnergy energy(*mesh, x);
+    HelfrichGeometry geometry;
+    energy.getGeometry(geometry);
+    if (!isFinite(geometry, parameters.needsCurvature()))
+        return false;
+    statistics = ReferenceEdgeFlips(*mesh, x, parameters, energy.getTotals()).sweep(kT, numAttempts, random, sweep);
+    return true;
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {

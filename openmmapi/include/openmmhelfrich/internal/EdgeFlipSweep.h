@@ -2,6 +2,7 @@
 #define OPENMM_EDGEFLIPSWEEP_H_
 
 #include "EdgeFlipState.h"
+#include "openmmhelfrich/HelfrichKernels.h"
 #include <atomic>
 #include <exception>
 #include <functional>
@@ -9,13 +10,6 @@
 #include <vector>
 
 namespace HelfrichPlugin {
-
-/**
- * The outcome of attempted edge flips.
- */
-struct EdgeFlipStatistics {
-    long long attempted = 0, accepted = 0, forbidden = 0;
-};
 
 /**
  * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes

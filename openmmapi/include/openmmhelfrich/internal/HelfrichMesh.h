@@ -10,6 +10,53 @@
 namespace HelfrichPlugin {
 
 /**
+ * The halfedges around a vertex, for loops: each is a rotation of the one before.  There are as many as the valence
+ * says, so that a loop ends whatever a mesh looks like.
+ */
+template <class Mesh>
+class HalfedgeCirculator {
+public:
+    HalfedgeCirculator(const Mesh& mesh, int halfedge, int count) : mesh(mesh), halfedge(halfedge), count(count) {
+    }
+    struct End {};
+    HalfedgeCirculator begin() const {
+        return *this;
+    }
+    End end() const {
+        return {};
+    }
+    bool operator!=(End) const {
+        return count > 0;
+    }
+    HalfedgeCirculator& operator++() {
+        if (--count > 0)
+            halfedge = mesh.rotate(halfedge);
+        return *this;
+    }
+    int operator*() const {
+        return halfedge;
+    }
+protected:
+    const Mesh& mesh;
+    int halfedge, count;
+};
+
+/**
+ * The vertices to which they lead.
+ */
+template <class Mesh>
+class NeighborCirculator : public HalfedgeCirculator<Mesh> {
+public:
+    using HalfedgeCirculator<Mesh>::HalfedgeCirculator;
+    NeighborCirculator begin() const {
+        return *this;
+    }
+    int operator*() const {
+        return this->mesh.tip(this->halfedge);
+    }
+};
+
+/**
  * The connectivity of a closed, oriented, triangulated surface, which edge flips change in place.
  *
  * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its
@@ -40,6 +87,18 @@ public:
     }
     int getNumHalfedges() const {
         return halfedges.size();
+    }
+    /**
+     * Get the number of edges that a flip may be attempted at, each in two directions.
+     */
+    int getNumDirectedEdges() const {
+        return 2 * getNumEdges();
+    }
+    /**
+     * Get the halfedge that runs along an edge in one of its directions.
+     */
+    static int halfedgeOf(int directedEdge) {
+        return directedEdge;
     }
     /**
      * Get the particle of each vertex.
@@ -152,6 +211,18 @@ public:
         return vertices[vertex].valence;
     }
     /**
+     * Get the halfedges that start from a vertex, counter-clockwise.
+     */
+    HalfedgeCirculator<HelfrichMesh> outgoingHalfedges(int vertex) const {
+        return {*this, outgoing(vertex), valence(vertex)};
+    }
+    /**
+     * Get the bonded neighbors of a vertex, counter-clockwise.
+     */
+    NeighborCirculator<HelfrichMesh> neighbors(int vertex) const {
+        return {*this, outgoing(vertex), valence(vertex)};
+    }
+    /**
      * Get whether an edge connects two vertices.
      */
     bool areBonded(int vertex1, int vertex2) const {
@@ -161,20 +232,34 @@ public:
      * Get the same, but look around the first vertex only.
      */
     bool isAround(int vertex1, int vertex2) const {
-        int h = outgoing(vertex1);
-        for (int n = valence(vertex1); n > 0; n--) {
-            if (tip(h) == vertex2)
+        for (int neighbor : neighbors(vertex1))
+            if (neighbor == vertex2)
                 return true;
-            h = rotate(h);
-        }
         return false;
     }
     /**
-     * Get whether a pair of different vertices is left out of the repulsion.
+     * Visit the vertices that are excluded from the repulsion of a vertex, some of them more than once.
      *
-     * @param level  0 for none, 1 for bonded vertices, 2 for those that share a bonded vertex too
+     * @param level  0 for none, 1 for bonded neighbors, 2 for their bonded neighbors too
      */
-    bool areExcluded(int vertex1, int vertex2, int level) const;
+    template <class Visitor>
+    void forEachExcluded(int vertex, int level, Visitor visit) const {
+        if (level > 0)
+            for (int neighbor : neighbors(vertex)) {
+                visit(neighbor);
+                if (level > 1)
+                    for (int second : neighbors(neighbor))
+                        visit(second);
+            }
+    }
+    /**
+     * Get whether a pair of different vertices is left out of the repulsion.  See forEachExcluded() for the level.
+     */
+    bool areExcluded(int vertex1, int vertex2, int level) const {
+        bool isFound = false;
+        forEachExcluded(vertex1, level, [&](int vertex) { isFound |= (vertex == vertex2); });
+        return isFound;
+    }
     /**
      * Get whether a halfedge's edge may never flip.
      */
@@ -208,6 +293,10 @@ public:
      * Afterwards previous(h) and previous(opposite(h)) as they were are the halfedges of the new edge.
      */
     void flip(int h);
+    /**
+     * Undo flip(h), the last change of the mesh.
+     */
+    void unflip(int h);
     /**
      * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one
      * change.

@@ -44,6 +44,14 @@ struct HelfrichTotalsOf {
 typedef HelfrichTotalsOf<double> HelfrichTotals;
 
 /**
+ * Get whether the totals of a geometry are finite, that of the curvature if it is needed.
+ */
+inline bool isFinite(const HelfrichGeometry& geometry, bool needsCurvature) {
+    return std::isfinite(geometry.area) && std::isfinite(geometry.volume) &&
+           (!needsCurvature || std::isfinite(geometry.integratedMeanCurvature));
+}
+
+/**
  * The energy kappa (x/x0-1)^2 that holds a total x to its target.
  */
 template <class Real>
