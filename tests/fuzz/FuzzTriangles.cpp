@@ -1,9 +1,9 @@
 /* Triangles that are nearly those of a surface, flips of any of their edges, and sweeps. */
 
 #include "Fuzzing.h"
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
+#include "CpuEdgeFlipSweep.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
-#include "openmmhelfrich/internal/HelfrichNeighborList.h"
+#include "CpuHelfrichNeighborList.h"
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;

@@ -5,7 +5,7 @@
 #include "CpuHelfrichPasses.h"
 #include "CpuHelfrichRepulsion.h"
 #include "openmmhelfrich/HelfrichKernels.h"
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
+#include "CpuEdgeFlipSweep.h"
 #include <memory>
 #include <new>
 #include <vector>

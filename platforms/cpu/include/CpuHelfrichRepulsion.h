@@ -3,7 +3,7 @@
 
 #include "CpuHelfrichLayout.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
-#include "openmmhelfrich/internal/HelfrichNeighborList.h"
+#include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <array>
 #include <vector>

@@ -1,6 +1,6 @@
 #include "CpuHelfrichKernelFactory.h"
 #include "CpuHelfrichKernels.h"
-#include "openmmhelfrich/internal/InstructionSet.h"
+#include "CpuInstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"

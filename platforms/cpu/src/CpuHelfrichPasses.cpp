@@ -2,7 +2,7 @@
 
 #include "CpuHelfrichPasses.h"
 #include "CpuHelfrichLayout.h"
-#include "openmmhelfrich/internal/Simd.h"
+#include "CpuSimd.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <algorithm>

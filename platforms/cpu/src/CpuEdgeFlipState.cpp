@@ -1,4 +1,4 @@
-#include "openmmhelfrich/internal/EdgeFlipState.h"
+#include "CpuEdgeFlipState.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <algorithm>
 #include <cmath>

@@ -1,10 +1,10 @@
 #ifndef OPENMM_HELFRICH_EDGEFLIPSTATE_H_
 #define OPENMM_HELFRICH_EDGEFLIPSTATE_H_
 
-#include "EdgeFlipEvaluation.h"
-#include "HelfrichMesh.h"
-#include "HelfrichNeighborList.h"
-#include "HelfrichParameters.h"
+#include "CpuEdgeFlipEvaluation.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "CpuHelfrichNeighborList.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmm/Vec3.h"
 #include <vector>
 

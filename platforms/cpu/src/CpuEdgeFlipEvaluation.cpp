@@ -1,9 +1,9 @@
 // This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
 
-#include "openmmhelfrich/internal/EdgeFlipEvaluation.h"
+#include "CpuEdgeFlipEvaluation.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
-#include "openmmhelfrich/internal/Simd.h"
+#include "CpuSimd.h"
 
 using namespace HelfrichPlugin;
 

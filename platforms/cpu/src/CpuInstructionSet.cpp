@@ -1,4 +1,4 @@
-#include "openmmhelfrich/internal/InstructionSet.h"
+#include "CpuInstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include <cstdlib>
 #include <string>

@@ -1,5 +1,5 @@
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
-#include "openmmhelfrich/internal/InstructionSet.h"
+#include "CpuEdgeFlipSweep.h"
+#include "CpuInstructionSet.h"
 #include <algorithm>
 #include <cmath>
 #include <omp.h>

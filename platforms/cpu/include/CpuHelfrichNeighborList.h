@@ -1,8 +1,7 @@
 #ifndef OPENMM_HELFRICHNEIGHBORLIST_H_
 #define OPENMM_HELFRICHNEIGHBORLIST_H_
 
-#include "Relaxed.h"
-#include "windowsExportHelfrich.h"
+#include "openmmhelfrich/internal/Relaxed.h"
 #include "openmm/Vec3.h"
 #include <vector>
 
@@ -14,7 +13,7 @@ class HelfrichMesh;
  * For each vertex its partners: all vertices that are closer to it than the repulsion's onset, and some farther away.
  * Those apart from it come before those bonded to it.
  */
-struct OPENMM_EXPORT_HELFRICH HelfrichNeighborList {
+struct HelfrichNeighborList {
     struct List {
         int start, numApart, numPartners;
     };

@@ -1,7 +1,7 @@
 #include "HelfrichEquations.h"
 #include "Membranes.h"
 #include "openmm/internal/AssertionUtilities.h"
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
+#include "CpuEdgeFlipSweep.h"
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>

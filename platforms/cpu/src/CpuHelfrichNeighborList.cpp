@@ -1,4 +1,4 @@
-#include "openmmhelfrich/internal/HelfrichNeighborList.h"
+#include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
 #include <algorithm>
 #include <numeric>

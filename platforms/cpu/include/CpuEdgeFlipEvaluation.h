@@ -1,8 +1,8 @@
 #ifndef OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
 #define OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
 
-#include "Philox.h"
-#include "Relaxed.h"
+#include "openmmhelfrich/internal/Philox.h"
+#include "openmmhelfrich/internal/Relaxed.h"
 #include <cstddef>
 #include <cstdint>
 

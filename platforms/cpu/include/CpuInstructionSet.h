@@ -1,8 +1,6 @@
 #ifndef OPENMM_HELFRICH_INSTRUCTIONSET_H_
 #define OPENMM_HELFRICH_INSTRUCTIONSET_H_
 
-#include "windowsExportHelfrich.h"
-
 namespace HelfrichPlugin {
 
 /**
@@ -14,7 +12,7 @@ enum class InstructionSet { Baseline, AVX2, AVX512 };
  * Get the best instruction set that the processor and this build have, or the one that the environment variable
  * OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or AVX512. Throws an OpenMMException if it names another.
  */
-OPENMM_EXPORT_HELFRICH InstructionSet getInstructionSet();
+InstructionSet getInstructionSet();
 
 } // namespace HelfrichPlugin
 

@@ -1,7 +1,7 @@
 #ifndef OPENMM_EDGEFLIPSWEEP_H_
 #define OPENMM_EDGEFLIPSWEEP_H_
 
-#include "EdgeFlipState.h"
+#include "CpuEdgeFlipState.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include <atomic>
 #include <exception>
@@ -38,7 +38,7 @@ namespace HelfrichPlugin {
  * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is
  * faster.
  */
-class OPENMM_EXPORT_HELFRICH EdgeFlipSweep {
+class EdgeFlipSweep {
 public:
     /**
      * This is called for each accepted flip, in their order, with the change of energy by which it was accepted.  The
