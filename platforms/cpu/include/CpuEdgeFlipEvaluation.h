@@ -2,7 +2,7 @@
 #define OPENMM_HELFRICH_EDGEFLIPEVALUATION_H_
 
 #include "openmmhelfrich/internal/Philox.h"
-#include "openmmhelfrich/internal/Relaxed.h"
+#include "CpuRelaxed.h"
 #include <cstddef>
 #include <cstdint>
 
@@ -108,7 +108,8 @@ struct EdgeFlipList {
  */
 struct EdgeFlipEvaluation {
     /// draw the random numbers of a batch's attempts, beginning with that of a given number
-    void (*draw)(const Philox& random, long long sweep, long long firstAttempt, int numHalfedges, EdgeFlipBatch& batch);
+    void (*draw)(const Philox& random, long long sweep, long long firstAttempt, int numDirectedEdges,
+                 EdgeFlipBatch& batch);
     /// compute what the flips from the first up to the last would change, except for the repulsion; attempts beside
     /// them may be computed again as well
     void (*evaluate)(const HelfrichParameters& parameters, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch,

@@ -2,7 +2,7 @@
 #define OPENMM_HELFRICH_EDGEFLIPSTATE_H_
 
 #include "CpuEdgeFlipEvaluation.h"
-#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "CpuHalfedges.h"
 #include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmm/Vec3.h"
@@ -103,7 +103,8 @@ private:
     Relaxed<int>* partnersOf(int vertex) const {
         return neighbors->partners.data() + vertices[vertex].firstPartner;
     }
-    HelfrichMesh& mesh;
+    const std::vector<int>& particles;
+    CpuHalfedges mesh;
     const EdgeFlipEvaluation& evaluation;
     HelfrichParameters p;
     std::vector<EdgeFlipVertex> vertices;

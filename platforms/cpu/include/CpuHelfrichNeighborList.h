@@ -1,7 +1,7 @@
 #ifndef OPENMM_HELFRICHNEIGHBORLIST_H_
 #define OPENMM_HELFRICHNEIGHBORLIST_H_
 
-#include "openmmhelfrich/internal/Relaxed.h"
+#include "CpuRelaxed.h"
 #include "openmm/Vec3.h"
 #include <vector>
 

@@ -63,7 +63,6 @@ private:
     void addCandidates(int vertex, double cutoff2);
     void addCandidatesInRow(int vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
-    void markExclusions(const HelfrichMesh& mesh, int vertex, int level);
     double onset = -1, skin = 0;
     int exclusionLevel = -1, numUpdates = 0;
     long long revision = -1;

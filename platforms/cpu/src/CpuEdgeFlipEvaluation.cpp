@@ -1,6 +1,8 @@
 // This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
 
 #include "CpuEdgeFlipEvaluation.h"
+#include "openmmhelfrich/internal/EdgeFlipDraw.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "CpuSimd.h"
@@ -184,11 +186,11 @@ void chooseEvaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices,
     function(p, vertices, batch, first, last);
 }
 
-void draw(const Philox& random, long long sweep, long long firstAttempt, int numHalfedges, EdgeFlipBatch& batch) {
+void draw(const Philox& random, long long sweep, long long firstAttempt, int numDirectedEdges, EdgeFlipBatch& batch) {
     for (int n = 0; n < batch.numAttempts; n++) {
-        auto words = random(sweep, firstAttempt + n);
-        batch.halfedge[n] = (int) Philox::index(words[0], words[1], numHalfedges);
-        batch.uniform[n] = Philox::uniform(words[2], words[3]);
+        EdgeFlipDraw draw = drawEdgeFlip(random, sweep, firstAttempt + n, numDirectedEdges);
+        batch.halfedge[n] = HelfrichMesh::halfedgeOf(draw.directedEdge);
+        batch.uniform[n] = draw.uniform;
     }
 }
 

@@ -13,11 +13,11 @@ using namespace std;
 static const int GROUP = 8;
 
 EdgeFlipState::EdgeFlipState(HelfrichMesh& mesh)
-        : mesh(mesh), evaluation(getEdgeFlipEvaluation()), vertices(mesh.getNumVertices()), neighbors(NULL) {
+        : particles(mesh.getParticles()), mesh(mesh), evaluation(getEdgeFlipEvaluation()),
+          vertices(mesh.getNumVertices()), neighbors(NULL) {
 }
 
 void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first, int last) {
-    const vector<int>& particles = mesh.getParticles();
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
         vertices[v] = {x[0], x[1],           x[2], 0, geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v],
@@ -46,7 +46,7 @@ public:
      * @param wanted    the vertex to look for
      * @param isFound   whether it is known to be there
      */
-    void begin(const HelfrichMesh& mesh, int halfedge, int numSteps, int wanted, bool isFound = false) {
+    void begin(const CpuHalfedges& mesh, int halfedge, int numSteps, int wanted, bool isFound = false) {
         mesh.prefetch(halfedge);
         halfedges[count] = halfedge;
         this->wanted[count] = wanted;
@@ -56,18 +56,18 @@ public:
     /**
      * Make a step of all walks, unless they are done.
      */
-    void step(const HelfrichMesh& mesh) {
+    void step(const CpuHalfedges& mesh) {
         if (stepsLeft == 0)
             return;
         stepsLeft--;
         for (int n = 0; n < count; n++) {
             int last = mesh.previous(halfedges[n]);
-            isFound[n] |= (mesh.outer(last) == wanted[n]);
+            isFound[n] |= (mesh.oppositeApex(last) == wanted[n]);
             halfedges[n] = mesh.opposite(last);
             mesh.prefetch(halfedges[n]);
         }
     }
-    void finish(const HelfrichMesh& mesh) {
+    void finish(const CpuHalfedges& mesh) {
         while (stepsLeft > 0)
             step(mesh);
     }
@@ -137,7 +137,7 @@ void EdgeFlipState::prefetchStencils(const EdgeFlipBatch& batch, int first) cons
         int h = batch.halfedge[n], o = mesh.opposite(h);
         for (int rim : {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)}) {
             __builtin_prefetch(&vertices[mesh.origin(rim)]);
-            __builtin_prefetch(&vertices[mesh.outer(rim)]);
+            __builtin_prefetch(&vertices[mesh.oppositeApex(rim)]);
         }
     }
 }
@@ -150,7 +150,7 @@ void EdgeFlipState::findStencil(EdgeFlipBatch& batch, int n) const {
     batch.vertex[2][n] = mesh.origin(rim[1]);
     batch.vertex[3][n] = mesh.origin(rim[3]);
     for (int side = 0; side < 4; side++)
-        batch.vertex[4 + side][n] = mesh.outer(rim[side]);
+        batch.vertex[4 + side][n] = mesh.oppositeApex(rim[side]);
     for (auto& vertex : batch.vertex)
         __builtin_prefetch(&vertices[vertex[n]]);
 }
@@ -215,12 +215,9 @@ void EdgeFlipState::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const 
 bool EdgeFlipState::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
     // Only flips at the two vertices may matter, so it looks around these, and not around the neighbors.
 
-    int h = mesh.outgoing(vertex1);
-    for (int n = mesh.valence(vertex1); n > 0; n--) {
-        if (mesh.tip(h) != middle && mesh.isAround(vertex2, mesh.tip(h)))
+    for (int neighbor : mesh.neighbors(vertex1))
+        if (neighbor != middle && mesh.isAround(vertex2, neighbor))
             return true;
-        h = mesh.rotate(h);
-    }
     return false;
 }
 

@@ -225,7 +225,7 @@ int EdgeFlipSweep::claimNext() {
     EdgeFlipBatch& batch = getSlot(number).batch;
     long long firstAttempt = number * (long long) batchSize;
     batch.numAttempts = min((long long) batchSize, numAttempts - firstAttempt);
-    evaluation.draw(random, sweep, firstAttempt, mesh.getNumHalfedges(), batch);
+    evaluation.draw(random, sweep, firstAttempt, mesh.getNumDirectedEdges(), batch);
     return number;
 }
 

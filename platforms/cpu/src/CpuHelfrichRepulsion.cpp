@@ -139,24 +139,6 @@ void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, dou
         addRange(0, bucketStarts[min(begin + 3 - numBuckets, begin)]);
 }
 
-void CpuHelfrichRepulsion::markExclusions(const HelfrichMesh& mesh, int vertex, int level) {
-    if (level == 0)
-        return;
-    int first = mesh.outgoing(vertex), h = first;
-    do {
-        int neighbor = mesh.tip(h);
-        marks[neighbor] = vertex;
-        if (level == 2) {
-            int firstOfNeighbor = mesh.outgoing(neighbor), g = firstOfNeighbor;
-            do {
-                marks[mesh.tip(g)] = vertex;
-                g = mesh.rotate(g);
-            } while (g != firstOfNeighbor);
-        }
-        h = mesh.rotate(h);
-    } while (h != first);
-}
-
 void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level) {
     marks.assign(mesh.getNumVertices(), -1);
     pairStarts.clear();
@@ -169,7 +151,7 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
         const HelfrichNeighborList::List& list = candidates.lists[vertex];
         if (list.numPartners == 0)
             continue;
-        markExclusions(mesh, vertex, level);
+        mesh.forEachExcluded(vertex, level, [&](int excluded) { marks[excluded] = vertex; });
         for (int i = list.start; i < list.start + list.numPartners; i++)
             if (marks[candidates.partners[i]] != vertex)
                 pairs.push_back(candidates.partners[i]);

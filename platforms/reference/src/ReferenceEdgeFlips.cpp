@@ -36,7 +36,7 @@ EdgeFlipStatistics ReferenceEdgeFlips::sweep(double kT, long long numAttempts, c
 }
 
 bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
-    const Corners corners = {mesh.origin(h), mesh.tip(h), mesh.apex(h), mesh.outer(h)};
+    const Corners corners = {mesh.origin(h), mesh.tip(h), mesh.apex(h), mesh.oppositeApex(h)};
     Part before = compute(h, corners);
     flipped.flip(h);
     Part after = compute(mesh.previous(h), corners);
