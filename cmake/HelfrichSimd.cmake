@@ -15,8 +15,9 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
     endforeach()
 endif()
 
-# Adds src/NAME.cpp to a library, for each NAME given, once for each instruction set.  The source finds the set's name in HELFRICH_SIMD, and the library those that
-# there are in HELFRICH_HAS_BASELINE, HELFRICH_HAS_AVX2 and HELFRICH_HAS_AVX512.
+# Adds src/NAME.cpp to a library, for each NAME given, once for each instruction set.  The source finds the set's name in
+# HELFRICH_SIMD; the library and who uses it find those that there are in HELFRICH_HAS_BASELINE, HELFRICH_HAS_AVX2 and
+# HELFRICH_HAS_AVX512.
 #
 # Of an inline function that several objects define, the linker keeps the first it meets, which must run on every processor.  So these are static libraries,
 # which follow the library's own objects, and those of the baseline are the first of them.
@@ -37,6 +38,6 @@ function(helfrich_add_simd_sources library)
             target_link_libraries(${library} PRIVATE ${name}${simd})
         endforeach()
         string(TOUPPER HELFRICH_HAS_${simd} has_simd)
-        target_compile_definitions(${library} PRIVATE ${has_simd})
+        target_compile_definitions(${library} PUBLIC ${has_simd})
     endforeach()
 endfunction()

@@ -2,9 +2,11 @@
 #define OPENMM_CPUHELFRICHKERNELS_H_
 
 #include "CpuHelfrichLayout.h"
-#include "CpuHelfrichPasses.h"
+#include "CpuHelfrichLoops.h"
 #include "CpuHelfrichRepulsion.h"
+#include "CpuInstructionSet.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
 #include <memory>
 #include <new>
@@ -45,20 +47,20 @@ struct CacheLineAllocator {
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
-            : CalcHelfrichForceKernel(name, platform), passes(getCpuHelfrichPasses()) {
+            : CalcHelfrichForceKernel(name, platform), loops(getForProcessor<CpuHelfrichLoops>()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
     /**
-     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the
-     * mesh may divide them anew.
+     * Get the neighbors of each vertex for the present positions, partitioned as the present mesh is.  Who changes the
+     * mesh may partition them anew.
      *
      * @param context  the Context in which to execute the kernel
      * @param onset    the onset of the repulsion, measured in nm
      */
-    HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
+    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeTrajectory() const {
         return true;
     }
@@ -75,7 +77,7 @@ private:
     double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
                      const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
-    // Real is the type in which the passes compute.
+    // Real is the type in which the loops compute.
     template <class Real>
     CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
     template <class Real>
@@ -100,7 +102,7 @@ private:
     int getLastGroup(int chunk) const;
     int getFirstSlot(int chunk) const;
     int getLastSlot(int chunk) const;
-    const CpuHelfrichPasses& passes;
+    const CpuHelfrichLoops& loops;
     const HelfrichMesh* mesh;
     long long revision;
     CpuHelfrichLayout layout;
@@ -130,7 +132,7 @@ public:
 private:
     HelfrichMesh* mesh;
     CpuCalcHelfrichForceKernel* calculation;
-    std::unique_ptr<EdgeFlipSweep> edgeFlips;
+    std::unique_ptr<CpuEdgeFlipSweep> edgeFlips;
     HelfrichGeometry geometry;
 };
 
@@ -150,7 +152,7 @@ public:
     void restore(OpenMM::ContextImpl& context);
 private:
     std::vector<double> inverseMasses, chunkEnergies;
-    std::vector<OpenMM::Vec3> startPositions, startVelocities;
+    TrajectoryStart start;
 };
 
 } // namespace HelfrichPlugin

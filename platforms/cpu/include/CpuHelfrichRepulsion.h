@@ -27,10 +27,10 @@ public:
      */
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const;
     /**
-     * Get the lists before exclusions, divided for the mesh and up to date.  See update() for the other parameters.
+     * Get the lists before exclusions, partitioned for the mesh and up to date.  See update() for the other parameters.
      */
-    HelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
-                                          const double* positions, double newOnset, bool hasMoved);
+    CpuHelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
+                                             const double* positions, double newOnset, bool hasMoved);
     /**
      * Bring the lists up to date.
      *
@@ -69,7 +69,7 @@ private:
     std::vector<std::array<double, 3>> reference;
     std::vector<Point> points;
     std::vector<int> bucketStarts;
-    HelfrichNeighborList candidates;
+    CpuHelfrichNeighborList candidates;
     std::vector<int> pairStarts, pairs, marks;
 };
 

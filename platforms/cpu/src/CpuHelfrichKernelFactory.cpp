@@ -1,6 +1,5 @@
 #include "CpuHelfrichKernelFactory.h"
 #include "CpuHelfrichKernels.h"
-#include "CpuInstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"
@@ -38,24 +37,3 @@ KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platfo
         return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");
 }
-
-namespace HelfrichPlugin {
-
-extern const CpuHelfrichPasses cpuHelfrichPassesBaseline, cpuHelfrichPassesAVX2, cpuHelfrichPassesAVX512;
-
-const CpuHelfrichPasses& getCpuHelfrichPasses() {
-    switch (getInstructionSet()) {
-#ifdef HELFRICH_HAS_AVX512
-        case InstructionSet::AVX512:
-            return cpuHelfrichPassesAVX512;
-#endif
-#ifdef HELFRICH_HAS_AVX2
-        case InstructionSet::AVX2:
-            return cpuHelfrichPassesAVX2;
-#endif
-        default:
-            return cpuHelfrichPassesBaseline;
-    }
-}
-
-} // namespace HelfrichPlugin

@@ -3,6 +3,7 @@
 
 #include "ReferenceHelfrichEnergy.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/TrajectoryStart.h"
 
 namespace HelfrichPlugin {
 
@@ -54,7 +55,7 @@ public:
     void restore(OpenMM::ContextImpl& context);
 private:
     std::vector<double> masses;
-    std::vector<OpenMM::Vec3> startPositions, startVelocities;
+    TrajectoryStart start;
 };
 
 } // namespace HelfrichPlugin

@@ -1,6 +1,5 @@
 #include "ReferenceHelfrichKernels.h"
 #include "ReferenceEdgeFlips.h"
-#include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
@@ -75,13 +74,11 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
 double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                             const Philox& random, long long trajectory) {
     vector<Vec3>& velocities = *getData(context).velocities;
-    double persistence = sqrt(1 - refreshment * refreshment);
-    startPositions = *getData(context).positions;
     for (size_t i = 0; i < masses.size(); i++)
         if (masses[i] != 0)
-            velocities[i] = velocities[i] * persistence +
-                            drawNormals(random, trajectory, i) * (refreshment * sqrt(kT / masses[i]));
-    startVelocities = velocities;
+            velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT / masses[i]), refreshment, random,
+                                                          trajectory, i);
+    start.keep(*getData(context).positions, velocities);
     return computeKineticEnergy(context);
 }
 
@@ -107,8 +104,5 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    *getData(context).positions = startPositions;
-    vector<Vec3>& velocities = *getData(context).velocities;
-    for (size_t i = 0; i < velocities.size(); i++)
-        velocities[i] = -startVelocities[i];
+    start.restore(*getData(context).positions, *getData(context).velocities);
 }
