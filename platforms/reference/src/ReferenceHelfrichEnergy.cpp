@@ -10,13 +10,15 @@ typedef ReferenceHelfrichEnergy::Vector Vector;
 ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x)
         : ReferenceHelfrichGeometry(mesh, x), triangleAreas(mesh.getNumTriangles()),
           dihedralAngles(mesh.getNumHalfedges()), vertexAreas(mesh.getNumVertices(), Real(0)),
-          vertexCurvatures(mesh.getNumVertices(), Real(0)), normals(mesh.getNumTriangles()) {
+          vertexCurvatures(mesh.getNumVertices(), Real(0)), normals(mesh.getNumTriangles(), Vector::Zero()) {
     computeTriangles();
     computeEdges();
 }
 
 void ReferenceHelfrichEnergy::computeTriangles() {
     for (int t = 0; t < mesh.getNumTriangles(); t++) {
+        if (mesh.isExterior(3 * t))
+            continue;
         triangleAreas[t] = area(t);
         normals[t] = normal(t);
         totals.area += triangleAreas[t];
@@ -28,9 +30,11 @@ void ReferenceHelfrichEnergy::computeTriangles() {
 
 template <class Visitor>
 void ReferenceHelfrichEnergy::forEachEdge(Visitor visit) const {
-    for (int h = 0; h < mesh.getNumHalfedges(); h++)
-        if (h < mesh.opposite(h))
+    for (int h = 0; h < mesh.getNumHalfedges(); h++) {
+        int o = mesh.opposite(h);
+        if (h < o && !(mesh.isExterior(h) && mesh.isExterior(o)))
             visit(h, mesh.origin(h), mesh.tip(h));
+    }
 }
 
 void ReferenceHelfrichEnergy::computeEdges() {

@@ -118,7 +118,8 @@ public:
         return directedEdge;
     }
     /**
-     * Get whether there is no surface where a halfedge's triangle is.  The surface is closed: there always is one.
+     * Get whether a halfedge's triangle is exterior: a part of the connectivity where there is no surface.  None is,
+     * for every surface is closed.
      */
     static constexpr bool isExterior(int h) {
         return false;
