@@ -16,7 +16,7 @@ fi
 part=$1
 shift
 fuzzers="FuzzCheckpoint FuzzPositions FuzzSerialization FuzzTriangles"
-tests="TestEdgeFlipSweep TestHelfrichMesh TestHelfrichStencils TestCpuHelfrichForce"
+tests="TestCpuEdgeFlipSweep TestHelfrichMesh TestHelfrichStencils TestCpuHelfrichForce"
 case $part in
     memory) sanitizer=memory flags=address,undefined fuzzing=ON tests="$tests TestReferenceHelfrichForce $(cd "$root/serialization/tests"; basename -s .cpp -- *.cpp | tr '\n' ' ')";;
     fuzz) sanitizer=memory flags=address,undefined fuzzing=ON tests=$fuzzers;;

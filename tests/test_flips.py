@@ -92,6 +92,37 @@ def test_platforms_and_threads_make_the_same_flips():
         assert (accepted, forbidden) == results[0][1:]
 
 
+def test_reference_decides_as_the_cpu():
+    """All terms, hot and cold, at each exclusion level, some edges fixed: over 100,000 attempts both platforms accept and forbid the same ones."""
+    mesh = createBlob(2)
+    numAttempted, ends = 0, []
+    for level in (0, 1, 2):
+        for kT in (5, 500):
+            runs = []
+            for platform in PLATFORMS:
+                force = createForce(mesh, TERMS, level)
+                for edge in mesh.edges[::17]:
+                    force.addFixedEdge(*edge)
+                flips = mh.EdgeFlipIntegrator(kelvin(kT), 2)
+                flips.setRandomNumberSeed(11)
+                runs.append((createContext(mesh, force, platform, flips), force, flips))
+            for _ in range(18):
+                outcomes = []
+                for context, force, flips in runs:
+                    flips.step(1)
+                    counts = flips.getNumAttempted(), flips.getNumAccepted(), flips.getNumForbidden()
+                    outcomes.append((counts, force.getTrianglesInContext(context).tolist()))
+                assert outcomes[0] == outcomes[1]
+            (attempted, accepted, forbidden), triangles = outcomes[0]
+            assert forbidden > attempted / 20
+            low, high = (0.1, 0.2) if kT == 5 else (0.5, 0.6)
+            assert low * attempted < accepted < high * attempted
+            numAttempted += attempted
+            ends.append(triangles)
+    assert numAttempted > 100000
+    assert all(a != b for a, b in itertools.combinations(ends, 2))  # each level of exclusions matters
+
+
 def test_threads_that_share_a_membrane():
     """Of more than 100,000 vertices there is one copy for all threads; sweeps between moves, with a restart, make the same flips on any number."""
     mesh = createBlob(7)

@@ -58,7 +58,7 @@ void EdgeFlipIntegrator::cleanup() {
 }
 
 vector<string> EdgeFlipIntegrator::getKernelNames() {
-    return {};
+    return {SweepEdgeFlipsKernel::Name()};
 }
 
 void EdgeFlipIntegrator::step(int steps) {

@@ -1,5 +1,4 @@
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
-#include "openmmhelfrich/HelfrichKernels.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/internal/ContextImpl.h"
 #include <algorithm>
@@ -17,17 +16,6 @@ static vector<array<int, 2>> copyFixedEdges(const HelfrichForce& force) {
     return edges;
 }
 
-/**
- * Get the number of threads that a Context may use, 1 on a platform that leaves no choice.
- */
-static int getNumThreads(ContextImpl& context) {
-    const Platform& platform = context.getPlatform();
-    for (const string& name : platform.getPropertyNames())
-        if (name == "Threads")
-            return max(1, stoi(platform.getPropertyValue(context.getOwner(), name)));
-    return 1;
-}
-
 HelfrichForceImpl::HelfrichForceImpl(const HelfrichForce& owner) : owner(owner) {
     forceGroup = owner.getForceGroup();
 }
@@ -39,7 +27,6 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     checkContextParameters(parameters);
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
     mesh->setFixedEdges(copyFixedEdges(owner));
-    sweep.reset(new EdgeFlipSweep(*mesh, getNumThreads(context)));
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, owner, *mesh);
 }
@@ -132,11 +119,7 @@ void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichEnerg
     throw OpenMMException(message.str());
 }
 
-void HelfrichForceImpl::checkGeometry(ContextImpl& context, const HelfrichGeometry& geometry,
-                                      bool needsCurvature) const {
-    if (isfinite(geometry.area) && isfinite(geometry.volume) &&
-        (!needsCurvature || isfinite(geometry.integratedMeanCurvature)))
-        return;
+void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichGeometry& geometry) const {
     vector<Vec3> positions;
     context.getPositions(positions);
     checkPositions(positions);
@@ -215,7 +198,8 @@ HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     requirePositions(context);
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
-    checkGeometry(context, geometry, true);
+    if (!isFinite(geometry, true))
+        throwNonFinite(context, geometry);
     geometry.areaDifference = 2 * parameters.leafletSeparation * geometry.integratedMeanCurvature;
     return geometry;
 }
@@ -234,18 +218,21 @@ void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3>
 }
 
 EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT, long long numAttempts,
-                                                const Philox& random, long long sweepIndex,
-                                                const EdgeFlipSweep::Observer& observer) {
+                                                const Philox& random, long long sweep) {
     HelfrichParameters parameters = getParameters(context);
     requirePositions(context);
     CalcHelfrichForceKernel& calculation = kernel.getAs<CalcHelfrichForceKernel>();
-    calculation.computeGeometry(context, sweepGeometry);
-    checkGeometry(context, sweepGeometry, parameters.needsCurvature());
-    HelfrichNeighborList* neighbors = NULL;
-    if (EdgeFlipSweep::needsNeighborList(parameters))
-        neighbors = &calculation.getNeighborList(context, parameters.repulsionOnset);
-    sweep->setPositions(calculation.getPositions(context), sweepGeometry, neighbors);
-    EdgeFlipStatistics statistics = sweep->execute(parameters, kT, numAttempts, random, sweepIndex, observer);
+    if (!flipKernel) {
+        flipKernel = context.getPlatform().createKernel(SweepEdgeFlipsKernel::Name(), context);
+        flipKernel->getAs<SweepEdgeFlipsKernel>().initialize(context.getSystem(), owner, *mesh, calculation);
+    }
+    EdgeFlipStatistics statistics;
+    if (!flipKernel->getAs<SweepEdgeFlipsKernel>().execute(context, parameters, kT, numAttempts, random, sweep,
+                                                           statistics)) {
+        HelfrichGeometry geometry;
+        calculation.computeGeometry(context, geometry);
+        throwNonFinite(context, geometry);
+    }
     context.systemChanged();
     return statistics;
 }

@@ -53,17 +53,13 @@ private:
         size_t next = order.size(), end = next - next % HelfrichMesh::PATCH + HelfrichMesh::PATCH;
         add(seed);
         for (; next < order.size(); next++) {
-            int first = mesh.outgoing(order[next]), h = first;
-            do {
-                int neighbor = mesh.tip(h);
+            for (int neighbor : mesh.neighbors(order[next]))
                 if (!isCollected[neighbor]) {
                     if (order.size() < end)
                         add(neighbor);
                     else
                         border.push_back(neighbor);
                 }
-                h = mesh.rotate(h);
-            } while (h != first);
         }
     }
     void add(int vertex) {
@@ -85,7 +81,7 @@ HelfrichMesh::HelfrichMesh(const vector<array<int, 3>>& triangles, int numPartic
 
 void HelfrichMesh::chooseOutgoings() {
     for (int h = getNumHalfedges() - 1; h >= 0; h--)
-        vertices[origin(h)].outgoing = h;
+        arrays.vertices[origin(h)].outgoing = h;
 }
 
 void HelfrichMesh::renewOrder() {
@@ -119,12 +115,12 @@ void HelfrichMesh::findParticles(const vector<array<int, 3>>& triangles) {
 
 void HelfrichMesh::findVertices(const vector<array<int, 3>>& triangles) {
     bool areContiguous = (particles.back() == (int) particles.size() - 1);
-    halfedges.reserve(3 * triangles.size());
+    arrays.halfedges.reserve(3 * triangles.size());
     for (auto& triangle : triangles)
         for (int particle : triangle) {
             int vertex = areContiguous ? particle
                                        : lower_bound(particles.begin(), particles.end(), particle) - particles.begin();
-            halfedges.push_back({vertex, -1, -1});
+            arrays.halfedges.push_back({vertex, -1, -1});
         }
 }
 
@@ -135,8 +131,8 @@ string HelfrichMesh::describeEdge(int vertex1, int vertex2) const {
 void HelfrichMesh::pair(const int* sameEdge, int count) {
     int h1 = sameEdge[0], h2 = sameEdge[count - 1];
     if (count == 2 && origin(h1) != origin(h2)) {
-        halfedges[h1].opposite = h2;
-        halfedges[h2].opposite = h1;
+        arrays.halfedges[h1].opposite = h2;
+        arrays.halfedges[h2].opposite = h1;
         return;
     }
     string edge = "HelfrichForce: the edge " + describeEdge(min(origin(h1), tip(h1)), max(origin(h1), tip(h1)));
@@ -158,7 +154,7 @@ void HelfrichMesh::pair(const int* sameEdge, int count) {
 void HelfrichMesh::connect() {
     // Sort the halfedges into buckets by the lower vertex of their edge, then pair those with the same other vertex.
 
-    int numHalfedges = halfedges.size();
+    int numHalfedges = arrays.halfedges.size();
     vector<int> start(particles.size() + 1, 0), bucket(numHalfedges);
     for (int h = 0; h < numHalfedges; h++)
         start[min(origin(h), tip(h)) + 1]++;
@@ -177,23 +173,22 @@ void HelfrichMesh::connect() {
             pair(&bucket[first], last - first);
         }
     }
-    for (Halfedge& halfedge : halfedges)
-        halfedge.outer = apex(halfedge.opposite);
-    vertices.assign(particles.size(), Vertex());
+    for (HalfedgeArrays::Halfedge& halfedge : arrays.halfedges)
+        halfedge.oppositeApex = apex(halfedge.opposite);
+    arrays.vertices.assign(particles.size(), HalfedgeArrays::Vertex());
     chooseOutgoings();
     for (int h = 0; h < numHalfedges; h++)
-        vertices[origin(h)].valence += 1;
+        arrays.vertices[origin(h)].valence += 1;
     checkVertices();
 }
 
 void HelfrichMesh::checkVertices() const {
     for (int v = 0; v < getNumVertices(); v++) {
-        int h = outgoing(v), numRotations = 0;
-        do {
-            h = rotate(h);
-            numRotations++;
-        } while (h != outgoing(v) && numRotations <= valence(v));
-        if (numRotations != valence(v))
+        // One fan of all triangles comes to its first halfedge once, a smaller one again.
+        int numTurns = 0;
+        for (int h : outgoingHalfedges(v))
+            numTurns += (h == outgoing(v));
+        if (numTurns != 1)
             throw OpenMMException("HelfrichForce: the triangles around particle " + to_string(particles[v]) +
                                   " form more than one fan; surfaces must not touch at a vertex");
         if (valence(v) < 3)
@@ -215,7 +210,7 @@ void HelfrichMesh::setTriangles(const vector<array<int, 3>>& triangles) {
     if (mesh.particles != particles)
         throw OpenMMException("HelfrichForce: the new triangles must connect the same " + to_string(particles.size()) +
                               " particles as before");
-    if (mesh.halfedges.size() != halfedges.size())
+    if (mesh.arrays.halfedges.size() != arrays.halfedges.size())
         throw OpenMMException("HelfrichForce: there are " + to_string(triangles.size()) +
                               " new triangles; their number must stay " + to_string(getNumTriangles()));
     mesh.setFixedEdges(fixedEdges);
@@ -227,17 +222,14 @@ int HelfrichMesh::findHalfedge(int particle1, int particle2) const {
     auto found = lower_bound(particles.begin(), particles.end(), particle1);
     if (found == particles.end() || *found != particle1)
         return -1;
-    int first = outgoing(found - particles.begin()), h = first;
-    do {
+    for (int h : outgoingHalfedges(found - particles.begin()))
         if (particles[tip(h)] == particle2)
             return h;
-        h = rotate(h);
-    } while (h != first);
     return -1;
 }
 
 void HelfrichMesh::setFixedEdges(const vector<array<int, 2>>& edges) {
-    vector<Relaxed<char>> isFixed(edges.empty() ? 0 : halfedges.size(), 0);
+    vector<char> isFixed(edges.empty() ? 0 : arrays.halfedges.size(), 0);
     for (size_t i = 0; i < edges.size(); i++) {
         string edge = "HelfrichForce: the fixed edge " + to_string(i) + " (" + to_string(edges[i][0]) + "-" +
                       to_string(edges[i][1]) + ")";
@@ -250,58 +242,16 @@ void HelfrichMesh::setFixedEdges(const vector<array<int, 2>>& edges) {
         isFixed[h] = isFixed[opposite(h)] = 1;
     }
     fixedEdges = edges;
-    fixedHalfedges = isFixed;
-}
-
-bool HelfrichMesh::areExcluded(int vertex1, int vertex2, int level) const {
-    if (level == 0)
-        return false;
-    if (areBonded(vertex1, vertex2))
-        return true;
-    if (level == 1)
-        return false;
-    int first = outgoing(vertex1), h = first;
-    do {
-        if (areBonded(tip(h), vertex2))
-            return true;
-        h = rotate(h);
-    } while (h != first);
-    return false;
-}
-
-void HelfrichMesh::flip(int h) {
-    int o = opposite(h), hPrevious = previous(h), oPrevious = previous(o);
-    int i = origin(h), j = origin(o), k = origin(hPrevious), l = origin(oPrevious);
-    vertices[i].outgoing = next(o);
-    vertices[j].outgoing = next(h);
-    for (int vertex : {i, j})
-        vertices[vertex].valence += -1;
-    for (int vertex : {k, l})
-        vertices[vertex].valence += 1;
-    halfedges[h] = {l, opposite(oPrevious), outer(oPrevious)};
-    halfedges[o] = {k, opposite(hPrevious), outer(hPrevious)};
-    halfedges[hPrevious] = {k, oPrevious, i};
-    halfedges[oPrevious] = {l, hPrevious, j};
-    halfedges[opposite(h)].opposite = h;
-    halfedges[opposite(o)].opposite = o;
-    halfedges[opposite(h)].outer = k;
-    halfedges[opposite(next(o))].outer = k;
-    halfedges[opposite(o)].outer = l;
-    halfedges[opposite(next(h))].outer = l;
-    if (!fixedHalfedges.empty()) {
-        fixedHalfedges[h] = fixedHalfedges[oPrevious];
-        fixedHalfedges[o] = fixedHalfedges[hPrevious];
-        fixedHalfedges[hPrevious] = fixedHalfedges[oPrevious] = 0;
-    }
+    arrays.fixedHalfedges = isFixed;
 }
 
 void HelfrichMesh::validate() const {
     HelfrichMesh fresh(getTriangles(), numParticles);
     for (int h = 0; h < getNumHalfedges(); h++)
-        if (fresh.opposite(h) != opposite(h) || fresh.outer(h) != outer(h))
+        if (fresh.opposite(h) != opposite(h) || fresh.oppositeApex(h) != oppositeApex(h))
             throw OpenMMException("HelfrichMesh: what is beyond halfedge " + to_string(h) + " is wrong");
     fresh.setFixedEdges(fixedEdges);
-    if (fresh.fixedHalfedges != fixedHalfedges)
+    if (fresh.arrays.fixedHalfedges != arrays.fixedHalfedges)
         throw OpenMMException("HelfrichMesh: the marks of fixed edges are wrong");
     for (int v = 0; v < getNumVertices(); v++) {
         if (fresh.valence(v) != valence(v))

@@ -105,6 +105,63 @@ void testFlip() {
     ASSERT_EQUAL_CONTAINERS(normalize(sphere.triangles), normalize(mesh.getTriangles()));
 }
 
+void testUnflip() {
+    // It restores all that a flip changes: where the triangles are stored, what is beyond them, and which edges are
+    // fixed.
+
+    TestRandom random(4);
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    mesh.setFixedEdges(
+            {{sphere.triangles[5][0], sphere.triangles[5][1]}, {sphere.triangles[70][1], sphere.triangles[70][2]}});
+    for (int attempt = 0; attempt < 2000; attempt++) {
+        int h = random.index(mesh.getNumHalfedges());
+        if (!mesh.canFlip(h))
+            continue;
+        HelfrichMesh before = mesh;
+        mesh.flip(h);
+        ASSERT(mesh.getTriangles() != before.getTriangles());
+        HelfrichMesh flipped = mesh;
+        mesh.unflip(h);
+        mesh.validate();
+        ASSERT(mesh.getTriangles() == before.getTriangles());
+        for (int n = 0; n < mesh.getNumHalfedges(); n++)
+            ASSERT_EQUAL(before.isFixed(n), mesh.isFixed(n));
+        mesh = flipped;
+    }
+}
+
+void testCirculators() {
+    // Around each vertex they come to each triangle once, in order, however the edges were flipped.
+
+    TestRandom random(5);
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    for (int attempt = 0; attempt < 300; attempt++) {
+        int h = random.index(mesh.getNumHalfedges());
+        if (mesh.canFlip(h))
+            mesh.flip(h);
+    }
+    vector<set<int>> bonded(66);
+    for (auto& t : mesh.getTriangles())
+        for (int c = 0; c < 3; c++)
+            bonded[t[c]].insert({t[(c + 1) % 3], t[(c + 2) % 3]});
+    for (int v = 0; v < 66; v++) {
+        vector<int> halfedges, neighbors;
+        for (int h : mesh.outgoingHalfedges(v))
+            halfedges.push_back(h);
+        for (int neighbor : mesh.neighbors(v))
+            neighbors.push_back(neighbor);
+        ASSERT_EQUAL(mesh.valence(v), (int) halfedges.size());
+        ASSERT_EQUAL_CONTAINERS(bonded[v], (set<int>(neighbors.begin(), neighbors.end())));
+        for (int i = 0; i < mesh.valence(v); i++) {
+            ASSERT_EQUAL(v, mesh.origin(halfedges[i]));
+            ASSERT_EQUAL(neighbors[i], mesh.tip(halfedges[i]));
+            ASSERT_EQUAL(neighbors[(i + 1) % mesh.valence(v)], mesh.apex(halfedges[i]));
+        }
+    }
+}
+
 void testManyFlips() {
     // Whatever flips are made, the surface stays closed, with Euler characteristic 2 and no vertex of fewer than three
     // neighbors.  (The neighbors of a vertex with three are bonded to each other, so that no flip can take one away
@@ -309,6 +366,8 @@ int main() {
         testParticlesOfSeveralMembranes();
         testExclusions();
         testFlip();
+        testUnflip();
+        testCirculators();
         testManyFlips();
         testSetTriangles();
         testFixedEdges();

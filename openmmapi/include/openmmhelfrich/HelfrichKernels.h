@@ -3,17 +3,25 @@
 
 #include "HelfrichForce.h"
 #include "internal/HelfrichMesh.h"
-#include "internal/HelfrichNeighborList.h"
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
 #include "internal/Splitting.h"
 #include "openmm/KernelImpl.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
+#include <cmath>
 #include <string>
 #include <vector>
 
 namespace HelfrichPlugin {
+
+/**
+ * Get whether the totals of a geometry are finite, that of the curvature if it is needed.
+ */
+inline bool isFinite(const HelfrichGeometry& geometry, bool needsCurvature) {
+    return std::isfinite(geometry.area) && std::isfinite(geometry.volume) &&
+           (!needsCurvature || std::isfinite(geometry.integratedMeanCurvature));
+}
 
 /**
  * This kernel is invoked by HelfrichForce to compute the energy of a membrane and the forces on its vertices.
@@ -56,26 +64,12 @@ public:
     virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                          HelfrichEnergyTerms& terms) = 0;
     /**
-     * Get the positions of all particles, which the Context has at hand until they change.
-     *
-     * @param context  the Context in which to execute the kernel
-     */
-    virtual const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context) = 0;
-    /**
      * Compute areas, volume and curvatures.
      *
      * @param context        the Context in which to execute the kernel
      * @param[out] geometry  the geometry; the area difference is left as it is
      */
     virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
-    /**
-     * Get the partners of each vertex for the present positions, as the present mesh divides them.  Who changes the
-     * mesh may divide them anew.
-     *
-     * @param context  the Context in which to execute the kernel
-     * @param onset    the onset of the repulsion, measured in nm
-     */
-    virtual HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset) = 0;
     /**
      * Get whether makeTrajectory() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move()
      * where no other force acts and every particle belongs to the surface.  It gives the same result, bit for bit, if
@@ -100,6 +94,54 @@ public:
                                 const std::vector<KickAndDrift>& sequence, bool mixed, HelfrichEnergyTerms& terms) {
         throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no trajectories");
     }
+};
+
+/**
+ * The outcome of attempted edge flips.
+ */
+struct EdgeFlipStatistics {
+    long long attempted = 0, accepted = 0, forbidden = 0;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of edge flips, which EdgeFlipIntegrator asks for.
+ */
+class SweepEdgeFlipsKernel : public OpenMM::KernelImpl {
+public:
+    static std::string Name() {
+        return "SweepEdgeFlips";
+    }
+    SweepEdgeFlipsKernel(std::string name, const OpenMM::Platform& platform) : OpenMM::KernelImpl(name, platform) {
+    }
+    /**
+     * Initialize the kernel.
+     *
+     * @param system       the System this kernel will be applied to
+     * @param force        the HelfrichForce whose edges flip
+     * @param mesh         the live connectivity, which lasts as long as the kernel
+     * @param calculation  the kernel of the same platform that computes the force, which lasts as long, too
+     */
+    virtual void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                            CalcHelfrichForceKernel& calculation) = 0;
+    /**
+     * Make a sweep: a sequential chain of attempts at the Context's positions, each to flip an edge that is drawn
+     * uniformly.  drawEdgeFlip() has the random numbers of an attempt.  It is forbidden unless HelfrichMesh::canFlip(),
+     * and otherwise accepted with probability min(1, exp(-dE/kT)), dE being the change of the whole energy of the
+     * force.  The mesh is marked as changed if an attempt was accepted.
+     *
+     * @param context          the Context in which to execute the kernel
+     * @param parameters       the moduli and targets
+     * @param kT               the temperature, measured in kJ/mol
+     * @param numAttempts      the number of flips to attempt, less than 2^34
+     * @param random           the source of random numbers
+     * @param sweep            the number of the sweep, which with that of the attempt is the counter of the random
+     * numbers
+     * @param[out] statistics  the outcome
+     * @return false, with the mesh as it was, if the geometry is not finite
+     */
+    virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double kT,
+                         long long numAttempts, const Philox& random, long long sweep,
+                         EdgeFlipStatistics& statistics) = 0;
 };
 
 /**

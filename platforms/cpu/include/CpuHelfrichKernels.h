@@ -2,9 +2,13 @@
 #define OPENMM_CPUHELFRICHKERNELS_H_
 
 #include "CpuHelfrichLayout.h"
-#include "CpuHelfrichPasses.h"
+#include "CpuHelfrichLoops.h"
 #include "CpuHelfrichRepulsion.h"
+#include "CpuInstructionSet.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/TrajectoryStart.h"
+#include "CpuEdgeFlipSweep.h"
+#include <memory>
 #include <new>
 #include <vector>
 
@@ -43,14 +47,20 @@ struct CacheLineAllocator {
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
-            : CalcHelfrichForceKernel(name, platform), passes(getCpuHelfrichPasses()) {
+            : CalcHelfrichForceKernel(name, platform), loops(getForProcessor<CpuHelfrichLoops>()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
-    HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
+    /**
+     * Get the neighbors of each vertex for the present positions, partitioned as the present mesh is.  Who changes the
+     * mesh may partition them anew.
+     *
+     * @param context  the Context in which to execute the kernel
+     * @param onset    the onset of the repulsion, measured in nm
+     */
+    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
     bool canMakeTrajectory() const {
         return true;
     }
@@ -67,7 +77,7 @@ private:
     double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
                      const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
-    // Real is the type in which the passes compute.
+    // Real is the type in which the loops compute.
     template <class Real>
     CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
     template <class Real>
@@ -92,7 +102,7 @@ private:
     int getLastGroup(int chunk) const;
     int getFirstSlot(int chunk) const;
     int getLastSlot(int chunk) const;
-    const CpuHelfrichPasses& passes;
+    const CpuHelfrichLoops& loops;
     const HelfrichMesh* mesh;
     long long revision;
     CpuHelfrichLayout layout;
@@ -106,6 +116,24 @@ private:
     std::vector<int> particles;
     std::vector<CpuHelfrichSums> chunkSums;
     std::vector<CpuHelfrichBox> chunkBoxes;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of edge flips.
+ */
+class CpuSweepEdgeFlipsKernel : public SweepEdgeFlipsKernel {
+public:
+    CpuSweepEdgeFlipsKernel(std::string name, const OpenMM::Platform& platform) : SweepEdgeFlipsKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double kT, long long numAttempts,
+                 const Philox& random, long long sweep, EdgeFlipStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
+    CpuCalcHelfrichForceKernel* calculation;
+    std::unique_ptr<CpuEdgeFlipSweep> edgeFlips;
+    HelfrichGeometry geometry;
 };
 
 /**
@@ -124,7 +152,7 @@ public:
     void restore(OpenMM::ContextImpl& context);
 private:
     std::vector<double> inverseMasses, chunkEnergies;
-    std::vector<OpenMM::Vec3> startPositions, startVelocities;
+    TrajectoryStart start;
 };
 
 } // namespace HelfrichPlugin

@@ -7,7 +7,7 @@
 namespace HelfrichPlugin {
 
 /**
- * The mesh as the CPU platform's passes read it.  A pass computes all that concerns a vertex from the ring of its
+ * The mesh as the CPU platform's loops read it.  A loop computes all that concerns a vertex from the ring of its
  * neighbors, for a group of as many vertices at a time as a SIMD vector has lanes.
  *
  * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in

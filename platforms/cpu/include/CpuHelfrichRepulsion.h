@@ -3,7 +3,7 @@
 
 #include "CpuHelfrichLayout.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
-#include "openmmhelfrich/internal/HelfrichNeighborList.h"
+#include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <array>
 #include <vector>
@@ -27,10 +27,10 @@ public:
      */
     bool hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const;
     /**
-     * Get the lists before exclusions, divided for the mesh and up to date.  See update() for the other parameters.
+     * Get the lists before exclusions, partitioned for the mesh and up to date.  See update() for the other parameters.
      */
-    HelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
-                                          const double* positions, double newOnset, bool hasMoved);
+    CpuHelfrichNeighborList& getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
+                                             const double* positions, double newOnset, bool hasMoved);
     /**
      * Bring the lists up to date.
      *
@@ -63,14 +63,13 @@ private:
     void addCandidates(int vertex, double cutoff2);
     void addCandidatesInRow(int vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
-    void markExclusions(const HelfrichMesh& mesh, int vertex, int level);
     double onset = -1, skin = 0;
     int exclusionLevel = -1, numUpdates = 0;
     long long revision = -1;
     std::vector<std::array<double, 3>> reference;
     std::vector<Point> points;
     std::vector<int> bucketStarts;
-    HelfrichNeighborList candidates;
+    CpuHelfrichNeighborList candidates;
     std::vector<int> pairStarts, pairs, marks;
 };
 

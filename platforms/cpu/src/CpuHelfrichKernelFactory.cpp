@@ -1,6 +1,5 @@
 #include "CpuHelfrichKernelFactory.h"
 #include "CpuHelfrichKernels.h"
-#include "openmmhelfrich/internal/InstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"
@@ -18,6 +17,7 @@ extern "C" OPENMM_EXPORT void registerKernelFactories() {
         if (platform.getName() == "CPU") {
             KernelFactory* factory = new CpuHelfrichKernelFactory();
             platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
+            platform.registerKernelFactory(SweepEdgeFlipsKernel::Name(), factory);
             platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
         }
     }
@@ -31,28 +31,9 @@ KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platfo
                                                        ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new CpuCalcHelfrichForceKernel(name, platform);
+    if (name == SweepEdgeFlipsKernel::Name())
+        return new CpuSweepEdgeFlipsKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");
 }
-
-namespace HelfrichPlugin {
-
-extern const CpuHelfrichPasses cpuHelfrichPassesBaseline, cpuHelfrichPassesAVX2, cpuHelfrichPassesAVX512;
-
-const CpuHelfrichPasses& getCpuHelfrichPasses() {
-    switch (getInstructionSet()) {
-#ifdef HELFRICH_HAS_AVX512
-        case InstructionSet::AVX512:
-            return cpuHelfrichPassesAVX512;
-#endif
-#ifdef HELFRICH_HAS_AVX2
-        case InstructionSet::AVX2:
-            return cpuHelfrichPassesAVX2;
-#endif
-        default:
-            return cpuHelfrichPassesBaseline;
-    }
-}
-
-} // namespace HelfrichPlugin

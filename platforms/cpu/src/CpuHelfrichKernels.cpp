@@ -1,5 +1,4 @@
 #include "CpuHelfrichKernels.h"
-#include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
@@ -28,7 +27,7 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
                                             const HelfrichMesh& mesh) {
     this->mesh = &mesh;
-    setLayoutWidth(passes.inDouble.width);
+    setLayoutWidth(loops.inDouble.width);
 }
 
 void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
@@ -137,8 +136,8 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
     int numChunks = getNumChunks();
 #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++) {
-        passes.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
-                                        chunkSums[chunk]);
+        loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
+                                       chunkSums[chunk]);
         if (parameters.has(Term::Repulsion))
             chunkSums[chunk].outdated =
                     repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
@@ -168,8 +167,8 @@ void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& para
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
-    passes.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk),
-                                      gradients);
+    loops.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk),
+                                     gradients);
     if (parameters.has(Term::Repulsion))
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
@@ -230,7 +229,7 @@ double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameter
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     loadPositions(*getData(context).positions, chunk);
-    chunkBoxes[chunk] = passes.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+    chunkBoxes[chunk] = loops.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     const vector<Vec3>& source = *getData(context).velocities;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
@@ -275,7 +274,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         }
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = passes.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays) {
@@ -300,8 +299,8 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
     double unit = ldexp(1, exponent - 31);
 #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
-        passes.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
-                              arrays.fixedPositions);
+        loops.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
+                             arrays.fixedPositions);
     arrays.fixedUnit = unit;
     return true;
 }
@@ -339,7 +338,7 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
     // known.
 
-    setLayoutWidth(passes.in<Real>().width);
+    setLayoutWidth(loops.in<Real>().width);
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     const auto startArrays = prepareArrays<Real>(parameters, numThreads);
     nextPositions.resize(positions.size());
@@ -379,10 +378,6 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
-const vector<Vec3>& CpuCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
-    return *getData(context).positions;
-}
-
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     HelfrichParameters parameters;
@@ -415,7 +410,7 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     }
 }
 
-HelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
     int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
     updateLayout(numThreads);
     const vector<Vec3>& source = *getData(context).positions;
@@ -427,6 +422,28 @@ HelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& c
     }
     return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
+}
+
+void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                         CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+    this->calculation = &dynamic_cast<CpuCalcHelfrichForceKernel&>(calculation);
+}
+
+bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
+                                      long long numAttempts, const Philox& random, long long sweep,
+                                      EdgeFlipStatistics& statistics) {
+    calculation->computeGeometry(context, geometry);
+    if (!isFinite(geometry, parameters.needsCurvature()))
+        return false;
+    if (!edgeFlips)
+        edgeFlips.reset(new CpuEdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
+    CpuHelfrichNeighborList* neighbors = NULL;
+    if (CpuEdgeFlipSweep::needsNeighborList(parameters))
+        neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
+    edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
+    statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
+    return true;
 }
 
 static const int PARTICLES_PER_CHUNK = 256;
@@ -448,22 +465,19 @@ void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
         double mass = system.getParticleMass(i);
         inverseMasses.push_back(mass == 0 ? 0 : 1 / mass);
     }
-    startPositions.resize(inverseMasses.size());
     chunkEnergies.resize((inverseMasses.size() + PARTICLES_PER_CHUNK - 1) / PARTICLES_PER_CHUNK);
 }
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                       const Philox& random, long long trajectory) {
-    double persistence = sqrt(1 - refreshment * refreshment);
-    startPositions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
         for (int i = first; i < last; i++)
             if (inverseMasses[i] != 0)
-                velocities[i] = velocities[i] * persistence +
-                                drawNormals(random, trajectory, i) * (refreshment * sqrt(kT * inverseMasses[i]));
+                velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT * inverseMasses[i]), refreshment,
+                                                              random, trajectory, i);
     });
-    startVelocities = velocities;
+    start.keep(*getData(context).positions, velocities);
     return computeKineticEnergy(context);
 }
 
@@ -495,8 +509,5 @@ double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    *getData(context).positions = startPositions;
-    vector<Vec3>& velocities = *getData(context).velocities;
-    for (size_t i = 0; i < velocities.size(); i++)
-        velocities[i] = -startVelocities[i];
+    start.restore(*getData(context).positions, *getData(context).velocities);
 }

@@ -1,4 +1,5 @@
 #include "CpuHelfrichLayout.h"
+#include "CpuHalfedges.h"
 #include <algorithm>
 
 using namespace HelfrichPlugin;
@@ -86,7 +87,7 @@ void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, int g, vector<int>& 
     tips.resize(group.length * width);
     for (int slot = min(g * width + SLOTS_AHEAD, (int) vertices.size() - width), last = slot + width; slot < last;
          slot++)
-        mesh.prefetch(mesh.outgoing(vertices[slot]));
+        prefetchTriangle(mesh.getArrays(), mesh.outgoing(vertices[slot]));
     for (int lane = 0; lane < width; lane++)
         halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[g * width + lane]);
     for (int i = 0; i < group.length; i++)

@@ -6,6 +6,13 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
+/**
+ * The vector from a point to another.  Nothing else here takes the difference of two positions.
+ */
+static Vector3<double> displacement(const double* from, const double* to) {
+    return {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
+}
+
 void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
                                   const HelfrichParameters& p, bool hasMoved) {
     updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
@@ -29,10 +36,11 @@ void CpuHelfrichRepulsion::updateCandidates(const CpuHelfrichLayout& layout, con
     revision = -1;
 }
 
-HelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
-                                                            const double* positions, double newOnset, bool hasMoved) {
+CpuHelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh,
+                                                               const CpuHelfrichLayout& layout, const double* positions,
+                                                               double newOnset, bool hasMoved) {
     updateCandidates(layout, positions, newOnset, hasMoved);
-    candidates.divide(mesh);
+    candidates.partition(mesh);
     return candidates;
 }
 
@@ -52,10 +60,8 @@ bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const doubl
         return true;
     double limit = 0.25 * skin * skin;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
-        const double* x = positions + 4 * slot;
-        const array<double, 3>& start = reference[layout.vertices[slot]];
-        double dx = x[0] - start[0], dy = x[1] - start[1], dz = x[2] - start[2];
-        if (!(dx * dx + dy * dy + dz * dz <= limit))
+        Vector3<double> moved = displacement(reference[layout.vertices[slot]].data(), positions + 4 * slot);
+        if (!(dot(moved, moved) <= limit))
             return true;
     }
     return false;
@@ -101,13 +107,13 @@ void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const
             reference[v][i] = positions[4 * layout.slots[v] + i];
     sortIntoBuckets();
     candidates.lists.resize(reference.size());
-    candidates.partners.clear();
+    candidates.neighbors.clear();
     candidates.revision = -1;
     candidates.numBuilds++;
     for (size_t v = 0; v < reference.size(); v++) {
-        int start = candidates.partners.size();
+        int start = candidates.neighbors.size();
         addCandidates(v, (onset + skin) * (onset + skin));
-        candidates.lists[v] = {start, 0, int(candidates.partners.size() - start)};
+        candidates.lists[v] = {start, 0, int(candidates.neighbors.size() - start)};
     }
 }
 
@@ -126,35 +132,17 @@ void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, dou
     auto addRange = [&](int start, int stop) {
         for (int i = start; i < stop; i++) {
             const Point& other = points[i];
-            double dx = other.x[0] - x[0], dy = other.x[1] - x[1], dz = other.x[2] - x[2];
-            if (dx * dx + dy * dy + dz * dz >= cutoff2 || other.vertex == vertex)
+            Vector3<double> d = displacement(x.data(), other.x);
+            if (dot(d, d) >= cutoff2 || other.vertex == vertex)
                 continue;
             Cell cell = findCell(reference[other.vertex]);
             if (cell[1] == first[1] && cell[2] == first[2])
-                candidates.partners.push_back(other.vertex);
+                candidates.neighbors.push_back(other.vertex);
         }
     };
     addRange(bucketStarts[begin], bucketStarts[end]);
     if (begin + 3 > numBuckets)
         addRange(0, bucketStarts[min(begin + 3 - numBuckets, begin)]);
-}
-
-void CpuHelfrichRepulsion::markExclusions(const HelfrichMesh& mesh, int vertex, int level) {
-    if (level == 0)
-        return;
-    int first = mesh.outgoing(vertex), h = first;
-    do {
-        int neighbor = mesh.tip(h);
-        marks[neighbor] = vertex;
-        if (level == 2) {
-            int firstOfNeighbor = mesh.outgoing(neighbor), g = firstOfNeighbor;
-            do {
-                marks[mesh.tip(g)] = vertex;
-                g = mesh.rotate(g);
-            } while (g != firstOfNeighbor);
-        }
-        h = mesh.rotate(h);
-    } while (h != first);
 }
 
 void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level) {
@@ -166,13 +154,13 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
         if (layout.valences[slot] == 0)
             continue;
         int vertex = layout.vertices[slot];
-        const HelfrichNeighborList::List& list = candidates.lists[vertex];
-        if (list.numPartners == 0)
+        const CpuHelfrichNeighborList::List& list = candidates.lists[vertex];
+        if (list.numNeighbors == 0)
             continue;
-        markExclusions(mesh, vertex, level);
-        for (int i = list.start; i < list.start + list.numPartners; i++)
-            if (marks[candidates.partners[i]] != vertex)
-                pairs.push_back(candidates.partners[i]);
+        mesh.forEachExcluded(vertex, level, [&](int excluded) { marks[excluded] = vertex; });
+        for (int i = list.start; i < list.start + list.numNeighbors; i++)
+            if (marks[candidates.neighbors[i]] != vertex)
+                pairs.push_back(candidates.neighbors[i]);
         // In the order of the vertices, which does not depend on where the list was built: a restart must add them up
         // in the same order.
         sort(pairs.begin() + pairStarts[slot], pairs.end());
@@ -188,8 +176,8 @@ double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichPara
     for (int slot = firstSlot; slot < lastSlot; slot++) {
         const double* x = positions + 4 * slot;
         for (int i = pairStarts[slot]; i < pairStarts[slot + 1]; i++) {
-            const double* y = positions + pairs[i];
-            double dx = x[0] - y[0], dy = x[1] - y[1], dz = x[2] - y[2], r2 = dx * dx + dy * dy + dz * dz;
+            Vector3<double> d = displacement(positions + pairs[i], x);
+            double r2 = dot(d, d);
             if (r2 >= onset2)
                 continue;
             double r = sqrt(r2), slope;
@@ -197,9 +185,9 @@ double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichPara
             if (gradients != NULL) {
                 double* gradient = gradients + 4 * (slot - firstSlot);
                 double scale = 2 * p.moduli[Term::Repulsion] * slope / r;
-                gradient[0] += scale * dx;
-                gradient[1] += scale * dy;
-                gradient[2] += scale * dz;
+                gradient[0] += scale * d.x;
+                gradient[1] += scale * d.y;
+                gradient[2] += scale * d.z;
             }
         }
     }

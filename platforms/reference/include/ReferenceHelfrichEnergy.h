@@ -1,10 +1,9 @@
 #ifndef OPENMM_REFERENCEHELFRICHENERGY_H_
 #define OPENMM_REFERENCEHELFRICHENERGY_H_
 
+#include "ReferenceHelfrichGeometry.h"
 #include "openmmhelfrich/HelfrichForce.h"
-#include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
-#include <Eigen/Dense>
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -24,16 +23,10 @@ namespace HelfrichPlugin {
  * The normal of a triangle without area is zero, and so is what depends on it.
  *
  * Everything is computed in extended precision and rounded once, at the end, so that a comparison with another platform
- * tells the errors of that platform alone.  Where a compiler's long double is a double, so is this.
+ * tells the errors of that platform alone.
  */
-class ReferenceHelfrichEnergy {
+class ReferenceHelfrichEnergy : public ReferenceHelfrichGeometry {
 public:
-    typedef long double Real;
-    typedef Eigen::Matrix<Real, 3, 1> Vector;
-    /**
-     * The positions of the vertices or the gradient of an energy by them.
-     */
-    typedef std::vector<Vector> Vectors;
     /**
      * Compute areas, curvatures and totals.
      *
@@ -67,8 +60,6 @@ private:
     void addTurnOfTriangle(int halfedge, Real factor, Vectors& gradient) const;
     void addTetherGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     void addRepulsionGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
-    const HelfrichMesh& mesh;
-    const Vectors& x;
     HelfrichTotalsOf<Real> totals;
     std::vector<Real> triangleAreas, dihedralAngles;
     std::vector<Real> vertexAreas, vertexCurvatures;

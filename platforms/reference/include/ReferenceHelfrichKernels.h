@@ -3,6 +3,7 @@
 
 #include "ReferenceHelfrichEnergy.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/TrajectoryStart.h"
 
 namespace HelfrichPlugin {
 
@@ -17,13 +18,25 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    const std::vector<OpenMM::Vec3>& getPositions(OpenMM::ContextImpl& context);
     void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
-    HelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
 private:
-    ReferenceHelfrichEnergy::Vectors getVertexPositions(OpenMM::ContextImpl& context) const;
     const HelfrichMesh* mesh;
-    HelfrichNeighborList neighbors;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of edge flips.
+ */
+class ReferenceSweepEdgeFlipsKernel : public SweepEdgeFlipsKernel {
+public:
+    ReferenceSweepEdgeFlipsKernel(std::string name, const OpenMM::Platform& platform)
+            : SweepEdgeFlipsKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double kT, long long numAttempts,
+                 const Philox& random, long long sweep, EdgeFlipStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
 };
 
 /**
@@ -42,7 +55,7 @@ public:
     void restore(OpenMM::ContextImpl& context);
 private:
     std::vector<double> masses;
-    std::vector<OpenMM::Vec3> startPositions, startVelocities;
+    TrajectoryStart start;
 };
 
 } // namespace HelfrichPlugin

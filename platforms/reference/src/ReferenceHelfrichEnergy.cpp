@@ -8,49 +8,42 @@ typedef ReferenceHelfrichEnergy::Real Real;
 typedef ReferenceHelfrichEnergy::Vector Vector;
 
 ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x)
-        : mesh(mesh), x(x), triangleAreas(mesh.getNumTriangles()), dihedralAngles(mesh.getNumHalfedges()),
-          vertexAreas(mesh.getNumVertices(), Real(0)), vertexCurvatures(mesh.getNumVertices(), Real(0)),
-          normals(mesh.getNumTriangles()) {
+        : ReferenceHelfrichGeometry(mesh, x), triangleAreas(mesh.getNumTriangles()),
+          dihedralAngles(mesh.getNumHalfedges()), vertexAreas(mesh.getNumVertices(), Real(0)),
+          vertexCurvatures(mesh.getNumVertices(), Real(0)), normals(mesh.getNumTriangles(), Vector::Zero()) {
     computeTriangles();
     computeEdges();
 }
 
 void ReferenceHelfrichEnergy::computeTriangles() {
-    const Vector& origin = x[0];
     for (int t = 0; t < mesh.getNumTriangles(); t++) {
-        int a = mesh.origin(3 * t), b = mesh.origin(3 * t + 1), c = mesh.origin(3 * t + 2);
-        Vector N = (x[b] - x[a]).cross(x[c] - x[a]);
-        Real area = N.norm() / 2;
-        triangleAreas[t] = area;
-        normals[t] = (area == 0 ? Vector::Zero() : Vector(N / (2 * area)));
-        totals.area += area;
-        totals.volume += (x[a] - origin).dot(N) / 6;
-        for (int v : {a, b, c})
-            vertexAreas[v] += area / 3;
+        if (mesh.isExterior(3 * t))
+            continue;
+        triangleAreas[t] = area(t);
+        normals[t] = normal(t);
+        totals.area += triangleAreas[t];
+        totals.volume += volume(t);
+        for (int h = 3 * t; h < 3 * t + 3; h++)
+            vertexAreas[mesh.origin(h)] += triangleAreas[t] / 3;
     }
 }
 
 template <class Visitor>
 void ReferenceHelfrichEnergy::forEachEdge(Visitor visit) const {
-    for (int h = 0; h < mesh.getNumHalfedges(); h++)
-        if (h < mesh.opposite(h))
+    for (int h = 0; h < mesh.getNumHalfedges(); h++) {
+        int o = mesh.opposite(h);
+        if (h < o && !(mesh.isExterior(h) && mesh.isExterior(o)))
             visit(h, mesh.origin(h), mesh.tip(h));
+    }
 }
 
 void ReferenceHelfrichEnergy::computeEdges() {
     forEachEdge([&](int h, int i, int j) {
-        const Vector& nf = normals[h / 3];
-        const Vector& ng = normals[mesh.opposite(h) / 3];
-        Vector edge = x[j] - x[i];
-        Real length = edge.norm();
-        // A triangle without area has no angles, and an edge without length nothing to say.  Adding 0 makes -0 a 0:
-        // what is folded flat has the angle pi, and not -pi.
-        bool isFlat = (length != 0 && (nf.isZero(0) || ng.isZero(0)));
-        Real angle = isFlat ? Real(0) : atan2(nf.cross(ng).dot(edge) / length + Real(0), nf.dot(ng));
+        Real angle = dihedralAngle(h, normals[h / 3], normals[mesh.opposite(h) / 3]);
         dihedralAngles[h] = dihedralAngles[mesh.opposite(h)] = angle;
-        vertexCurvatures[i] += length * angle / 4;
-        vertexCurvatures[j] += length * angle / 4;
-        totals.curvature += length * angle / 2;
+        vertexCurvatures[i] += length(h) * angle / 4;
+        vertexCurvatures[j] += length(h) * angle / 4;
+        totals.curvature += length(h) * angle / 2;
     });
 }
 
@@ -72,9 +65,9 @@ void ReferenceHelfrichEnergy::forEachRepellingPair(const HelfrichParameters& p, 
         return;
     for (int i = 0; i < mesh.getNumVertices(); i++)
         for (int j = i + 1; j < mesh.getNumVertices(); j++)
-            if ((x[j] - x[i]).squaredNorm() < Real(p.repulsionOnset) * p.repulsionOnset &&
+            if (displacement(i, j).squaredNorm() < Real(p.repulsionOnset) * p.repulsionOnset &&
                 !mesh.areExcluded(i, j, p.repulsionExclusionLevel))
-                visit(i, j, (x[j] - x[i]).norm());
+                visit(i, j, displacement(i, j).norm());
 }
 
 HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParameters& p) const {
@@ -84,9 +77,8 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
         for (int i = 0; i < mesh.getNumVertices(); i++)
             bending += 2 * p.moduli[Term::Bending] * vertexCurvatures[i] * getMeanCurvature(i);
     if (p.has(Term::Tether))
-        forEachEdge([&](int h, int i, int j) {
-            tether += p.moduli[Term::Tether] * tetherPotential(p, (x[j] - x[i]).norm(), slope);
-        });
+        forEachEdge(
+                [&](int h, int i, int j) { tether += p.moduli[Term::Tether] * tetherPotential(p, length(h), slope); });
     forEachRepellingPair(p, [&](int i, int j, Real r) {
         repulsion += 2 * p.moduli[Term::Repulsion] *
                      repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
@@ -125,7 +117,7 @@ void ReferenceHelfrichEnergy::addAreaAndVolumeGradient(const vector<Real>& byVer
         for (int c = 0; c < 3; c++)
             byArea += byVertexArea[mesh.origin(3 * t + c)] / 3;
         for (int h = 3 * t; h < 3 * t + 3; h++) {
-            Vector oppositeEdge = x[mesh.apex(h)] - x[mesh.tip(h)];
+            Vector oppositeEdge = edge(mesh.next(h));
             gradient[mesh.origin(h)] += byArea * n.cross(oppositeEdge) / 2 + byVolume * n * triangleAreas[t] / 3;
         }
     }
@@ -136,13 +128,11 @@ void ReferenceHelfrichEnergy::addCurvatureGradient(const vector<Real>& byVertexC
 
     forEachEdge([&](int h, int i, int j) {
         Real byEdge = (byVertexCurvature[i] + byVertexCurvature[j]) / 4;
-        Vector edge = x[j] - x[i];
-        Real length = edge.norm();
-        Vector byLength = byEdge * dihedralAngles[h] * edge / length;
+        Vector byLength = byEdge * dihedralAngles[h] * edge(h) / length(h);
         gradient[j] += byLength;
         gradient[i] -= byLength;
-        addTurnOfTriangle(h, byEdge * length, gradient);
-        addTurnOfTriangle(mesh.opposite(h), byEdge * length, gradient);
+        addTurnOfTriangle(h, byEdge * length(h), gradient);
+        addTurnOfTriangle(mesh.opposite(h), byEdge * length(h), gradient);
     });
 }
 
@@ -150,8 +140,7 @@ void ReferenceHelfrichEnergy::addTurnOfTriangle(int h, Real factor, Vectors& gra
     int i = mesh.origin(h), j = mesh.tip(h), k = mesh.apex(h);
     if (triangleAreas[h / 3] == 0)
         return;
-    Vector edge = x[j] - x[i];
-    Real height = 2 * triangleAreas[h / 3] / edge.norm(), foot = (x[k] - x[i]).dot(edge) / edge.squaredNorm();
+    Real height = 2 * triangleAreas[h / 3] / length(h), foot = displacement(i, k).dot(edge(h)) / edge(h).squaredNorm();
     Vector turn = factor * normals[h / 3] / height;
     gradient[k] -= turn;
     gradient[i] += (1 - foot) * turn;
@@ -162,10 +151,9 @@ void ReferenceHelfrichEnergy::addTetherGradient(const HelfrichParameters& p, Vec
     if (!p.has(Term::Tether))
         return;
     forEachEdge([&](int h, int i, int j) {
-        Vector edge = x[j] - x[i];
-        Real length = edge.norm(), slope;
-        tetherPotential(p, length, slope);
-        Vector pull = p.moduli[Term::Tether] * slope * edge / length;
+        Real slope;
+        tetherPotential(p, length(h), slope);
+        Vector pull = p.moduli[Term::Tether] * slope * edge(h) / length(h);
         gradient[j] += pull;
         gradient[i] -= pull;
     });
@@ -175,7 +163,7 @@ void ReferenceHelfrichEnergy::addRepulsionGradient(const HelfrichParameters& p, 
     forEachRepellingPair(p, [&](int i, int j, Real r) {
         Real slope;
         repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
-        Vector push = 2 * p.moduli[Term::Repulsion] * slope * (x[j] - x[i]) / r;
+        Vector push = 2 * p.moduli[Term::Repulsion] * slope * displacement(i, j) / r;
         gradient[j] += push;
         gradient[i] -= push;
     });

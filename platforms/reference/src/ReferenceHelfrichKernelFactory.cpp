@@ -18,6 +18,7 @@ extern "C" OPENMM_EXPORT void registerKernelFactories() {
         if (platform.getName() == "Reference") {
             KernelFactory* factory = new ReferenceHelfrichKernelFactory();
             platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
+            platform.registerKernelFactory(SweepEdgeFlipsKernel::Name(), factory);
             platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
         }
     }
@@ -31,6 +32,8 @@ KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, c
                                                              ContextImpl& context) const {
     if (name == CalcHelfrichForceKernel::Name())
         return new ReferenceCalcHelfrichForceKernel(name, platform);
+    if (name == SweepEdgeFlipsKernel::Name())
+        return new ReferenceSweepEdgeFlipsKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new ReferenceIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");

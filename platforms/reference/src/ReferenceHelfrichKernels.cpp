@@ -1,5 +1,5 @@
 #include "ReferenceHelfrichKernels.h"
-#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "ReferenceEdgeFlips.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
@@ -13,22 +13,22 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
     return *reinterpret_cast<ReferencePlatform::PlatformData*>(context.getPlatformData());
 }
 
+static ReferenceHelfrichEnergy::Vectors getVertexPositions(ContextImpl& context, const HelfrichMesh& mesh) {
+    const vector<Vec3>& positions = *getData(context).positions;
+    ReferenceHelfrichEnergy::Vectors x;
+    for (int particle : mesh.getParticles())
+        x.push_back({positions[particle][0], positions[particle][1], positions[particle][2]});
+    return x;
+}
+
 void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
                                                   const HelfrichMesh& mesh) {
     this->mesh = &mesh;
 }
 
-ReferenceHelfrichEnergy::Vectors ReferenceCalcHelfrichForceKernel::getVertexPositions(ContextImpl& context) const {
-    const vector<Vec3>& positions = *getData(context).positions;
-    ReferenceHelfrichEnergy::Vectors x;
-    for (int particle : mesh->getParticles())
-        x.push_back({positions[particle][0], positions[particle][1], positions[particle][2]});
-    return x;
-}
-
 bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
                                                bool includeForces, HelfrichEnergyTerms& terms) {
-    auto x = getVertexPositions(context);
+    auto x = getVertexPositions(context, *mesh);
     ReferenceHelfrichEnergy energy(*mesh, x);
     bool isFinite = isfinite(double(energy.getTotals().area));
     if (includeForces) {
@@ -44,22 +44,27 @@ bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const Helfr
     return isFinite;
 }
 
-const vector<Vec3>& ReferenceCalcHelfrichForceKernel::getPositions(ContextImpl& context) {
-    return *getData(context).positions;
-}
-
 void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    auto x = getVertexPositions(context);
+    auto x = getVertexPositions(context, *mesh);
     ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
 }
 
-HelfrichNeighborList& ReferenceCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
-    vector<Vec3> x;
-    for (int particle : mesh->getParticles())
-        x.push_back((*getData(context).positions)[particle]);
-    neighbors.build(x, onset);
-    neighbors.divide(*mesh);
-    return neighbors;
+void ReferenceSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                               CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+}
+
+bool ReferenceSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
+                                            long long numAttempts, const Philox& random, long long sweep,
+                                            EdgeFlipStatistics& statistics) {
+    auto x = getVertexPositions(context, *mesh);
+    ReferenceHelfrichEnergy energy(*mesh, x);
+    HelfrichGeometry geometry;
+    energy.getGeometry(geometry);
+    if (!isFinite(geometry, parameters.needsCurvature()))
+        return false;
+    statistics = ReferenceEdgeFlips(*mesh, x, parameters, energy.getTotals()).sweep(kT, numAttempts, random, sweep);
+    return true;
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
@@ -70,13 +75,11 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
 double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                             const Philox& random, long long trajectory) {
     vector<Vec3>& velocities = *getData(context).velocities;
-    double persistence = sqrt(1 - refreshment * refreshment);
-    startPositions = *getData(context).positions;
     for (size_t i = 0; i < masses.size(); i++)
         if (masses[i] != 0)
-            velocities[i] = velocities[i] * persistence +
-                            drawNormals(random, trajectory, i) * (refreshment * sqrt(kT / masses[i]));
-    startVelocities = velocities;
+            velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT / masses[i]), refreshment, random,
+                                                          trajectory, i);
+    start.keep(*getData(context).positions, velocities);
     return computeKineticEnergy(context);
 }
 
@@ -102,8 +105,5 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    *getData(context).positions = startPositions;
-    vector<Vec3>& velocities = *getData(context).velocities;
-    for (size_t i = 0; i < velocities.size(); i++)
-        velocities[i] = -startVelocities[i];
+    start.restore(*getData(context).positions, *getData(context).velocities);
 }

@@ -1,15 +1,16 @@
 #ifndef OPENMM_HELFRICHFORCEIMPL_H_
 #define OPENMM_HELFRICHFORCEIMPL_H_
 
-#include "EdgeFlipSweep.h"
 #include "HelfrichMesh.h"
 #include "HelfrichParameters.h"
 #include "Splitting.h"
 #include "openmm/Kernel.h"
 #include "openmm/internal/ForceImpl.h"
 #include "openmmhelfrich/HelfrichForce.h"
+#include "openmmhelfrich/HelfrichKernels.h"
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -64,10 +65,10 @@ public:
     void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
                  const std::vector<int>& order);
     /**
-     * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.
+     * Make a sweep of edge flips.  See SweepEdgeFlipsKernel::execute() for the parameters.
      */
     EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random,
-                                 long long sweep, const EdgeFlipSweep::Observer& observer = EdgeFlipSweep::Observer());
+                                 long long sweep);
     /**
      * Get the moduli and other parameters, with the present values of those that are the Context's.
      */
@@ -79,7 +80,7 @@ private:
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
-    void checkGeometry(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const;
+    void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
     /// those of the owner, as of initialize() or updateParametersInContext()
@@ -87,9 +88,9 @@ private:
     const KickAndDrift* kick = NULL;
     bool isOrientationChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;
-    std::unique_ptr<EdgeFlipSweep> sweep;
     OpenMM::Kernel kernel;
-    HelfrichGeometry sweepGeometry;
+    /// created when it is first needed
+    std::optional<OpenMM::Kernel> flipKernel;
 };
 
 } // namespace HelfrichPlugin

@@ -1,7 +1,7 @@
 #ifndef OPENMM_HELFRICHMESH_H_
 #define OPENMM_HELFRICHMESH_H_
 
-#include "Relaxed.h"
+#include "HalfedgeConnectivity.h"
 #include "windowsExportHelfrich.h"
 #include <array>
 #include <string>
@@ -12,14 +12,10 @@ namespace HelfrichPlugin {
 /**
  * The connectivity of a closed, oriented, triangulated surface, which edge flips change in place.
  *
- * Vertices are numbered from 0 in ascending order of their particles.  Halfedge 3t+c runs along triangle t from its
- * corner c to the next one.  The ordered triangles are the complete state: everything else here derives from them.
- *
- * Threads may look at a mesh while another one flips edges.  What they find at the vertices of a flip may be from
- * before or after it, and not fit together; but every number is that of a vertex or halfedge, and every search comes to
- * an end.
+ * Vertices are numbered from 0 in ascending order of their particles.  The ordered triangles are the complete state:
+ * everything else here derives from them.
  */
-class OPENMM_EXPORT_HELFRICH HelfrichMesh {
+class OPENMM_EXPORT_HELFRICH HelfrichMesh : public HalfedgeConnectivity<PlainAccess> {
 public:
     /**
      * Create a mesh.  Throws an OpenMMException that names the item unless the triangles form closed, consistently
@@ -29,18 +25,6 @@ public:
      * @param numParticles  the number of particles in the System
      */
     HelfrichMesh(const std::vector<std::array<int, 3>>& triangles, int numParticles);
-    int getNumVertices() const {
-        return particles.size();
-    }
-    int getNumTriangles() const {
-        return halfedges.size() / 3;
-    }
-    int getNumEdges() const {
-        return halfedges.size() / 2;
-    }
-    int getNumHalfedges() const {
-        return halfedges.size();
-    }
     /**
      * Get the particle of each vertex.
      */
@@ -90,124 +74,14 @@ public:
      */
     void setOrder(const std::vector<int>& order);
     /**
-     * Get the next halfedge of the same triangle.  No branch depends on the corner, which no processor could predict.
+     * Get the numbers of the connectivity, for those who read and change them in another way.
      */
-    static int next(int h) {
-        static constexpr int STEPS[3] = {1, 1, -2};
-        return h + STEPS[unsigned(h) % 3];
+    const HalfedgeArrays& getArrays() const {
+        return arrays;
     }
-    /**
-     * Get the previous halfedge of the same triangle.
-     */
-    static int previous(int h) {
-        static constexpr int STEPS[3] = {2, -1, -1};
-        return h + STEPS[unsigned(h) % 3];
+    HalfedgeArrays& getArrays() {
+        return arrays;
     }
-    /**
-     * Get the vertex that a halfedge starts from.
-     */
-    int origin(int h) const {
-        return halfedges[h].origin;
-    }
-    /**
-     * Get the vertex that a halfedge leads to.
-     */
-    int tip(int h) const {
-        return origin(next(h));
-    }
-    /**
-     * Get the vertex of a halfedge's triangle that is not on the halfedge.
-     */
-    int apex(int h) const {
-        return origin(previous(h));
-    }
-    /**
-     * Get the halfedge that runs along the same edge in the other direction.
-     */
-    int opposite(int h) const {
-        return halfedges[h].opposite;
-    }
-    /**
-     * Get the vertex beyond a halfedge: the apex of its opposite, at less cost.
-     */
-    int outer(int h) const {
-        return halfedges[h].outer;
-    }
-    /**
-     * Get the halfedge that follows h, counter-clockwise, among those that start from the same vertex.
-     */
-    int rotate(int h) const {
-        return opposite(previous(h));
-    }
-    /**
-     * Get one of the halfedges that start from a vertex.  Which one depends on the flips made so far.
-     */
-    int outgoing(int vertex) const {
-        return vertices[vertex].outgoing;
-    }
-    /**
-     * Get the number of edges at a vertex.
-     */
-    int valence(int vertex) const {
-        return vertices[vertex].valence;
-    }
-    /**
-     * Get whether an edge connects two vertices.
-     */
-    bool areBonded(int vertex1, int vertex2) const {
-        return valence(vertex1) <= valence(vertex2) ? isAround(vertex1, vertex2) : isAround(vertex2, vertex1);
-    }
-    /**
-     * Get the same, but look around the first vertex only.
-     */
-    bool isAround(int vertex1, int vertex2) const {
-        int h = outgoing(vertex1);
-        for (int n = valence(vertex1); n > 0; n--) {
-            if (tip(h) == vertex2)
-                return true;
-            h = rotate(h);
-        }
-        return false;
-    }
-    /**
-     * Get whether a pair of different vertices is left out of the repulsion.
-     *
-     * @param level  0 for none, 1 for bonded vertices, 2 for those that share a bonded vertex too
-     */
-    bool areExcluded(int vertex1, int vertex2, int level) const;
-    /**
-     * Get whether a halfedge's edge may never flip.
-     */
-    bool isFixed(int h) const {
-        return !fixedHalfedges.empty() && fixedHalfedges[h];
-    }
-    /**
-     * Get whether a halfedge's edge is not fixed and its flip leaves a valid mesh.
-     */
-    bool canFlip(int h) const {
-        int o = opposite(h);
-        return !isFixed(h) && valence(origin(h)) > 3 && valence(origin(o)) > 3 && !areBonded(apex(h), apex(o));
-    }
-    /**
-     * Bring what the mesh knows of a halfedge's triangle, which may be on two lines, into the cache.
-     */
-    void prefetch(int h) const {
-        int first = h - unsigned(h) % 3;
-        __builtin_prefetch(&halfedges[first]);
-        __builtin_prefetch(&halfedges[first + 2].outer);
-    }
-    /**
-     * Bring what the mesh knows of a vertex into the cache.
-     */
-    void prefetchVertex(int vertex) const {
-        __builtin_prefetch(&vertices[vertex]);
-    }
-    /**
-     * Replace an edge by the other diagonal of its two triangles.  canFlip(h) must be true.
-     *
-     * Afterwards previous(h) and previous(opposite(h)) as they were are the halfedges of the new edge.
-     */
-    void flip(int h);
     /**
      * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one
      * change.
@@ -221,13 +95,6 @@ public:
      */
     void validate() const;
 private:
-    // What is nearly always needed together is next to each other.
-    struct Vertex {
-        Relaxed<int> outgoing, valence;
-    };
-    struct Halfedge {
-        Relaxed<int> origin, opposite, outer;
-    };
     void findParticles(const std::vector<std::array<int, 3>>& triangles);
     void findVertices(const std::vector<std::array<int, 3>>& triangles);
     void connect();
@@ -238,11 +105,7 @@ private:
     std::string describeEdge(int vertex1, int vertex2) const;
     int numParticles;
     std::vector<int> particles, order;
-    std::vector<Vertex> vertices;
-    std::vector<Halfedge> halfedges;
     std::vector<std::array<int, 2>> fixedEdges;
-    /// for each halfedge whether its edge is fixed; empty when none is
-    std::vector<Relaxed<char>> fixedHalfedges;
     long long revision = 0;
 };
 

@@ -222,15 +222,35 @@ private:
 };
 
 /**
- * Add the terms of the energy that depend on totals alone.
+ * Compute the terms of the energy that depend on totals alone.
+ *
+ * @param add  called for each with the term and its energy
+ */
+template <class Real, class Add>
+inline void computeTermsOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals, Add add) {
+    add(Term::Area, penalty(p.moduli[Term::Area], totals.area, p.targetArea));
+    add(Term::Volume, penalty(p.moduli[Term::Volume], totals.volume, p.targetVolume));
+    add(Term::AreaDifference,
+        penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference));
+}
+
+/**
+ * Add the same terms to others.
  */
 template <class Real>
 inline void addTermsOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals,
                              HelfrichEnergyTerms& terms) {
-    terms[Term::Area] += penalty(p.moduli[Term::Area], totals.area, p.targetArea);
-    terms[Term::Volume] += penalty(p.moduli[Term::Volume], totals.volume, p.targetVolume);
-    terms[Term::AreaDifference] +=
-            penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference);
+    computeTermsOfTotals(p, totals, [&](Term term, Real energy) { terms[term] += energy; });
+}
+
+/**
+ * Get the sum of the same terms.
+ */
+template <class Real>
+inline Real energyOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
+    Real sum = 0;
+    computeTermsOfTotals(p, totals, [&](Term term, Real energy) { sum += energy; });
+    return sum;
 }
 
 /**

@@ -1,4 +1,4 @@
-#include "openmmhelfrich/internal/InstructionSet.h"
+#include "CpuInstructionSet.h"
 #include "openmm/OpenMMException.h"
 #include <cstdlib>
 #include <string>
@@ -10,22 +10,22 @@ using namespace std;
 
 namespace HelfrichPlugin {
 
-typedef pair<string, InstructionSet> NamedSet;
+typedef pair<string, CpuInstructionSet> NamedSet;
 
 static vector<NamedSet> findSupportedSets() {
-    vector<NamedSet> sets = {{"Baseline", InstructionSet::Baseline}};
+    vector<NamedSet> sets = {{"Baseline", CpuInstructionSet::Baseline}};
 #ifdef HELFRICH_HAS_AVX2
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
-        sets.push_back({"AVX2", InstructionSet::AVX2});
+        sets.push_back({"AVX2", CpuInstructionSet::AVX2});
 #endif
 #ifdef HELFRICH_HAS_AVX512
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
-        sets.push_back({"AVX512", InstructionSet::AVX512});
+        sets.push_back({"AVX512", CpuInstructionSet::AVX512});
 #endif
     return sets;
 }
 
-InstructionSet getInstructionSet() {
+CpuInstructionSet getCpuInstructionSet() {
     vector<NamedSet> supported = findSupportedSets();
     const char* wanted = getenv("OPENMM_HELFRICH_SIMD");
     if (wanted == NULL || *wanted == 0)

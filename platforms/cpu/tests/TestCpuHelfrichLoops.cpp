@@ -10,27 +10,27 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * The energy of a membrane, without repulsion, and its gradient, by the passes that compute in Real.
+ * The energy of a membrane, without repulsion, and its gradient, by the loops that compute in Real.
  */
 template <class Real>
-class Passes {
+class Loops {
 public:
     /**
      * @param moduli  the bending modulus of each vertex; or none, for that of the parameters
      */
-    Passes(const Membrane& membrane, const HelfrichParameters& p, const vector<double>& moduli)
+    Loops(const Membrane& membrane, const HelfrichParameters& p, const vector<double>& moduli)
             : mesh(membrane.triangles, membrane.positions.size()) {
-        auto& passes = getCpuHelfrichPasses().in<Real>();
-        layout.initialize(mesh, passes.width);
+        auto& loops = getForProcessor<CpuHelfrichLoops>().in<Real>();
+        layout.initialize(mesh, loops.width);
         layout.update(mesh, 1);
         fillArrays(membrane, moduli);
         int numSlots = layout.getNumSlots(), numGroups = layout.getNumGroups();
-        passes.computeEnergy(layout, p, arrays, 0, numGroups, sums);
+        loops.computeEnergy(layout, p, arrays, 0, numGroups, sums);
         terms[Term::Bending] = sums.bending;
         terms[Term::Tether] = sums.tether;
         addTermsOfTotals(p, sums, terms);
         vector<double, CacheLineAllocator<double>> slotGradients(4 * numSlots);
-        passes.computeGradient(layout, p, getSlopesByTotals(p, sums), arrays, 0, numGroups, slotGradients.data());
+        loops.computeGradient(layout, p, getSlopesByTotals(p, sums), arrays, 0, numGroups, slotGradients.data());
         for (int slot : layout.slots)
             gradient.push_back({slotGradients[4 * slot], slotGradients[4 * slot + 1], slotGradients[4 * slot + 2]});
     }
@@ -51,8 +51,8 @@ private:
         for (size_t vertex = 0; vertex < moduli.size(); vertex++)
             bendingModuli[layout.slots[vertex]] = moduli[vertex];
         const double corner[] = {-4, -4, -4}, unit = ldexp(1, -28);
-        getCpuHelfrichPasses().roundPositions(positions.data(), 0, mesh.getNumVertices(), corner, 1 / unit,
-                                              fixedPositions.data());
+        getForProcessor<CpuHelfrichLoops>().roundPositions(positions.data(), 0, mesh.getNumVertices(), corner, 1 / unit,
+                                             fixedPositions.data());
         arrays = {positions.data(),
                   bendingSlopes.data(),
                   NULL,
@@ -104,8 +104,8 @@ void testEqualModuli(double tolerance) {
     for (int subdivisions : {0, 3}) {
         Membrane blob = createBlob(subdivisions);
         for (auto& p : createSomeParameters(blob)) {
-            Passes<Real> expected(blob, p, {});
-            Passes<Real> found(blob, p, vector<double>(blob.positions.size(), p.moduli[Term::Bending]));
+            Loops<Real> expected(blob, p, {});
+            Loops<Real> found(blob, p, vector<double>(blob.positions.size(), p.moduli[Term::Bending]));
             assertEqualEnergies(expected.terms, found.terms, tolerance);
             assertEqualGradients(expected.gradient, found.gradient, tolerance);
         }
@@ -168,7 +168,7 @@ void testDifferentModuli(double tolerance) {
             continue;
         HelfrichParameters others = p.only(~Bending);
         double exact = computeEnergyWithModuli(computeExactly(blob, others), moduli);
-        Passes<Real> found(blob, p, moduli);
+        Loops<Real> found(blob, p, moduli);
         ASSERT_EQUAL_TOL(1, found.terms.getTotal() / exact, tolerance);
         assertEqualGradients(computeGradientWithModuli(blob, others, moduli), found.gradient, tolerance);
     }
@@ -180,7 +180,7 @@ int main() {
         for (const char* name : {"Baseline", "AVX2", "AVX512"}) {
             setenv("OPENMM_HELFRICH_SIMD", name, 1);
             try {
-                getCpuHelfrichPasses();
+                getForProcessor<CpuHelfrichLoops>();
             }
             catch (const OpenMMException&) {
                 continue;

@@ -1,7 +1,8 @@
-#ifndef OPENMM_EDGEFLIPSWEEP_H_
-#define OPENMM_EDGEFLIPSWEEP_H_
+#ifndef OPENMM_CPUEDGEFLIPSWEEP_H_
+#define OPENMM_CPUEDGEFLIPSWEEP_H_
 
-#include "EdgeFlipState.h"
+#include "CpuEdgeFlipState.h"
+#include "openmmhelfrich/HelfrichKernels.h"
 #include <atomic>
 #include <exception>
 #include <functional>
@@ -9,13 +10,6 @@
 #include <vector>
 
 namespace HelfrichPlugin {
-
-/**
- * The outcome of attempted edge flips.
- */
-struct EdgeFlipStatistics {
-    long long attempted = 0, accepted = 0, forbidden = 0;
-};
 
 /**
  * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes
@@ -27,8 +21,8 @@ struct EdgeFlipStatistics {
  * - The attempts of a batch are evaluated, several to a vector, as if they were the next ones to be decided.
  * - One thread, the first, decides batch after batch, each attempt in its turn, with the totals of the moment, and
  * carries the flip out if it accepts it.  An attempt that has a vertex in common with a flip that its evaluation had
- * not seen is evaluated again at that time, and so is one whose repulsion depends on the neighbors of such a vertex;
- * nothing else can have changed what was evaluated.
+ * not seen is evaluated again at that time, and so is one whose repulsion depends on the bonded neighbors of such a
+ * vertex; nothing else can have changed what was evaluated.
  *
  * Other threads evaluate batches ahead of the decisions, and none waits for the others but when the pipeline is full.
  * The first thread evaluates whenever the next batch to decide is not ready.
@@ -37,14 +31,14 @@ struct EdgeFlipStatistics {
  * what another one changes.  But a processor's cache has no room for copies of a large membrane.  There all threads
  * look at the same one, and what they evaluate may be wrong, for it may be from before and from after a flip that the
  * first thread carries out at that time.  Such an attempt is always evaluated again: whatever a flip changes
- * (triangles, what is opposite to their sides, lists of partners) belongs to one of its four vertices, and an
- * evaluation looks at what belongs to the attempt's vertices, or, if its repulsion depends on them, to their partners.
+ * (triangles, what is opposite to their sides, lists of neighbors) belongs to one of its four vertices, and an
+ * evaluation looks at what belongs to the attempt's vertices, or, if its repulsion depends on them, to their neighbors.
  * So both have a vertex in common, and the evaluation counts as not having seen the flip.
  *
  * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is
  * faster.
  */
-class OPENMM_EXPORT_HELFRICH EdgeFlipSweep {
+class CpuEdgeFlipSweep {
 public:
     /**
      * This is called for each accepted flip, in their order, with the change of energy by which it was accepted.  The
@@ -52,29 +46,29 @@ public:
      */
     typedef std::function<void(double)> Observer;
     /**
-     * Create an EdgeFlipSweep.
+     * Create an CpuEdgeFlipSweep.
      *
      * @param mesh        the connectivity, with its fixed edges
      * @param numThreads  the number of threads
      * @param maxCopied   for at most so many vertices each thread has a copy of the membrane
      */
-    explicit EdgeFlipSweep(HelfrichMesh& mesh, int numThreads = 1, int maxCopied = MAX_COPIED);
+    explicit CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads = 1, int maxCopied = MAX_COPIED);
     static constexpr int MAX_COPIED = 100000;
     /**
      * Set where the vertices are.  This must be called before a sweep if they have moved since the last one.
      *
      * @param positions  the position of each particle
      * @param geometry   the areas, volume and curvatures of the membrane at these positions
-     * @param neighbors  the partners at these positions if needsNeighborList(), else NULL.  Sweeps divide them as the
-     * flipped mesh does
+     * @param neighborList  the neighbors at these positions if needsNeighborList(), else NULL.  Sweeps partition them
+     * as the flipped mesh does
      */
     void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
-                      HelfrichNeighborList* neighbors);
+                      CpuHelfrichNeighborList* neighborList);
     /**
      * Get whether a sweep needs to know which vertices are close to each other.
      */
     static bool needsNeighborList(const HelfrichParameters& parameters) {
-        return EdgeFlipState::needsNeighborList(parameters);
+        return CpuEdgeFlipState::needsNeighborList(parameters);
     }
     /**
      * Make one sweep.
@@ -99,15 +93,15 @@ private:
     /**
      * A place in the pipeline.
      */
-    struct alignas(64) Slot {
-        EdgeFlipBatch batch;
+    struct alignas(64) Place {
+        CpuEdgeFlipBatch batch;
         /// the number of the first batch whose flips the evaluation has not seen
         int firstUnseen;
         /// the flips that seemed likely to be accepted when they were evaluated, a bit for each of their attempts, and
         /// those that are accepted
-        EdgeFlipList likelyFlips;
+        CpuEdgeFlipList likelyFlips;
         uint64_t isLikely;
-        EdgeFlipList acceptedFlips;
+        CpuEdgeFlipList acceptedFlips;
         /// the number of the batch, as soon as it is evaluated
         std::atomic<int> evaluated;
     };
@@ -117,19 +111,19 @@ private:
      */
     struct alignas(64) Copy {
         explicit Copy(const HelfrichMesh& mesh) : mesh(mesh), state(this->mesh) {
-            state.setNeighbors(&neighbors);
+            state.setNeighborList(&neighborList);
         }
         HelfrichMesh mesh;
-        HelfrichNeighborList neighbors;
-        EdgeFlipState state;
+        CpuHelfrichNeighborList neighborList;
+        CpuEdgeFlipState state;
         /// the number of batches whose flips are carried out in its state
         std::atomic<int> numSeen;
     };
-    Slot& getSlot(int batch) {
-        return slots[batch % slots.size()];
+    Place& getPlace(int batch) {
+        return places[batch % places.size()];
     }
     void prepare(Copy& copy) const;
-    void findClosePartners();
+    void findCloseNeighbors();
     void decideAll();
     void help(Copy* copy);
     void carryOut(Copy& copy, int numDecided);
@@ -140,24 +134,24 @@ private:
      * @param numSeen   the number of batches whose flips are carried out in the state
      * @param upcoming  the batch that the thread has claimed beforehand, or NONE; it becomes that of the next time
      */
-    bool evaluateNext(const EdgeFlipState& state, int numSeen, int& upcoming);
+    bool evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming);
     /**
      * Get a batch for the thread that calls this to evaluate, with its random numbers drawn; or NONE.
      */
     int claimNext();
     /**
-     * Get whether no thread needs the batch any more that had a batch's slot before.
+     * Get whether no thread needs the batch any more that had a batch's place before.
      */
-    bool hasSlot(int batch) const;
+    bool hasPlace(int batch) const;
     void decide(int batch);
-    static void collectLikelyFlips(Slot& slot);
-    void decide(Slot& slot, int batch, int n);
-    static EdgeFlip getFlip(const Slot& slot, int n);
-    void accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy);
-    bool isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const;
-    bool isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const;
+    static void collectLikelyFlips(Place& place);
+    void decide(Place& place, int batch, int n);
+    static CpuEdgeFlip getFlip(const Place& place, int n);
+    void accept(Place& place, int batch, const CpuEdgeFlipAttempt& attempt, const CpuEdgeFlip& flip, double energy);
+    bool isStale(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const;
+    bool isCloseNeighborFlipped(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const;
     HelfrichMesh& mesh;
-    const EdgeFlipEvaluation& evaluation;
+    const CpuEdgeFlipEvaluation& evaluation;
     int numThreads, batchSize;
     HelfrichParameters p;
     double kT;
@@ -170,12 +164,12 @@ private:
     /// what the energy would change by with the totals
     ChangeByTotals change;
     EdgeFlipStatistics statistics;
-    HelfrichNeighborList* neighbors;
-    EdgeFlipState state;
-    std::vector<Slot> slots;
+    CpuHelfrichNeighborList* neighborList;
+    CpuEdgeFlipState state;
+    std::vector<Place> places;
     /// the evaluation of an attempt once more: in the batch it would take longer, for that may be in another thread's
     /// cache
-    EdgeFlipBatch renewed;
+    CpuEdgeFlipBatch renewed;
     std::vector<std::unique_ptr<Copy>> copies;
     /// the number of batches that some thread evaluates or has evaluated, and of those that are decided; on cache lines
     /// of their own, for all threads look at them often
@@ -187,4 +181,4 @@ private:
 
 } // namespace HelfrichPlugin
 
-#endif /*OPENMM_EDGEFLIPSWEEP_H_*/
+#endif /*OPENMM_CPUEDGEFLIPSWEEP_H_*/

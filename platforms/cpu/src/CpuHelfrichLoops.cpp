@@ -1,8 +1,9 @@
 // This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
 
-#include "CpuHelfrichPasses.h"
+#include "CpuHelfrichLoops.h"
 #include "CpuHelfrichLayout.h"
-#include "openmmhelfrich/internal/Simd.h"
+#include "CpuInstructionSet.h"
+#include "CpuSimd.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <algorithm>
@@ -52,15 +53,15 @@ inline Coordinates<Real> loadCoordinates(const CpuHelfrichArrays<Real>& arrays, 
 }
 
 /**
- * The vector to one point from another.
+ * The vectors from points to others.  Nothing else here takes the difference of two positions.
  */
-inline Point<double> difference(const Coordinates<double>& to, const Coordinates<double>& from,
-                                const CpuHelfrichArrays<double>& arrays) {
+inline Point<double> displacement(const Coordinates<double>& from, const Coordinates<double>& to,
+                                  const CpuHelfrichArrays<double>& arrays) {
     return to - from;
 }
 
-inline Point<float> difference(const Coordinates<float>& to, const Coordinates<float>& from,
-                               const CpuHelfrichArrays<float>& arrays) {
+inline Point<float> displacement(const Coordinates<float>& from, const Coordinates<float>& to,
+                                 const CpuHelfrichArrays<float>& arrays) {
     auto convert = [](auto integers) { return __builtin_convertvector(integers, Vector<float>); };
     Coordinates<float> d = to - from;
     return Point<float>{convert(d.x), convert(d.y), convert(d.z)} * broadcast(arrays.fixedUnit);
@@ -85,7 +86,7 @@ public:
     }
     /// the vector from the vertices to their neighbors of a number
     Point<Real> toNeighbor(int i) const {
-        return difference(loadCoordinates(arrays, neighbors + i * stride), center, arrays);
+        return displacement(center, loadCoordinates(arrays, neighbors + i * stride), arrays);
     }
     /// a value of the neighbors of a number
     Vector<Real> ofNeighbor(const Real* values, int i) const {
@@ -263,7 +264,7 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
     for (int slot = firstGroup * layout.width; slot < lastGroup * layout.width; slot += SimdOf<Real>::WIDTH) {
         Ring<Real> ring(layout, arrays, slot);
         RingSums<Real> ringSums = sumRing<parts, HasTether>(ring, p, arrays);
-        Point<Real> offset = difference(ring.center, origin, arrays);
+        Point<Real> offset = displacement(origin, ring.center, arrays);
         // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
         Vector<Real> vertexArea =
                 parts == Edges ? Real(0) * dot(offset, offset) : ringSums.doubleAreas * Real(1.0 / 6.0);
@@ -461,16 +462,15 @@ void roundPositions(const double* positions, int firstSlot, int lastSlot, const 
 
 } // namespace
 
-#define CONCATENATE_(a, b) a##b
-#define CONCATENATE(a, b) CONCATENATE_(a, b)
-
 namespace HelfrichPlugin {
 
-extern const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD);
-const CpuHelfrichPasses CONCATENATE(cpuHelfrichPasses, HELFRICH_SIMD) = {
-        {SimdOf<double>::WIDTH, chooseEnergy<double>, chooseGradient<double>},
-        {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>},
-        findBox,
-        roundPositions};
+template <>
+const CpuHelfrichLoops& getCompiledFor<CpuHelfrichLoops, CpuInstructionSet::HELFRICH_SIMD>() {
+    static const CpuHelfrichLoops functions = {{SimdOf<double>::WIDTH, chooseEnergy<double>, chooseGradient<double>},
+                                               {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>},
+                                               findBox,
+                                               roundPositions};
+    return functions;
+}
 
 } // namespace HelfrichPlugin

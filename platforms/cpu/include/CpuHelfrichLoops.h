@@ -1,5 +1,5 @@
-#ifndef OPENMM_CPUHELFRICHPASSES_H_
-#define OPENMM_CPUHELFRICHPASSES_H_
+#ifndef OPENMM_CPUHELFRICHLOOPS_H_
+#define OPENMM_CPUHELFRICHLOOPS_H_
 
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <type_traits>
@@ -9,8 +9,8 @@ namespace HelfrichPlugin {
 class CpuHelfrichLayout;
 
 /**
- * The arrays that the passes over a membrane share.  Arrays of slots have an element a vertex, arrays of corners one
- * for each neighbor of each vertex, in the order of CpuHelfrichLayout.  Real is the type in which the passes compute.
+ * The arrays that the loops over a membrane share.  Arrays of slots have an element a vertex, arrays of corners one
+ * for each neighbor of each vertex, in the order of CpuHelfrichLayout.  Real is the type in which the loops compute.
  */
 template <class Real>
 struct CpuHelfrichArrays {
@@ -23,7 +23,7 @@ struct CpuHelfrichArrays {
     Real* curvatures;
     /// of each corner: the dihedral angle of the edge over its length
     Real* anglesPerLength;
-    /// what passes in single precision read in place of the positions; see CpuHelfrichPasses::roundPositions()
+    /// what loops in single precision read in place of the positions; see CpuHelfrichLoops::roundPositions()
     int* fixedPositions;
     /// the length of which fixedPositions are multiples
     float fixedUnit;
@@ -53,15 +53,15 @@ struct CpuHelfrichSums : HelfrichTotals {
 };
 
 /**
- * The passes over the groups of a layout, whose width must be a multiple of theirs.  Real is the type in which they
+ * The loops over the groups of a layout, whose width must be a multiple of theirs.  Real is the type in which they
  * compute what concerns a vertex; sums over vertices are in double precision.  The layout's width does not change the
  * result.
  */
 template <class Real>
-struct CpuHelfrichForcePasses {
+struct CpuHelfrichForceLoops {
     /// the number of vertices beside each other in a vector
     int width;
-    /// compute energies, what of areas, volumes and curvatures they need, and what the second pass needs; the sum of
+    /// compute energies, what of areas, volumes and curvatures they need, and what the second loop needs; the sum of
     /// the areas is finite if the positions are
     void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                           const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums);
@@ -73,13 +73,13 @@ struct CpuHelfrichForcePasses {
 };
 
 /**
- * The passes over vertices, compiled for one instruction set.
+ * The loops over vertices, compiled for one instruction set.
  */
-struct CpuHelfrichPasses {
-    CpuHelfrichForcePasses<double> inDouble;
-    CpuHelfrichForcePasses<float> inSingle;
+struct CpuHelfrichLoops {
+    CpuHelfrichForceLoops<double> inDouble;
+    CpuHelfrichForceLoops<float> inSingle;
     template <class Real>
-    const CpuHelfrichForcePasses<Real>& in() const {
+    const CpuHelfrichForceLoops<Real>& in() const {
         if constexpr (std::is_same<Real, double>::value)
             return inDouble;
         else
@@ -93,12 +93,6 @@ struct CpuHelfrichPasses {
                            int* fixedPositions);
 };
 
-/**
- * Get the passes for the best instruction set that the processor has, or for the one that the environment variable
- * OPENMM_HELFRICH_SIMD names: Baseline, AVX2 or AVX512.
- */
-const CpuHelfrichPasses& getCpuHelfrichPasses();
-
 } // namespace HelfrichPlugin
 
-#endif /*OPENMM_CPUHELFRICHPASSES_H_*/
+#endif /*OPENMM_CPUHELFRICHLOOPS_H_*/

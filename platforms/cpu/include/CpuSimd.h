@@ -1,5 +1,5 @@
-#ifndef OPENMM_HELFRICH_SIMD_H_
-#define OPENMM_HELFRICH_SIMD_H_
+#ifndef OPENMM_CPUSIMD_H_
+#define OPENMM_CPUSIMD_H_
 
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <cmath>
@@ -392,4 +392,4 @@ inline typename SimdOf<Real>::Vector loadScalars(const Real* data, const int* of
 
 } // namespace
 
-#endif /*OPENMM_HELFRICH_SIMD_H_*/
+#endif /*OPENMM_CPUSIMD_H_*/

@@ -1,5 +1,5 @@
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
-#include "openmmhelfrich/internal/InstructionSet.h"
+#include "CpuEdgeFlipSweep.h"
+#include "CpuInstructionSet.h"
 #include <algorithm>
 #include <cmath>
 #include <omp.h>
@@ -38,26 +38,27 @@ static const int MIN_FETCHED_AHEAD = 15000;
 static const int NONE = -1;
 
 static int limitThreads(int numThreads, int numVertices) {
-    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * EdgeFlipBatch::SIZE)}));
+    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * CpuEdgeFlipBatch::SIZE)}));
 }
 
-EdgeFlipSweep::EdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied)
-        : mesh(mesh), evaluation(getEdgeFlipEvaluation()), numThreads(limitThreads(numThreads, mesh.getNumVertices())),
-          random(0, 0), state(mesh), slots(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD * this->numThreads),
-          renewed(), lastFlips(mesh.getNumVertices()) {
-    batchSize = min(max(8, mesh.getNumVertices() / VERTICES_PER_ATTEMPT), EdgeFlipBatch::SIZE);
+CpuEdgeFlipSweep::CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied)
+        : mesh(mesh), evaluation(getForProcessor<CpuEdgeFlipEvaluation>()),
+          numThreads(limitThreads(numThreads, mesh.getNumVertices())), random(0, 0), state(mesh),
+          places(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD * this->numThreads), renewed(),
+          lastFlips(mesh.getNumVertices()) {
+    batchSize = min(max(8, mesh.getNumVertices() / VERTICES_PER_ATTEMPT), CpuEdgeFlipBatch::SIZE);
     if (mesh.getNumVertices() <= maxCopied)
         for (int i = 1; i < this->numThreads; i++)
             copies.emplace_back(new Copy(mesh));
 }
 
-void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
-                                 HelfrichNeighborList* neighbors) {
-    this->neighbors = neighbors;
+void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+                                    CpuHelfrichNeighborList* neighborList) {
+    this->neighborList = neighborList;
     totals.area = geometry.area;
     totals.volume = geometry.volume;
     totals.curvature = geometry.integratedMeanCurvature;
-    state.setNeighbors(neighbors);
+    state.setNeighborList(neighborList);
     const int CHUNK = 256, numVertices = mesh.getNumVertices();
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int begin = 0; begin < numVertices; begin += CHUNK) {
@@ -69,8 +70,8 @@ void EdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGe
     }
 }
 
-EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
-                                          const Philox& random, long long sweep, const Observer& observer) {
+EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
+                                             const Philox& random, long long sweep, const Observer& observer) {
     p = parameters;
     this->kT = kT;
     this->numAttempts = numAttempts;
@@ -82,8 +83,8 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     statistics = EdgeFlipStatistics();
     numBatches = (numAttempts + batchSize - 1) / batchSize;
     numClaimed = numDecided = 0;
-    for (Slot& slot : slots)
-        slot.evaluated = NONE;
+    for (Place& place : places)
+        place.evaluated = NONE;
     fill(lastFlips.begin(), lastFlips.end(), NONE);
     state.setParameters(p);
 #pragma omp parallel num_threads(numThreads)
@@ -96,7 +97,7 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
             prepare(*copy);
 #pragma omp barrier
         if (needsNeighborList(p))
-            findClosePartners();
+            findCloseNeighbors();
         if (thread == 0)
             decideAll();
         else
@@ -105,31 +106,31 @@ EdgeFlipStatistics EdgeFlipSweep::execute(const HelfrichParameters& parameters, 
     if (exception)
         rethrow_exception(exception);
     if (needsNeighborList(p))
-        neighbors->revision = mesh.getRevision();
+        neighborList->revision = mesh.getRevision();
     return statistics;
 }
 
-void EdgeFlipSweep::prepare(Copy& copy) const {
-    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and partners
-    // found anew or divided.
+void CpuEdgeFlipSweep::prepare(Copy& copy) const {
+    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and neighbors
+    // found anew or partitioned.
 
     if (copy.mesh.getRevision() != mesh.getRevision())
         copy.mesh = mesh;
     copy.state.setParameters(p);
     if (needsNeighborList(p) &&
-        (copy.neighbors.numBuilds != neighbors->numBuilds || copy.neighbors.revision != mesh.getRevision()))
-        copy.neighbors = *neighbors;
+        (copy.neighborList.numBuilds != neighborList->numBuilds || copy.neighborList.revision != mesh.getRevision()))
+        copy.neighborList = *neighborList;
     copy.numSeen = 0;
 }
 
-void EdgeFlipSweep::findClosePartners() {
+void CpuEdgeFlipSweep::findCloseNeighbors() {
     // As with positions, to find them once for all states takes less time.
 
 #pragma omp for schedule(static)
     for (int v = 0; v < mesh.getNumVertices(); v++) {
-        state.findClosePartners(v);
+        state.findCloseNeighbors(v);
         for (int i = 0; i < numCopies; i++)
-            copies[i]->state.setClosePartners(state, v);
+            copies[i]->state.setCloseNeighbors(state, v);
     }
 }
 
@@ -140,10 +141,10 @@ static void waitForOthers(int& tries) {
         this_thread::yield();
 }
 
-void EdgeFlipSweep::decideAll() {
+void CpuEdgeFlipSweep::decideAll() {
     for (int batch = 0, upcoming = NONE; batch < numBatches; batch++) {
         int tries = 0;
-        while (getSlot(batch).evaluated.load(memory_order_acquire) != batch)
+        while (getPlace(batch).evaluated.load(memory_order_acquire) != batch)
             if (!evaluateNext(state, batch, upcoming))
                 waitForOthers(tries);
         decide(batch);
@@ -153,8 +154,8 @@ void EdgeFlipSweep::decideAll() {
         mesh.markChanged();
 }
 
-void EdgeFlipSweep::help(Copy* copy) {
-    const EdgeFlipState& state = (copy == NULL ? this->state : copy->state);
+void CpuEdgeFlipSweep::help(Copy* copy) {
+    const CpuEdgeFlipState& state = (copy == NULL ? this->state : copy->state);
     int tries = 0, upcoming = NONE, numSeen;
     while ((numSeen = numDecided.load(memory_order_acquire)) < numBatches) {
         if (copy != NULL)
@@ -168,69 +169,69 @@ void EdgeFlipSweep::help(Copy* copy) {
         finish(*copy);
 }
 
-void EdgeFlipSweep::carryOut(Copy& copy, int numDecided) {
+void CpuEdgeFlipSweep::carryOut(Copy& copy, int numDecided) {
     for (int batch = copy.numSeen; batch < numDecided; batch++) {
-        const Slot& slot = getSlot(batch);
-        copy.state.carryOut(slot.acceptedFlips);
+        const Place& place = getPlace(batch);
+        copy.state.carryOut(place.acceptedFlips);
     }
     copy.numSeen.store(numDecided, memory_order_release);
 }
 
-void EdgeFlipSweep::finish(Copy& copy) {
+void CpuEdgeFlipSweep::finish(Copy& copy) {
     carryOut(copy, numBatches);
     if (statistics.accepted > 0)
         copy.mesh.markChanged();
     if (needsNeighborList(p))
-        copy.neighbors.revision = copy.mesh.getRevision();
+        copy.neighborList.revision = copy.mesh.getRevision();
 }
 
-bool EdgeFlipSweep::evaluateNext(const EdgeFlipState& state, int numSeen, int& upcoming) {
+bool CpuEdgeFlipSweep::evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming) {
     int number = (upcoming == NONE ? claimNext() : upcoming);
     if (number == NONE)
         return false;
     upcoming = (mesh.getNumVertices() < MIN_FETCHED_AHEAD ? NONE : claimNext());
-    Slot& slot = getSlot(number);
-    EdgeFlipBatch& batch = slot.batch;
-    state.evaluate(batch, upcoming == NONE ? NULL : &getSlot(upcoming).batch);
+    Place& place = getPlace(number);
+    CpuEdgeFlipBatch& batch = place.batch;
+    state.evaluate(batch, upcoming == NONE ? NULL : &getPlace(upcoming).batch);
     for (int n = 0; n < batch.numAttempts; n++)
         batch.attempts[n].threshold = -kT * log(batch.uniform[n]);
-    collectLikelyFlips(slot);
-    slot.firstUnseen = numSeen;
-    slot.acceptedFlips.count = 0;
-    slot.evaluated.store(number, memory_order_release);
+    collectLikelyFlips(place);
+    place.firstUnseen = numSeen;
+    place.acceptedFlips.count = 0;
+    place.evaluated.store(number, memory_order_release);
     return true;
 }
 
-void EdgeFlipSweep::collectLikelyFlips(Slot& slot) {
+void CpuEdgeFlipSweep::collectLikelyFlips(Place& place) {
     // They are few, and the first thread takes less time to get them from another one's cache than from all over the
     // batch.  What it evaluated itself is at hand.
 
-    const EdgeFlipBatch& batch = slot.batch;
-    slot.likelyFlips.count = 0;
-    slot.isLikely = 0;
+    const CpuEdgeFlipBatch& batch = place.batch;
+    place.likelyFlips.count = 0;
+    place.isLikely = 0;
     if (omp_get_thread_num() == 0)
         return;
     for (int n = 0; n < batch.numAttempts; n++)
-        slot.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold) << n;
-    for (uint64_t bits = slot.isLikely; bits != 0; bits &= bits - 1)
-        slot.likelyFlips.add(batch.getFlip(__builtin_ctzll(bits)));
+        place.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold) << n;
+    for (uint64_t bits = place.isLikely; bits != 0; bits &= bits - 1)
+        place.likelyFlips.add(batch.getFlip(__builtin_ctzll(bits)));
 }
 
-int EdgeFlipSweep::claimNext() {
+int CpuEdgeFlipSweep::claimNext() {
     int number = numClaimed.load(memory_order_relaxed);
     do {
-        if (number == numBatches || !hasSlot(number))
+        if (number == numBatches || !hasPlace(number))
             return NONE;
     } while (!numClaimed.compare_exchange_weak(number, number + 1, memory_order_relaxed));
-    EdgeFlipBatch& batch = getSlot(number).batch;
+    CpuEdgeFlipBatch& batch = getPlace(number).batch;
     long long firstAttempt = number * (long long) batchSize;
     batch.numAttempts = min((long long) batchSize, numAttempts - firstAttempt);
-    evaluation.draw(random, sweep, firstAttempt, mesh.getNumHalfedges(), batch);
+    evaluation.draw(random, sweep, firstAttempt, mesh.getNumDirectedEdges(), batch);
     return number;
 }
 
-bool EdgeFlipSweep::hasSlot(int batch) const {
-    int previous = batch - (int) slots.size();
+bool CpuEdgeFlipSweep::hasPlace(int batch) const {
+    int previous = batch - (int) places.size();
     if (numDecided.load(memory_order_acquire) <= previous)
         return false;
     for (int i = 0; i < numCopies; i++)
@@ -239,25 +240,25 @@ bool EdgeFlipSweep::hasSlot(int batch) const {
     return true;
 }
 
-void EdgeFlipSweep::decide(int batch) {
-    Slot& slot = getSlot(batch);
-    state.prefetch(slot.likelyFlips);
+void CpuEdgeFlipSweep::decide(int batch) {
+    Place& place = getPlace(batch);
+    state.prefetch(place.likelyFlips);
     try {
-        for (int n = 0; n < slot.batch.numAttempts && !exception; n++)
-            decide(slot, batch, n);
+        for (int n = 0; n < place.batch.numAttempts && !exception; n++)
+            decide(place, batch, n);
     }
     catch (...) {
         exception = current_exception();
     }
 }
 
-void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
-    const EdgeFlipAttempt* attempt = &slot.batch.attempts[n];
+void CpuEdgeFlipSweep::decide(Place& place, int batch, int n) {
+    const CpuEdgeFlipAttempt* attempt = &place.batch.attempts[n];
     double threshold = attempt->threshold;
-    bool isRenewed = isStale(*attempt, slot.firstUnseen);
+    bool isRenewed = isStale(*attempt, place.firstUnseen);
     if (isRenewed) {
         renewed.numAttempts = 1;
-        renewed.halfedge[0] = slot.batch.halfedge[n];
+        renewed.halfedge[0] = place.batch.halfedge[n];
         state.evaluate(renewed);
         attempt = &renewed.attempts[0];
     }
@@ -268,16 +269,17 @@ void EdgeFlipSweep::decide(Slot& slot, int batch, int n) {
     }
     double energy = change.addTo(attempt->energy, {attempt->area, attempt->volume, attempt->curvature});
     if (energy <= 0 || energy < threshold)
-        accept(slot, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(slot, n), energy);
+        accept(place, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(place, n), energy);
 }
 
-EdgeFlip EdgeFlipSweep::getFlip(const Slot& slot, int n) {
+CpuEdgeFlip CpuEdgeFlipSweep::getFlip(const Place& place, int n) {
     uint64_t bit = uint64_t(1) << n;
-    return (slot.isLikely & bit) != 0 ? slot.likelyFlips.flips[__builtin_popcountll(slot.isLikely & (bit - 1))]
-                                      : slot.batch.getFlip(n);
+    return (place.isLikely & bit) != 0 ? place.likelyFlips.flips[__builtin_popcountll(place.isLikely & (bit - 1))]
+                                       : place.batch.getFlip(n);
 }
 
-void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt, const EdgeFlip& flip, double energy) {
+void CpuEdgeFlipSweep::accept(Place& place, int batch, const CpuEdgeFlipAttempt& attempt, const CpuEdgeFlip& flip,
+                              double energy) {
     totals.area += attempt.area;
     totals.volume += attempt.volume;
     totals.curvature += attempt.curvature;
@@ -285,43 +287,22 @@ void EdgeFlipSweep::accept(Slot& slot, int batch, const EdgeFlipAttempt& attempt
     for (int vertex : attempt.vertex)
         lastFlips[vertex] = batch;
     state.carryOut(flip);
-    slot.acceptedFlips.add(flip);
+    place.acceptedFlips.add(flip);
     statistics.accepted++;
     if (*observer)
         (*observer)(energy);
 }
 
-bool EdgeFlipSweep::isStale(const EdgeFlipAttempt& attempt, int firstUnseen) const {
+bool CpuEdgeFlipSweep::isStale(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const {
     const int* v = attempt.vertex;
     return max(max(lastFlips[v[0]], lastFlips[v[1]]), max(lastFlips[v[2]], lastFlips[v[3]])) >= firstUnseen ||
-           (attempt.dependsOnPartners && isPartnerFlipped(attempt, firstUnseen));
+           (attempt.dependsOnCloseNeighbors && isCloseNeighborFlipped(attempt, firstUnseen));
 }
 
-bool EdgeFlipSweep::isPartnerFlipped(const EdgeFlipAttempt& attempt, int firstUnseen) const {
+bool CpuEdgeFlipSweep::isCloseNeighborFlipped(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const {
     for (int vertex : attempt.vertex)
         for (int n = 0; n < state.getNumClose(vertex); n++)
-            if (lastFlips[state.getPartners(vertex)[n]] >= firstUnseen)
+            if (lastFlips[state.getNeighbors(vertex)[n]] >= firstUnseen)
                 return true;
     return false;
 }
-
-namespace HelfrichPlugin {
-
-extern const EdgeFlipEvaluation edgeFlipEvaluationBaseline, edgeFlipEvaluationAVX2, edgeFlipEvaluationAVX512;
-
-const EdgeFlipEvaluation& getEdgeFlipEvaluation() {
-    switch (getInstructionSet()) {
-#ifdef HELFRICH_HAS_AVX512
-        case InstructionSet::AVX512:
-            return edgeFlipEvaluationAVX512;
-#endif
-#ifdef HELFRICH_HAS_AVX2
-        case InstructionSet::AVX2:
-            return edgeFlipEvaluationAVX2;
-#endif
-        default:
-            return edgeFlipEvaluationBaseline;
-    }
-}
-
-} // namespace HelfrichPlugin

@@ -1,7 +1,8 @@
 #include "HelfrichEquations.h"
 #include "Membranes.h"
+#include "NeighborLists.h"
 #include "openmm/internal/AssertionUtilities.h"
-#include "openmmhelfrich/internal/EdgeFlipSweep.h"
+#include "CpuEdgeFlipSweep.h"
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
@@ -33,7 +34,7 @@ HelfrichGeometry getGeometry(const Membrane& membrane) {
  * The threads of a sweep, with a copy of the membrane each unless they share one.
  */
 struct Threads {
-    Threads(int count, int maxCopied = EdgeFlipSweep::MAX_COPIED) : count(count), maxCopied(maxCopied) {
+    Threads(int count, int maxCopied = CpuEdgeFlipSweep::MAX_COPIED) : count(count), maxCopied(maxCopied) {
     }
     int count, maxCopied;
 };
@@ -45,22 +46,22 @@ Threads sharing(int count) {
 /**
  * Sweeps over a membrane whose vertices stay where they are.
  */
-class Sweep : public EdgeFlipSweep {
+class Sweep : public CpuEdgeFlipSweep {
 public:
     Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
           Threads threads = 1)
-            : EdgeFlipSweep(mesh, threads.count, threads.maxCopied) {
+            : CpuEdgeFlipSweep(mesh, threads.count, threads.maxCopied) {
         if (needsNeighborList(p)) {
-            neighbors.build(membrane.positions, 1.1 * p.repulsionOnset);
-            neighbors.divide(mesh);
+            neighborList = findNeighbors(membrane.positions, 1.1 * p.repulsionOnset);
+            neighborList.partition(mesh);
         }
-        setPositions(membrane.positions, geometry, needsNeighborList(p) ? &neighbors : NULL);
+        setPositions(membrane.positions, geometry, needsNeighborList(p) ? &neighborList : NULL);
     }
     Sweep(const Membrane& membrane, HelfrichMesh& mesh, const HelfrichParameters& p, Threads threads = 1)
             : Sweep(membrane, getGeometry(membrane), mesh, p, threads) {
     }
 private:
-    HelfrichNeighborList neighbors;
+    CpuHelfrichNeighborList neighborList;
 };
 
 /**

@@ -1,10 +1,10 @@
-#ifndef OPENMM_HELFRICH_EDGEFLIPSTATE_H_
-#define OPENMM_HELFRICH_EDGEFLIPSTATE_H_
+#ifndef OPENMM_CPUEDGEFLIPSTATE_H_
+#define OPENMM_CPUEDGEFLIPSTATE_H_
 
-#include "EdgeFlipEvaluation.h"
-#include "HelfrichMesh.h"
-#include "HelfrichNeighborList.h"
-#include "HelfrichParameters.h"
+#include "CpuEdgeFlipEvaluation.h"
+#include "CpuHalfedges.h"
+#include "CpuHelfrichNeighborList.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmm/Vec3.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include <vector>
@@ -19,11 +19,11 @@ namespace HelfrichPlugin {
  * Other threads may evaluate while one carries out flips.  At the vertices of these flips, what they compute has no
  * meaning.
  */
-class EdgeFlipState {
+class CpuEdgeFlipState {
 public:
-    explicit EdgeFlipState(HelfrichMesh& mesh);
+    explicit CpuEdgeFlipState(HelfrichMesh& mesh);
     /**
-     * Get whether the energy depends on which vertices are close to each other and share no neighbor.
+     * Get whether the energy depends on which vertices are close to each other and share no bonded neighbor.
      */
     static bool needsNeighborList(const HelfrichParameters& parameters) {
         return parameters.has(Term::Repulsion) && parameters.repulsionExclusionLevel == 2;
@@ -41,76 +41,81 @@ public:
     /**
      * Set the same as another state of the membrane has them.
      */
-    void setPositions(const EdgeFlipState& other, int first, int last);
+    void setPositions(const CpuEdgeFlipState& other, int first, int last);
     /**
-     * Set the list of each vertex's partners, which is needed if needsNeighborList().  Flips divide them as they do the
-     * mesh.
+     * Set the list of each vertex's neighbors, which is needed if needsNeighborList().  Flips partition it as they do
+     * the mesh.
      */
-    void setNeighbors(HelfrichNeighborList* neighbors) {
-        this->neighbors = neighbors;
+    void setNeighborList(CpuHelfrichNeighborList* neighborList) {
+        this->neighborList = neighborList;
     }
     void setParameters(const HelfrichParameters& parameters) {
         p = parameters;
     }
     /**
-     * Find the partners of a vertex that are closer than the repulsion's onset.
+     * Find the neighbors of a vertex that are closer than the repulsion's onset.
      */
-    void findClosePartners(int vertex);
+    void findCloseNeighbors(int vertex);
     /**
      * Set the same as another state of the membrane has them.
      */
-    void setClosePartners(const EdgeFlipState& other, int vertex);
+    void setCloseNeighbors(const CpuEdgeFlipState& other, int vertex);
     /**
      * Evaluate the attempts of a batch, whose halfedges are given: all but their thresholds.
      *
      * @param upcoming  the batch to be evaluated next, whose data is brought into the cache meanwhile; or NULL
      */
-    void evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming = NULL) const;
+    void evaluate(CpuEdgeFlipBatch& batch, const CpuEdgeFlipBatch* upcoming = NULL) const;
     /**
      * Carry out a flip that was evaluated in this state, or in one that is the same at its vertices.
      */
-    void carryOut(const EdgeFlip& flip);
+    void carryOut(const CpuEdgeFlip& flip);
     /**
      * Carry out flips that another thread may have evaluated: what they change may be in no cache.
      */
-    void carryOut(const EdgeFlipList& flips);
+    void carryOut(const CpuEdgeFlipList& flips);
     /**
      * Bring what flips would change into the cache.
      */
-    void prefetch(const EdgeFlipList& flips) const;
+    void prefetch(const CpuEdgeFlipList& flips) const;
     int getNumClose(int vertex) const {
         return vertices[vertex].numClose;
     }
     /**
-     * Get the partners of a vertex, first the close ones of those apart, in ascending order.
+     * Get the neighbors of a vertex, first the close ones of those apart, in ascending order.
      */
-    const Relaxed<int>* getPartners(int vertex) const {
-        return partnersOf(vertex);
+    const Relaxed<int>* getNeighbors(int vertex) const {
+        return neighborsOf(vertex);
     }
 private:
     class Walks;
     struct ClosePairs;
-    void prefetchStencils(const EdgeFlipBatch& batch, int first) const;
-    void findStencil(EdgeFlipBatch& batch, int n) const;
-    void beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, int corner, int wanted) const;
-    void collect(EdgeFlipBatch& batch, int n, bool areBonded) const;
-    void findRepulsion(EdgeFlipBatch& batch) const;
-    void addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const;
+    void prefetchStencils(const CpuEdgeFlipBatch& batch, int first) const;
+    void findStencil(CpuEdgeFlipBatch& batch, int n) const;
+    void beginWalk(Walks& walks, const CpuEdgeFlipBatch& batch, int n, int corner, int wanted) const;
+    void collect(CpuEdgeFlipBatch& batch, int n, bool areBonded) const;
+    /**
+     * Add what flips change by changing which pairs are excluded at level 2: those of forEachExcluded() in the
+     * HalfedgeConnectivity, told from it by what is around the flip.  (At level 1 they are i-j and k-l.)
+     */
+    void findRepulsion(CpuEdgeFlipBatch& batch) const;
+    void addRepulsion(CpuEdgeFlipBatch& batch, ClosePairs& pairs) const;
     bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
     double distance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
     void setBonded(int vertex, int other);
     void setApart(int vertex, int other);
-    Relaxed<int>* partnersOf(int vertex) const {
-        return neighbors->partners.data() + vertices[vertex].firstPartner;
+    Relaxed<int>* neighborsOf(int vertex) const {
+        return neighborList->neighbors.data() + vertices[vertex].firstNeighbor;
     }
-    HelfrichMesh& mesh;
-    const EdgeFlipEvaluation& evaluation;
+    const std::vector<int>& particles;
+    CpuHalfedges mesh;
+    const CpuEdgeFlipEvaluation& evaluation;
     HelfrichParameters p;
-    std::vector<EdgeFlipVertex> vertices;
-    HelfrichNeighborList* neighbors;
+    std::vector<CpuEdgeFlipVertex> vertices;
+    CpuHelfrichNeighborList* neighborList;
 };
 
 } // namespace HelfrichPlugin
 
-#endif /*OPENMM_HELFRICH_EDGEFLIPSTATE_H_*/
+#endif /*OPENMM_CPUEDGEFLIPSTATE_H_*/

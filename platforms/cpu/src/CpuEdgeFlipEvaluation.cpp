@@ -1,9 +1,12 @@
 // This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
 
-#include "openmmhelfrich/internal/EdgeFlipEvaluation.h"
+#include "CpuEdgeFlipEvaluation.h"
+#include "openmmhelfrich/internal/EdgeFlipDraw.h"
+#include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
-#include "openmmhelfrich/internal/Simd.h"
+#include "CpuInstructionSet.h"
+#include "CpuSimd.h"
 
 using namespace HelfrichPlugin;
 
@@ -16,16 +19,15 @@ typedef Vector3<Simd> Point;
  */
 class Attempts {
 public:
-    Attempts(const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first)
-            : vertices(vertices), batch(batch), first(first) {
+    Attempts(const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first)
+            : vertices(vertices), batch(batch), first(first), origin(position(0)) {
     }
-    Point position(int n) const {
-        int offsets[WIDTH];
-        for (int lane = 0; lane < WIDTH; lane++)
-            offsets[lane] = batch.vertex[n][first + lane] * int(sizeof(EdgeFlipVertex) / sizeof(double));
-        Point x;
-        loadPoints(&vertices[0].x, offsets, x.x, x.y, x.z);
-        return x;
+    /**
+     * Get the vectors from vertices 0 to those of another number.  Nothing else here takes the difference of two
+     * positions.
+     */
+    Point displacement(int n) const {
+        return position(n) - origin;
     }
     Simd area(int n) const {
         Simd result;
@@ -39,25 +41,33 @@ public:
             result[lane] = vertices[batch.vertex[n][first + lane]].curvature;
         return result;
     }
-    void set(double (&results)[EdgeFlipBatch::SIZE], Simd values) const {
+    void set(double (&results)[CpuEdgeFlipBatch::SIZE], Simd values) const {
         store(results + first, values);
     }
 private:
-    const EdgeFlipVertex* vertices;
-    EdgeFlipBatch& batch;
+    Point position(int n) const {
+        int offsets[WIDTH];
+        for (int lane = 0; lane < WIDTH; lane++)
+            offsets[lane] = batch.vertex[n][first + lane] * int(sizeof(CpuEdgeFlipVertex) / sizeof(double));
+        Point x;
+        loadPoints(&vertices[0].x, offsets, x.x, x.y, x.z);
+        return x;
+    }
+    const CpuEdgeFlipVertex* vertices;
+    CpuEdgeFlipBatch& batch;
     int first;
+    Point origin;
 };
 
 /**
- * The vectors from i that a flip's geometry needs, and the normals, twice the triangles' areas long, of (i, j, k), (j,
- * i, l) before and of (l, j, k), (k, i, l) after it.
+ * The two triangles of an edge: the vectors from i that a flip's geometry needs, and the normals, twice the triangles'
+ * areas long, of (i, j, k), (j, i, l) before and of (l, j, k), (k, i, l) after it.
  */
-struct Patch {
-    Point origin, corner[4] = {}, normal[4];
-    explicit Patch(const Attempts& attempts) {
-        origin = attempts.position(0);
+struct Diamond {
+    Point corner[4] = {}, normal[4];
+    explicit Diamond(const Attempts& attempts) {
         for (int n = 1; n < 4; n++)
-            corner[n] = attempts.position(n) - origin;
+            corner[n] = attempts.displacement(n);
         const Point &j = corner[1], &k = corner[2], &l = corner[3];
         normal[0] = cross(j, k);
         normal[1] = cross(l, j);
@@ -77,10 +87,10 @@ struct VertexChanges {
     Simd area[4], curvature[4];
 };
 
-inline void computeAreas(const Patch& patch, VertexChanges& changes, Simd& area) {
+inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& area) {
     Simd areas[4];
     for (int n = 0; n < 4; n++)
-        areas[n] = 0.5 * rootOf(dot(patch.normal[n], patch.normal[n]));
+        areas[n] = 0.5 * rootOf(dot(diamond.normal[n], diamond.normal[n]));
     Simd before = areas[0] + areas[1], after = areas[2] + areas[3];
     const double third = 1.0 / 3.0;
     changes.area[0] = third * (areas[3] - before);
@@ -99,22 +109,23 @@ inline Simd computeCurvature(Simd length, const Point& normalF, const Point& nor
     return length * angleOf<SimdMath>(sine, cosine);
 }
 
-inline void computeCurvatures(const Attempts& attempts, const Patch& patch, VertexChanges& changes, Simd& curvature) {
-    const Point &j = patch.corner[1], &k = patch.corner[2], &l = patch.corner[3], i = {};
-    Simd removed = computeCurvature(rootOf(dot(j, j)), patch.normal[0], patch.normal[1], l);
-    Simd added = computeCurvature(rootOf(dot(l - k, l - k)), patch.normal[2], patch.normal[3], i - k);
+inline void computeCurvatures(const Attempts& attempts, const Diamond& diamond, VertexChanges& changes,
+                              Simd& curvature) {
+    const Point &j = diamond.corner[1], &k = diamond.corner[2], &l = diamond.corner[3], i = {};
+    Simd removed = computeCurvature(rootOf(dot(j, j)), diamond.normal[0], diamond.normal[1], l);
+    Simd added = computeCurvature(rootOf(dot(l - k, l - k)), diamond.normal[2], diamond.normal[3], i - k);
 
-    // Around the patch j-k, k-i, i-l and l-j belong to these triangles before and after the flip.
+    // Around the diamond j-k, k-i, i-l and l-j belong to these triangles before and after the flip.
 
     const Point from[4] = {j, k, i, l}, to[4] = {k, i, l, j};
     const int before[4] = {0, 0, 1, 1}, after[4] = {2, 3, 3, 2};
     Simd rim[4];
     for (int side = 0; side < 4; side++) {
-        Point edge = to[side] - from[side], outer = attempts.position(4 + side) - patch.origin - from[side],
-              outerNormal = cross(outer, edge);
+        Point edge = to[side] - from[side], beyond = attempts.displacement(4 + side) - from[side],
+              normalBeyond = cross(beyond, edge);
         Simd length = rootOf(dot(edge, edge));
-        rim[side] = computeCurvature(length, patch.normal[after[side]], outerNormal, outer) -
-                    computeCurvature(length, patch.normal[before[side]], outerNormal, outer);
+        rim[side] = computeCurvature(length, diamond.normal[after[side]], normalBeyond, beyond) -
+                    computeCurvature(length, diamond.normal[before[side]], normalBeyond, beyond);
     }
     changes.curvature[0] = 0.25 * (rim[1] + rim[2] - removed);
     changes.curvature[1] = 0.25 * (rim[0] + rim[3] - removed);
@@ -150,24 +161,25 @@ inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
 }
 
 template <bool HasCurvature, bool HasTether>
-void evaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first, int last) {
+void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
+              int last) {
     for (int group = first - first % WIDTH; group < last; group += WIDTH) {
         Attempts attempts(vertices, batch, group);
-        Patch patch(attempts);
+        Diamond diamond(attempts);
         VertexChanges changes;
         Simd area, curvature = {}, energy = {};
-        computeAreas(patch, changes, area);
+        computeAreas(diamond, changes, area);
         if (HasCurvature) {
-            computeCurvatures(attempts, patch, changes, curvature);
+            computeCurvatures(attempts, diamond, changes, curvature);
             if (p.has(Term::Bending))
                 energy += bendingChange(attempts, p, changes);
         }
         if (HasTether)
-            energy += tetherOf(patch.corner[3] - patch.corner[2], p) - tetherOf(patch.corner[1], p);
+            energy += tetherOf(diamond.corner[3] - diamond.corner[2], p) - tetherOf(diamond.corner[1], p);
         attempts.set(batch.energy, energy);
         attempts.set(batch.area, area);
         attempts.set(batch.curvature, curvature);
-        attempts.set(batch.volume, dot(patch.normal[0], patch.corner[3]) * (1.0 / 6.0));
+        attempts.set(batch.volume, dot(diamond.normal[0], diamond.corner[3]) * (1.0 / 6.0));
         for (int n = 0; n < 4; n++) {
             attempts.set(batch.vertexArea[n], changes.area[n]);
             if (HasCurvature)
@@ -176,7 +188,7 @@ void evaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeF
     }
 }
 
-void chooseEvaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices, EdgeFlipBatch& batch, int first,
+void chooseEvaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
                     int last) {
     bool hasTether = p.has(Term::Tether);
     auto function = p.needsCurvature() ? (hasTether ? evaluate<true, true> : evaluate<true, false>)
@@ -184,22 +196,23 @@ void chooseEvaluate(const HelfrichParameters& p, const EdgeFlipVertex* vertices,
     function(p, vertices, batch, first, last);
 }
 
-void draw(const Philox& random, long long sweep, long long firstAttempt, int numHalfedges, EdgeFlipBatch& batch) {
+void draw(const Philox& random, long long sweep, long long firstAttempt, int numDirectedEdges,
+          CpuEdgeFlipBatch& batch) {
     for (int n = 0; n < batch.numAttempts; n++) {
-        auto words = random(sweep, firstAttempt + n);
-        batch.halfedge[n] = (int) Philox::index(words[0], words[1], numHalfedges);
-        batch.uniform[n] = Philox::uniform(words[2], words[3]);
+        EdgeFlipDraw draw = drawEdgeFlip(random, sweep, firstAttempt + n, numDirectedEdges);
+        batch.halfedge[n] = HelfrichMesh::halfedgeOf(draw.directedEdge);
+        batch.uniform[n] = draw.uniform;
     }
 }
 
 } // namespace
 
-#define CONCATENATE_(a, b) a##b
-#define CONCATENATE(a, b) CONCATENATE_(a, b)
-
 namespace HelfrichPlugin {
 
-extern const EdgeFlipEvaluation CONCATENATE(edgeFlipEvaluation, HELFRICH_SIMD);
-const EdgeFlipEvaluation CONCATENATE(edgeFlipEvaluation, HELFRICH_SIMD) = {draw, chooseEvaluate};
+template <>
+const CpuEdgeFlipEvaluation& getCompiledFor<CpuEdgeFlipEvaluation, CpuInstructionSet::HELFRICH_SIMD>() {
+    static const CpuEdgeFlipEvaluation functions = {draw, chooseEvaluate};
+    return functions;
+}
 
 } // namespace HelfrichPlugin

@@ -1,8 +1,9 @@
-// The CPU platform's passes over a noisy icosphere, one thread, by instruction set, precision and number of vertices: a
+// The CPU platform's loops over a noisy icosphere, one thread, by instruction set, precision and number of vertices: a
 // tool for work on them.  Time is per vertex.
 
 #include "CpuHelfrichLayout.h"
-#include "CpuHelfrichPasses.h"
+#include "CpuHelfrichLoops.h"
+#include "CpuInstructionSet.h"
 #include "Membranes.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
@@ -15,7 +16,7 @@ using namespace HelfrichPlugin;
 using namespace std;
 
 /**
- * A rough sphere whose connectivity random flips have melted, with every array that the passes need.  Real is the type
+ * A rough sphere whose connectivity random flips have melted, with every array that the loops need.  Real is the type
  * in which they compute.
  */
 template <class Real>
@@ -32,7 +33,7 @@ struct Scene {
             if (mesh->canFlip(h))
                 mesh->flip(h);
         }
-        layout.initialize(*mesh, getCpuHelfrichPasses().in<Real>().width);
+        layout.initialize(*mesh, getForProcessor<CpuHelfrichLoops>().in<Real>().width);
         layout.update(*mesh, 1);
         parameters.moduli[Term::Bending] = 20;
         if (hasTether) {
@@ -52,8 +53,8 @@ struct Scene {
         for (int slot = 0; slot < layout.getNumSlots(); slot++)
             for (int i = 0; i < 3; i++)
                 arrays.positions[4 * slot + i] = membrane.positions[layout.vertices[slot]][i];
-        getCpuHelfrichPasses().roundPositions(arrays.positions, 0, layout.getNumSlots(), corner, 1 / unit,
-                                              fixedPositions);
+        getForProcessor<CpuHelfrichLoops>().roundPositions(arrays.positions, 0, layout.getNumSlots(), corner, 1 / unit,
+                                                           fixedPositions);
     }
     Membrane membrane;
     unique_ptr<HelfrichMesh> mesh;
@@ -77,25 +78,25 @@ static void reportPerVertex(benchmark::State& state, int numVertices) {
 template <class Real>
 static void energy(benchmark::State& state) {
     Scene<Real> scene(state.range(0), state.range(1));
-    auto& passes = getCpuHelfrichPasses().in<Real>();
+    auto& loops = getForProcessor<CpuHelfrichLoops>().in<Real>();
     CpuHelfrichSums sums;
     for (auto _ : state)
-        passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+        loops.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     reportPerVertex(state, scene.mesh->getNumVertices());
 }
 
 template <class Real>
 static void gradient(benchmark::State& state) {
     Scene<Real> scene(state.range(0), state.range(1));
-    auto& passes = getCpuHelfrichPasses().in<Real>();
+    auto& loops = getForProcessor<CpuHelfrichLoops>().in<Real>();
     CpuHelfrichSums sums;
     HelfrichTotals slopes;
     slopes.area = slopes.volume = slopes.curvature = 1;
     alignas(64) double gradients[4 * CpuHelfrichLayout::MAX_WIDTH];
-    passes.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
+    loops.computeEnergy(scene.layout, scene.parameters, scene.arrays, 0, scene.layout.getNumGroups(), sums);
     for (auto _ : state)
         for (int g = 0; g < scene.layout.getNumGroups(); g++)
-            passes.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, g + 1, gradients);
+            loops.computeGradient(scene.layout, scene.parameters, slopes, scene.arrays, g, g + 1, gradients);
     reportPerVertex(state, scene.mesh->getNumVertices());
 }
 

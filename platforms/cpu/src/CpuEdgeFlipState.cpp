@@ -1,4 +1,5 @@
-#include "openmmhelfrich/internal/EdgeFlipState.h"
+#include "CpuEdgeFlipState.h"
+#include "CpuInstructionSet.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <algorithm>
 #include <cmath>
@@ -12,12 +13,13 @@ using namespace std;
  */
 static const int GROUP = 8;
 
-EdgeFlipState::EdgeFlipState(HelfrichMesh& mesh)
-        : mesh(mesh), evaluation(getEdgeFlipEvaluation()), vertices(mesh.getNumVertices()), neighbors(NULL) {
+CpuEdgeFlipState::CpuEdgeFlipState(HelfrichMesh& mesh)
+        : particles(mesh.getParticles()), mesh(mesh), evaluation(getForProcessor<CpuEdgeFlipEvaluation>()),
+          vertices(mesh.getNumVertices()), neighborList(NULL) {
 }
 
-void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first, int last) {
-    const vector<int>& particles = mesh.getParticles();
+void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first,
+                                    int last) {
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
         vertices[v] = {x[0], x[1],           x[2], 0, geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v],
@@ -25,28 +27,35 @@ void EdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGe
     }
 }
 
-void EdgeFlipState::setPositions(const EdgeFlipState& other, int first, int last) {
+void CpuEdgeFlipState::setPositions(const CpuEdgeFlipState& other, int first, int last) {
     copy(other.vertices.begin() + first, other.vertices.begin() + last, vertices.begin() + first);
+}
+
+/**
+ * The vector from a vertex to another.
+ */
+static Vector3<double> displacement(const CpuEdgeFlipVertex& from, const CpuEdgeFlipVertex& to) {
+    return {to.x - from.x, to.y - from.y, to.z - from.z};
 }
 
 /**
  * Walks around vertices to see if they are bonded to others.  All go on at the same time, and those that are around
  * before the others begin again: no branch depends on a valence, which no processor could predict.
  */
-class EdgeFlipState::Walks {
+class CpuEdgeFlipState::Walks {
 public:
-    static const int MAX = EdgeFlipBatch::SIZE;
+    static const int MAX = CpuEdgeFlipBatch::SIZE;
     /**
      * Begin a walk.
      *
      * @param mesh      the connectivity
      * @param halfedge  starts from the vertex to go around; the apex of the triangle after its own is the first
      * neighbor on the way
-     * @param numSteps  the number of neighbors to see
+     * @param numSteps  the number of bonded neighbors to see
      * @param wanted    the vertex to look for
      * @param isFound   whether it is known to be there
      */
-    void begin(const HelfrichMesh& mesh, int halfedge, int numSteps, int wanted, bool isFound = false) {
+    void begin(const CpuHalfedges& mesh, int halfedge, int numSteps, int wanted, bool isFound = false) {
         mesh.prefetch(halfedge);
         halfedges[count] = halfedge;
         this->wanted[count] = wanted;
@@ -56,18 +65,18 @@ public:
     /**
      * Make a step of all walks, unless they are done.
      */
-    void step(const HelfrichMesh& mesh) {
+    void step(const CpuHalfedges& mesh) {
         if (stepsLeft == 0)
             return;
         stepsLeft--;
         for (int n = 0; n < count; n++) {
             int last = mesh.previous(halfedges[n]);
-            isFound[n] |= (mesh.outer(last) == wanted[n]);
+            isFound[n] |= (mesh.oppositeApex(last) == wanted[n]);
             halfedges[n] = mesh.opposite(last);
             mesh.prefetch(halfedges[n]);
         }
     }
-    void finish(const HelfrichMesh& mesh) {
+    void finish(const CpuHalfedges& mesh) {
         while (stepsLeft > 0)
             step(mesh);
     }
@@ -80,7 +89,7 @@ private:
     int halfedges[MAX], wanted[MAX], stepsLeft = 0;
 };
 
-void EdgeFlipState::evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming) const {
+void CpuEdgeFlipState::evaluate(CpuEdgeFlipBatch& batch, const CpuEdgeFlipBatch* upcoming) const {
     // In large membranes nearly everything is in no near cache.  Vectors, steps of the walks and requests for the
     // upcoming batch take turns, so that what is needed later comes from memory while the vectors are computed.
 
@@ -91,7 +100,7 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming
     for (int n = 0; n < batch.numAttempts; n++)
         findStencil(batch, n);
     for (int n = 0; n < batch.numAttempts; n++) {
-        // The vertices k and l may not be bonded already.  Go around the one with fewer neighbors.
+        // The vertices k and l may not be bonded already.  Go around the one with fewer bonded neighbors.
         const int *k = &batch.vertex[2][n], *l = &batch.vertex[3][n];
         bool aroundK = (vertices[*k].valence <= vertices[*l].valence);
         beginWalk(walks, batch, n, aroundK ? 2 : 3, aroundK ? *l : *k);
@@ -115,8 +124,8 @@ void EdgeFlipState::evaluate(EdgeFlipBatch& batch, const EdgeFlipBatch* upcoming
                                         pairEnergy(batch.vertex[2][n], batch.vertex[3][n]);
 }
 
-void EdgeFlipState::collect(EdgeFlipBatch& batch, int n, bool areBonded) const {
-    EdgeFlipAttempt& attempt = batch.attempts[n];
+void CpuEdgeFlipState::collect(CpuEdgeFlipBatch& batch, int n, bool areBonded) const {
+    CpuEdgeFlipAttempt& attempt = batch.attempts[n];
     attempt.energy = batch.energy[n];
     attempt.area = batch.area[n];
     attempt.volume = batch.volume[n];
@@ -125,10 +134,10 @@ void EdgeFlipState::collect(EdgeFlipBatch& batch, int n, bool areBonded) const {
         attempt.vertex[i] = batch.vertex[i][n];
     attempt.isForbidden = (areBonded || mesh.isFixed(batch.halfedge[n]) || vertices[attempt.vertex[0]].valence <= 3 ||
                            vertices[attempt.vertex[1]].valence <= 3);
-    attempt.dependsOnPartners = false;
+    attempt.dependsOnCloseNeighbors = false;
 }
 
-void EdgeFlipState::prefetchStencils(const EdgeFlipBatch& batch, int first) const {
+void CpuEdgeFlipState::prefetchStencils(const CpuEdgeFlipBatch& batch, int first) const {
     // Each group asks for the triangles opposite, and, as soon as these are there, for the vertices.
 
     for (int n = first, last = min(first + GROUP, batch.numAttempts); n < last; n++)
@@ -137,12 +146,12 @@ void EdgeFlipState::prefetchStencils(const EdgeFlipBatch& batch, int first) cons
         int h = batch.halfedge[n], o = mesh.opposite(h);
         for (int rim : {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)}) {
             __builtin_prefetch(&vertices[mesh.origin(rim)]);
-            __builtin_prefetch(&vertices[mesh.outer(rim)]);
+            __builtin_prefetch(&vertices[mesh.oppositeApex(rim)]);
         }
     }
 }
 
-void EdgeFlipState::findStencil(EdgeFlipBatch& batch, int n) const {
+void CpuEdgeFlipState::findStencil(CpuEdgeFlipBatch& batch, int n) const {
     int h = batch.halfedge[n], o = mesh.opposite(h);
     int rim[4] = {mesh.next(h), mesh.previous(h), mesh.next(o), mesh.previous(o)};
     batch.vertex[0][n] = mesh.origin(h);
@@ -150,12 +159,12 @@ void EdgeFlipState::findStencil(EdgeFlipBatch& batch, int n) const {
     batch.vertex[2][n] = mesh.origin(rim[1]);
     batch.vertex[3][n] = mesh.origin(rim[3]);
     for (int side = 0; side < 4; side++)
-        batch.vertex[4 + side][n] = mesh.outer(rim[side]);
+        batch.vertex[4 + side][n] = mesh.oppositeApex(rim[side]);
     for (auto& vertex : batch.vertex)
         __builtin_prefetch(&vertices[vertex[n]]);
 }
 
-void EdgeFlipState::beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, int corner, int wanted) const {
+void CpuEdgeFlipState::beginWalk(Walks& walks, const CpuEdgeFlipBatch& batch, int n, int corner, int wanted) const {
     // Nobody looks for the flip's own vertices, and those beyond the edges around it are known.
 
     static const int BEYOND[4][2] = {{5, 6}, {4, 7}, {4, 5}, {6, 7}}, NUM_KNOWN[4] = {5, 5, 4, 4};
@@ -170,25 +179,25 @@ void EdgeFlipState::beginWalk(Walks& walks, const EdgeFlipBatch& batch, int n, i
  * Pairs of a flip's vertex and a vertex that is close to it, and the walks that tell whether this one is bonded to the
  * vertex opposite in the flip.
  */
-struct EdgeFlipState::ClosePairs {
+struct CpuEdgeFlipState::ClosePairs {
     Walks walks;
-    int attempt[Walks::MAX], corner[Walks::MAX], partner[Walks::MAX];
+    int attempt[Walks::MAX], corner[Walks::MAX], neighbor[Walks::MAX];
 };
 
-void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch) const {
+void CpuEdgeFlipState::findRepulsion(CpuEdgeFlipBatch& batch) const {
     // Few vertices are close to any that they are not bonded to.  The walks are around the vertices opposite, j, i, l
-    // and k: while another thread flips, one around a partner might miss it.
+    // and k: while another thread flips, one around a neighbor might miss it.
 
     ClosePairs pairs;
     for (int n = 0; n < batch.numAttempts; n++) {
         for (int corner = 0; corner < 4; corner++) {
             int vertex = batch.vertex[corner][n];
             for (int m = 0; m < vertices[vertex].numClose; m++) {
-                int partner = partnersOf(vertex)[m];
+                int neighbor = neighborsOf(vertex)[m];
                 pairs.attempt[pairs.walks.count] = n;
                 pairs.corner[pairs.walks.count] = corner;
-                pairs.partner[pairs.walks.count] = partner;
-                beginWalk(pairs.walks, batch, n, corner ^ 1, partner);
+                pairs.neighbor[pairs.walks.count] = neighbor;
+                beginWalk(pairs.walks, batch, n, corner ^ 1, neighbor);
                 if (pairs.walks.count == Walks::MAX)
                     addRepulsion(batch, pairs);
             }
@@ -197,62 +206,59 @@ void EdgeFlipState::findRepulsion(EdgeFlipBatch& batch) const {
     addRepulsion(batch, pairs);
 }
 
-void EdgeFlipState::addRepulsion(EdgeFlipBatch& batch, ClosePairs& pairs) const {
-    // The flip takes from i and j, and gives to k and l, the paths to the neighbors of the opposite vertex.  It matters
-    // where there is no other path of two edges.
+void CpuEdgeFlipState::addRepulsion(CpuEdgeFlipBatch& batch, ClosePairs& pairs) const {
+    // The flip takes from i and j, and gives to k and l, the paths to the bonded neighbors of the opposite vertex.  It
+    // matters where there is no other path of two edges.
 
     pairs.walks.finish(mesh);
     for (int m = 0; m < pairs.walks.count; m++)
         if (pairs.walks.isFound[m]) {
             int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
-            batch.attempts[n].dependsOnPartners = true;
-            if (!shareOtherNeighbor(batch.vertex[corner ^ 1][n], vertex, pairs.partner[m]))
-                batch.attempts[n].energy += (corner < 2 ? 1 : -1) * pairEnergy(vertex, pairs.partner[m]);
+            batch.attempts[n].dependsOnCloseNeighbors = true;
+            if (!shareOtherNeighbor(batch.vertex[corner ^ 1][n], vertex, pairs.neighbor[m]))
+                batch.attempts[n].energy += (corner < 2 ? 1 : -1) * pairEnergy(vertex, pairs.neighbor[m]);
         }
     pairs.walks.clear();
 }
 
-bool EdgeFlipState::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
-    // Only flips at the two vertices may matter, so it looks around these, and not around the neighbors.
+bool CpuEdgeFlipState::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
+    // Only flips at the two vertices may matter, so it looks around these, and not around the bonded neighbors.
 
-    int h = mesh.outgoing(vertex1);
-    for (int n = mesh.valence(vertex1); n > 0; n--) {
-        if (mesh.tip(h) != middle && mesh.isAround(vertex2, mesh.tip(h)))
+    for (int neighbor : mesh.neighbors(vertex1))
+        if (neighbor != middle && mesh.isAround(vertex2, neighbor))
             return true;
-        h = mesh.rotate(h);
-    }
     return false;
 }
 
-void EdgeFlipState::carryOut(const EdgeFlipList& flips) {
+void CpuEdgeFlipState::carryOut(const CpuEdgeFlipList& flips) {
     prefetch(flips);
-    for (const EdgeFlip& flip : flips)
+    for (const CpuEdgeFlip& flip : flips)
         carryOut(flip);
 }
 
-void EdgeFlipState::prefetch(const EdgeFlipList& flips) const {
-    for (const EdgeFlip& flip : flips) {
+void CpuEdgeFlipState::prefetch(const CpuEdgeFlipList& flips) const {
+    for (const CpuEdgeFlip& flip : flips) {
         mesh.prefetch(flip.halfedge);
         for (int vertex : flip.vertex) {
             __builtin_prefetch(&vertices[vertex]);
             mesh.prefetchVertex(vertex);
         }
     }
-    for (const EdgeFlip& flip : flips) {
+    for (const CpuEdgeFlip& flip : flips) {
         int h = flip.halfedge;
         for (int inner : {h, mesh.next(h), mesh.previous(h)})
             mesh.prefetch(mesh.opposite(inner));
     }
-    for (const EdgeFlip& flip : flips) {
+    for (const CpuEdgeFlip& flip : flips) {
         int o = mesh.opposite(flip.halfedge);
         for (int rim : {mesh.next(o), mesh.previous(o)})
             mesh.prefetch(mesh.opposite(rim));
     }
 }
 
-void EdgeFlipState::carryOut(const EdgeFlip& flip) {
+void CpuEdgeFlipState::carryOut(const CpuEdgeFlip& flip) {
     for (int i = 0; i < 4; i++) {
-        EdgeFlipVertex& vertex = vertices[flip.vertex[i]];
+        CpuEdgeFlipVertex& vertex = vertices[flip.vertex[i]];
         vertex.area += flip.area[i];
         if (p.needsCurvature())
             vertex.curvature += flip.curvature[i];
@@ -268,73 +274,72 @@ void EdgeFlipState::carryOut(const EdgeFlip& flip) {
     mesh.flip(flip.halfedge);
 }
 
-void EdgeFlipState::findClosePartners(int vertex) {
-    vertices[vertex].firstPartner = neighbors->lists[vertex].start;
-    Relaxed<int>* partners = partnersOf(vertex);
+void CpuEdgeFlipState::findCloseNeighbors(int vertex) {
+    vertices[vertex].firstNeighbor = neighborList->lists[vertex].start;
+    Relaxed<int>* neighbors = neighborsOf(vertex);
     int numClose = 0;
-    for (int n = 0; n < neighbors->lists[vertex].numApart; n++)
-        if (distance2(vertex, partners[n]) < p.repulsionOnset * p.repulsionOnset)
-            swap(partners[n], partners[numClose++]);
-    sort(partners, partners + numClose);
+    for (int n = 0; n < neighborList->lists[vertex].numApart; n++)
+        if (distance2(vertex, neighbors[n]) < p.repulsionOnset * p.repulsionOnset)
+            swap(neighbors[n], neighbors[numClose++]);
+    sort(neighbors, neighbors + numClose);
     vertices[vertex].numClose = numClose;
 }
 
-void EdgeFlipState::setClosePartners(const EdgeFlipState& other, int vertex) {
-    vertices[vertex].firstPartner = other.vertices[vertex].firstPartner;
+void CpuEdgeFlipState::setCloseNeighbors(const CpuEdgeFlipState& other, int vertex) {
+    vertices[vertex].firstNeighbor = other.vertices[vertex].firstNeighbor;
     vertices[vertex].numClose = other.vertices[vertex].numClose;
     // Where none is close, as nearly always, the order of the others does not matter.
 
     if (vertices[vertex].numClose > 0)
-        copy_n(other.partnersOf(vertex), neighbors->lists[vertex].numApart, partnersOf(vertex));
+        copy_n(other.neighborsOf(vertex), neighborList->lists[vertex].numApart, neighborsOf(vertex));
 }
 
-static Relaxed<int>* findPartner(Relaxed<int>* first, Relaxed<int>* last, int partner) {
+static Relaxed<int>* findNeighbor(Relaxed<int>* first, Relaxed<int>* last, int neighbor) {
     // It costs less to look at all than to stop.
 
     Relaxed<int>* found = last;
     for (Relaxed<int>* other = first; other != last; other++)
-        found = (*other == partner ? other : found);
+        found = (*other == neighbor ? other : found);
     return found;
 }
 
-void EdgeFlipState::setApart(int vertex, int other) {
-    HelfrichNeighborList::List& list = neighbors->lists[vertex];
-    Relaxed<int>*partners = partnersOf(vertex), *end = partners + list.numPartners,
-    *found = findPartner(partners + list.numApart, end, other);
+void CpuEdgeFlipState::setApart(int vertex, int other) {
+    CpuHelfrichNeighborList::List& list = neighborList->lists[vertex];
+    Relaxed<int>*neighbors = neighborsOf(vertex), *end = neighbors + list.numNeighbors,
+    *found = findNeighbor(neighbors + list.numApart, end, other);
     if (found == end)
         return;
-    swap(*found, partners[list.numApart]);
+    swap(*found, neighbors[list.numApart]);
     if (distance2(vertex, other) < p.repulsionOnset * p.repulsionOnset) {
         int numClose = vertices[vertex].numClose;
-        swap(partners[numClose], partners[list.numApart]);
-        rotate(upper_bound(partners, partners + numClose, other), partners + numClose, partners + numClose + 1);
+        swap(neighbors[numClose], neighbors[list.numApart]);
+        rotate(upper_bound(neighbors, neighbors + numClose, other), neighbors + numClose, neighbors + numClose + 1);
         vertices[vertex].numClose = numClose + 1;
     }
     list.numApart++;
 }
 
-void EdgeFlipState::setBonded(int vertex, int other) {
-    HelfrichNeighborList::List& list = neighbors->lists[vertex];
+void CpuEdgeFlipState::setBonded(int vertex, int other) {
+    CpuHelfrichNeighborList::List& list = neighborList->lists[vertex];
     int numClose = vertices[vertex].numClose;
-    Relaxed<int>*partners = partnersOf(vertex), *end = partners + list.numApart,
-    *found = findPartner(partners, end, other);
+    Relaxed<int>*neighbors = neighborsOf(vertex), *end = neighbors + list.numApart,
+    *found = findNeighbor(neighbors, end, other);
     if (found == end)
         return;
-    if (found < partners + numClose) {
-        rotate(found, found + 1, partners + numClose);
-        found = partners + numClose - 1;
+    if (found < neighbors + numClose) {
+        rotate(found, found + 1, neighbors + numClose);
+        found = neighbors + numClose - 1;
         vertices[vertex].numClose = numClose - 1;
     }
-    swap(*found, partners[--list.numApart]);
+    swap(*found, neighbors[--list.numApart]);
 }
 
-double EdgeFlipState::distance2(int vertex1, int vertex2) const {
-    const EdgeFlipVertex &a = vertices[vertex1], &b = vertices[vertex2];
-    Vector3<double> d = {b.x - a.x, b.y - a.y, b.z - a.z};
+double CpuEdgeFlipState::distance2(int vertex1, int vertex2) const {
+    Vector3<double> d = displacement(vertices[vertex1], vertices[vertex2]);
     return dot(d, d);
 }
 
-double EdgeFlipState::pairEnergy(int vertex1, int vertex2) const {
+double CpuEdgeFlipState::pairEnergy(int vertex1, int vertex2) const {
     double r2 = distance2(vertex1, vertex2), slope;
     if (r2 >= p.repulsionOnset * p.repulsionOnset)
         return 0;

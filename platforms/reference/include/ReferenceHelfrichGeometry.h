@@ -1,0 +1,87 @@
+#ifndef OPENMM_REFERENCEHELFRICHGEOMETRY_H_
+#define OPENMM_REFERENCEHELFRICHGEOMETRY_H_
+
+#include "openmmhelfrich/internal/HelfrichMesh.h"
+#include <Eigen/Dense>
+#include <cmath>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The lengths, areas and angles of a surface, in extended precision.  Where a compiler's long double is a double, so is
+ * this.
+ */
+class ReferenceHelfrichGeometry {
+public:
+    typedef long double Real;
+    typedef Eigen::Matrix<Real, 3, 1> Vector;
+    /**
+     * The positions of the vertices or the gradient of an energy by them.
+     */
+    typedef std::vector<Vector> Vectors;
+    /**
+     * @param mesh  the connectivity
+     * @param x     the position of each vertex
+     */
+    ReferenceHelfrichGeometry(const HelfrichMesh& mesh, const Vectors& x) : mesh(mesh), x(x) {
+    }
+    /**
+     * Get the vector from a vertex to another.  No other function takes the difference of two positions.
+     */
+    Vector displacement(int from, int to) const {
+        return x[to] - x[from];
+    }
+    /**
+     * Get the vector along a halfedge.
+     */
+    Vector edge(int h) const {
+        return displacement(mesh.origin(h), mesh.tip(h));
+    }
+    Real length(int h) const {
+        return edge(h).norm();
+    }
+    /**
+     * Get the normal of a triangle, which is twice its area long.
+     */
+    Vector areaNormal(int t) const {
+        int a = mesh.origin(3 * t), b = mesh.origin(3 * t + 1), c = mesh.origin(3 * t + 2);
+        return displacement(a, b).cross(displacement(a, c));
+    }
+    Real area(int t) const {
+        return areaNormal(t).norm() / 2;
+    }
+    /**
+     * Get the normal of length 1, and 0 for a triangle without area.
+     */
+    Vector normal(int t) const {
+        Vector N = areaNormal(t);
+        Real area = N.norm() / 2;
+        return area == 0 ? Vector::Zero() : Vector(N / (2 * area));
+    }
+    /**
+     * Get the part of a triangle of the volume that a closed surface encloses.
+     */
+    Real volume(int t) const {
+        return displacement(0, mesh.origin(3 * t)).dot(areaNormal(t)) / 6;
+    }
+    /**
+     * Get the dihedral angle of a halfedge's edge.
+     *
+     * @param nf  the normal of the halfedge's triangle
+     * @param ng  that of the opposite triangle
+     */
+    Real dihedralAngle(int h, const Vector& nf, const Vector& ng) const {
+        // A triangle without area has no angles, and an edge without length nothing to say.  Adding 0 makes -0 a 0:
+        // what is folded flat has the angle pi, and not -pi.
+        bool isFlat = (length(h) != 0 && (nf.isZero(0) || ng.isZero(0)));
+        return isFlat ? Real(0) : std::atan2(nf.cross(ng).dot(edge(h)) / length(h) + Real(0), nf.dot(ng));
+    }
+protected:
+    const HelfrichMesh& mesh;
+    const Vectors& x;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_REFERENCEHELFRICHGEOMETRY_H_*/
