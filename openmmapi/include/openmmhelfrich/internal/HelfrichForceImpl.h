@@ -7,9 +7,12 @@
 #include "Splitting.h"
 #include "openmm/Kernel.h"
 #include "openmm/internal/ForceImpl.h"
+#include "openmm/serialization/SerializationNode.h"
 #include "openmmhelfrich/HelfrichForce.h"
+#include <istream>
 #include <map>
 #include <memory>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -40,7 +43,7 @@ public:
      */
     double makeTrajectory(OpenMM::ContextImpl& context, const std::vector<KickAndDrift>& sequence, bool mixed);
     /**
-     * Compute from now on only the forces that act in a kick, or all with NULL.
+     * Compute from now on only the forces that act in a kick, whatever the force groups, or all with NULL.
      */
     void setKick(const KickAndDrift* kick) {
         this->kick = kick;
@@ -59,10 +62,21 @@ public:
     }
     void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles);
     /**
-     * Set the triangles and the order of vertices of a run that goes on.
+     * Write the live state, which is the triangles and the order of the vertices, to a checkpoint.
      */
-    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
-                 const std::vector<int>& order);
+    void createCheckpoint(std::ostream& stream) const;
+    /**
+     * Read what createCheckpoint() wrote.
+     */
+    void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream);
+    /**
+     * Write the live state to a node of a State.
+     */
+    void serializeState(OpenMM::SerializationNode& node) const;
+    /**
+     * Read what serializeState() wrote.
+     */
+    void deserializeState(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node);
     /**
      * Make a sweep of edge flips.  See EdgeFlipSweep::execute() for the parameters.
      */
@@ -77,6 +91,8 @@ private:
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkTarget(const std::string& term, const std::string& setter, double modulus, double target) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
+    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
+                 const std::vector<int>& order);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
     void checkGeometry(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry, bool needsCurvature) const;
