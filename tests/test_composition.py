@@ -113,6 +113,27 @@ def test_monte_carlo_of_two_membranes(platform):
         assert all(np.isfinite(energy) for energy in termsOf(force, context).values())
 
 
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_force_groups_of_trajectories(platform, substeps):
+    """A membrane whose group is not integrated moves freely, also where the tether of another acts alone."""
+    results = []
+    for group in (1, 2):
+        integrator = mh.HamiltonianTrajectoryIntegrator(300, 0.0005, 5)
+        integrator.setTetherSubsteps(substeps)
+        integrator.setRandomNumberSeed(2)
+        integrator.setIntegrationForceGroups(group)
+        meshes, forces, context = createPair(platform, integrator)
+        start = positionsOf(context)
+        integrator.step(1)
+        assert integrator.getNumAccepted() == 1
+        v = context.getState(velocities=True).getVelocities(asNumpy=True)._value
+        results.append(np.abs(positionsOf(context) - start - integrator.getLastNumSteps() * 0.0005 * v).max(axis=1))
+    n = len(meshes[0].vertices)
+    for vertices, (acting, free) in ((slice(0, n), results), (slice(n + 1, -1), results[::-1])):
+        assert free[vertices].max() < 1e-12 < 1e-8 < acting[vertices].min()
+
+
 def test_two_membranes_of_one_name():
     mesh = createBlob(1)
     with pytest.raises(mm.OpenMMException, match="two HelfrichForces have the name 'HelfrichForce'.*setName"):

@@ -7,6 +7,7 @@
 
 %{
 #define SWIG_FILE_WITH_INIT
+#include "openmmhelfrich/CustomTrajectoryIntegrator.h"
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichForce.h"
@@ -41,9 +42,13 @@ import_array();
 %include "helfrich_typemaps.i"
 %include "helfrich_features.i"
 %include "helfrich_python.i"
+%include "helfrich_mixture.i"
 
 #define OPENMM_EXPORT_HELFRICH
 %include "openmmhelfrich/HelfrichForce.h"
+%include "openmmhelfrich/MonteCarloMove.h"
+%include "openmmhelfrich/MonteCarloIntegrator.h"
+%include "openmmhelfrich/CustomTrajectoryIntegrator.h"
 %include "openmmhelfrich/EdgeFlipIntegrator.h"
 %include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 %include "openmmhelfrich/ShearWaveIntegrator.h"

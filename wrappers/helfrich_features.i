@@ -68,14 +68,11 @@ HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
-HELFRICH_UNIT(EdgeFlipIntegrator::getTemperature, unit.kelvin)
-HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getTemperature, unit.kelvin)
+HELFRICH_UNIT(MonteCarloMove::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
-HELFRICH_UNIT(ShearWaveIntegrator::getTemperature, unit.kelvin)
 HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, unit.nanometer)
 HELFRICH_UNIT(ShearWaveIntegrator::getMinWaveNumber, unit.nanometer**-1)
 HELFRICH_UNIT(ShearWaveIntegrator::getMaxWaveNumber, unit.nanometer**-1)
-HELFRICH_UNIT(HybridMonteCarloIntegrator::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 
 %pythonappend HelfrichPlugin::HelfrichForce::getTether %{
@@ -92,14 +89,6 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 %}
 %pythonappend HelfrichPlugin::HelfrichForce::getGeometryInContext %{
         val = HelfrichGeometry._fromNumbers(*val)
-%}
-
-// The Integrator that is passed belongs to the other one from then on.
-%pythonprepend HelfrichPlugin::HybridMonteCarloIntegrator::addShearWaves %{
-        _requireOwned(shearWaves)
-%}
-%pythonappend HelfrichPlugin::HybridMonteCarloIntegrator::addShearWaves %{
-        shearWaves.thisown = False
 %}
 
 // The documentation comes from the headers, by SWIG's option -doxygen: this replaces what is different in Python, and formulas, which it garbles.

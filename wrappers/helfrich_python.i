@@ -72,12 +72,15 @@ def _requireOwned(integrator):
         raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator already")
 
 
-def _integratorArguments(trajectory, flips, flipProbability=0.5):
+def _integratorArguments(trajectory, flips=None, flipProbability=0.5):
     _requireOwned(trajectory)
     _requireOwned(flips)
     if trajectory is flips:
         raise ValueError(f"HybridMonteCarloIntegrator: the {type(flips).__name__} belongs to another integrator already: it is given twice")
     return trajectory, flips, flipProbability
+
+
+_MOVES = []
 
 
 def _loadPlugins():
@@ -138,33 +141,24 @@ _loadPlugins()
 }
 %enddef
 HELFRICH_CLASS(HelfrichForce, Force)
-HELFRICH_CLASS(EdgeFlipIntegrator, Integrator)
-HELFRICH_CLASS(HamiltonianTrajectoryIntegrator, Integrator)
-HELFRICH_CLASS(ShearWaveIntegrator, Integrator)
-HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
 
-%extend HelfrichPlugin::HybridMonteCarloIntegrator {
-%pythoncode %{
-    def getIntegrator(self, index):
-        """Get one of the integrators.
-
-        Parameters
-        ----------
-        index : int
-            0 for the one that makes the trajectories, 1 for the EdgeFlipIntegrator, 2 for the ShearWaveIntegrator
-        """
-        integrator = super().getIntegrator(index)
-        for kind in (EdgeFlipIntegrator, HamiltonianTrajectoryIntegrator, ShearWaveIntegrator):
-            if kind.isinstance(integrator):
-                return kind.cast(integrator)
-        return integrator
-%}
+// Moves, for HybridMonteCarloIntegrator.getMove() to find the class of one.
+%define HELFRICH_MOVE(Class)
+HELFRICH_CLASS(Class, Integrator)
+%pythoncode {
+_MOVES.append("Class")
 }
+%enddef
+HELFRICH_MOVE(CustomTrajectoryIntegrator)
+HELFRICH_MOVE(EdgeFlipIntegrator)
+HELFRICH_MOVE(HamiltonianTrajectoryIntegrator)
+HELFRICH_MOVE(HybridMonteCarloIntegrator)
+HELFRICH_MOVE(ShearWaveIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
         """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5, engine='native')
-        __init__(self, trajectory, flips, flipProbability=0.5)
+        __init__(self, trajectory, flips=None, flipProbability=0.5)
 
         Create a HybridMonteCarloIntegrator, either with Hybrid Monte Carlo trajectories or with those of another integrator.
 
@@ -181,16 +175,16 @@ HELFRICH_CLASS(HybridMonteCarloIntegrator, Integrator)
         flipProbability : float
             the probability that a step is a sweep of flips and not a trajectory
         engine : str
-            'native' for a HamiltonianTrajectoryIntegrator, 'custom' for the same algorithm as an openmm.CustomIntegrator
+            'native' for a HamiltonianTrajectoryIntegrator, 'custom' for a CustomTrajectoryIntegrator
         trajectory : openmm.Integrator
             the integrator that makes the trajectories; this object takes over its ownership
-        flips : EdgeFlipIntegrator
+        flips : EdgeFlipIntegrator, optional
             the integrator that flips edges; this object takes over its ownership
         """
         ownsIntegrators = ('trajectory' in kwargs or any(isinstance(arg, openmm.Integrator) for arg in args))
         arguments = (_integratorArguments if ownsIntegrators else _trajectoryArguments)(*args, **kwargs)
         _helfrich.HybridMonteCarloIntegrator_swiginit(self, _helfrich.new_HybridMonteCarloIntegrator(*arguments))
         if ownsIntegrators:
-            for integrator in arguments[:2]:
+            for integrator in filter(None, arguments[:2]):
                 integrator.thisown = False
 %}

@@ -1,11 +1,9 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichKernels.h"
-#include "openmmhelfrich/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmmhelfrich/internal/Splitting.h"
-#include "openmm/internal/OSRngSeed.h"
-#include "openmm/serialization/SerializationNode.h"
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 using namespace HelfrichPlugin;
@@ -13,16 +11,10 @@ using namespace OpenMM;
 using namespace std;
 
 HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize,
-                                                                 int stepsPerTrajectory) {
-    setTemperature(temperature);
+                                                                 int stepsPerTrajectory)
+        : MonteCarloIntegrator("HamiltonianTrajectoryIntegrator", temperature) {
     setStepSize(stepSize);
     setStepsPerTrajectory(stepsPerTrajectory);
-    setConstraintTolerance(1e-5);
-}
-
-void HamiltonianTrajectoryIntegrator::setTemperature(double temperature) {
-    requirePositive("HamiltonianTrajectoryIntegrator: the temperature in K", temperature);
-    this->temperature = temperature;
 }
 
 void HamiltonianTrajectoryIntegrator::setStepSize(double size) {
@@ -71,63 +63,37 @@ void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment)
     momentumRefreshment = refreshment;
 }
 
-void HamiltonianTrajectoryIntegrator::setRandomNumberSeed(int seed) {
-    randomNumberSeed = seed;
-    if (context != NULL)
-        activeSeed = (seed == 0 ? osrngseed() : seed);
-}
-
 void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
-    if (owner != NULL && &contextRef.getOwner() != owner)
-        throw OpenMMException("This Integrator is already bound to a context");
     requireFreeParticles(contextRef.getSystem(), "HamiltonianTrajectoryIntegrator");
-    context = &contextRef;
-    owner = &contextRef.getOwner();
-    activeSeed = (randomNumberSeed == 0 ? osrngseed() : randomNumberSeed);
-    numTrajectories = numAccepted = numDiverged = 0;
+    MonteCarloIntegrator::initialize(contextRef);
     kernel = context->getPlatform().createKernel(IntegrateHamiltonianTrajectoryKernel::Name(), contextRef);
     kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().initialize(context->getSystem());
-    findMembranes();
+    soleMembrane = findSoleMembrane();
 }
 
-void HamiltonianTrajectoryIntegrator::findMembranes() {
-    membranes.clear();
-    for (ForceImpl* impl : context->getForceImpls())
-        if (HelfrichForceImpl* membrane = dynamic_cast<HelfrichForceImpl*>(impl))
-            membranes.push_back(membrane);
-    hasOnlyMembranes = (membranes.size() == context->getForceImpls().size());
-    bool isAlone = (hasOnlyMembranes && membranes.size() == 1);
-    soleMembrane = (isAlone && membranes[0]->canMakeTrajectory(*context) ? membranes[0] : NULL);
+HelfrichForceImpl* HamiltonianTrajectoryIntegrator::findSoleMembrane() const {
+    if (!hasOnlyMembranes() || getMembranes().size() != 1 || !getMembranes()[0]->canMakeTrajectory(*context))
+        return NULL;
+    return getMembranes()[0];
 }
 
 void HamiltonianTrajectoryIntegrator::cleanup() {
     kernel = Kernel();
-    membranes.clear();
+    MonteCarloIntegrator::cleanup();
 }
 
 vector<string> HamiltonianTrajectoryIntegrator::getKernelNames() {
     return {IntegrateHamiltonianTrajectoryKernel::Name()};
 }
 
-void HamiltonianTrajectoryIntegrator::step(int steps) {
-    if (context == NULL)
-        throw OpenMMException("This Integrator is not bound to a context!");
-    for (int i = 0; i < steps; i++) {
-        makeTrajectory();
-        context->setStepCount(context->getStepCount() + 1);
-        context->setTime(context->getTime() + getStepSize());
-    }
-}
-
-void HamiltonianTrajectoryIntegrator::makeTrajectory() {
+void HamiltonianTrajectoryIntegrator::makeMove() {
     // The energy at the start is that of a valid state: an error there is the user's to see, and not a divergence.
 
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
-    double kT = BOLTZMANN * temperature;
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
-    startEnergy +=
-            trajectory.begin(*context, kT, refreshment, Philox(activeSeed, RandomStream::Momenta), numTrajectories);
+    startEnergy += trajectory.begin(*context, getThermalEnergy(), refreshment, getRandom(RandomStream::Momenta),
+                                    numTrajectories);
     if (!isfinite(startEnergy))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; "
                               "see the forces of the System");
@@ -138,23 +104,24 @@ void HamiltonianTrajectoryIntegrator::makeTrajectory() {
     catch (const OpenMMException&) {
         lastEnergyChange = numeric_limits<double>::infinity();
     }
-    auto words = Philox(activeSeed, RandomStream::TrajectoryTest)(0, numTrajectories);
-    numTrajectories++;
     if (!isfinite(lastEnergyChange)) {
         lastEnergyChange = numeric_limits<double>::infinity();
         numDiverged++;
     }
-    if (Philox::uniform(words[0], words[1]) < exp(-lastEnergyChange / kT))
+    bool isAccepted = draw(RandomStream::TrajectoryTest, numTrajectories, getAcceptanceProbability(lastEnergyChange));
+    numTrajectories++;
+    if (isAccepted)
         numAccepted++;
     else
         trajectory.restore(*context);
     context->systemChanged();
+    context->setTime(context->getTime() + getStepSize());
 }
 
 int HamiltonianTrajectoryIntegrator::drawNumSteps() const {
     int least = max(1, (int) lround(stepsPerTrajectory * (1 - trajectoryJitter))),
         most = (int) lround(stepsPerTrajectory * (1 + trajectoryJitter));
-    auto words = Philox(activeSeed, RandomStream::TrajectoryLength)(0, numTrajectories);
+    auto words = getRandom(RandomStream::TrajectoryLength)(0, numTrajectories);
     int steps = least + Philox::index(words[0], words[1], most - least + 1),
         stages = Splitting::byName(splitting).getNumStages();
     return (steps + stages - 1) / stages * stages;
@@ -170,40 +137,36 @@ double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
         potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
     else {
         moveStepByStep(sequence);
-        potentialEnergy = calcForcesAndEnergy(*context, hasOnlyMembranes, false, true, getIntegrationForceGroups());
+        potentialEnergy = computePotentialEnergy();
     }
     return potentialEnergy + trajectory.computeKineticEnergy(*context);
 }
 
 void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>& sequence) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
-    if (tetherSubsteps > 1) {
-        trajectory.move(*context, {0, 0}); // removes the forces at the start, which are those of all terms
-        addForces(sequence[0]);
-    }
     for (size_t i = 0; i < sequence.size(); i++) {
-        if (i > 0)
-            addForces(sequence[i]);
+        if (i > 0 || tetherSubsteps > 1)
+            computeForces(sequence[i]);
         trajectory.move(*context, sequence[i]);
     }
 }
 
-bool HamiltonianTrajectoryIntegrator::movesByItself() const {
-    return soleMembrane != NULL && (getIntegrationForceGroups() & (1 << soleMembrane->getOwner().getForceGroup())) != 0;
+bool HamiltonianTrajectoryIntegrator::isMoving(const HelfrichForceImpl& membrane) const {
+    return (getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) != 0;
 }
 
-void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
-    auto setKick = [&](const KickAndDrift* kick) {
-        for (auto membrane : membranes)
-            membrane->setKick(kick);
-    };
+bool HamiltonianTrajectoryIntegrator::movesByItself() const {
+    return soleMembrane != NULL && isMoving(*soleMembrane);
+}
+
+void HamiltonianTrajectoryIntegrator::computeForces(const KickAndDrift& kick) {
+    // Membranes that know of a kick act in every group: where not all of their terms act, no
+    // group does.
+
+    int groups = (kick.terms == TermMask::ALL ? getIntegrationForceGroups() : 0);
     setKick(&kick);
     try {
-        if (kick.terms == TermMask::ALL) // other forces act with all terms of the membranes
-            calcForcesAndEnergy(*context, hasOnlyMembranes, true, false, getIntegrationForceGroups());
-        else
-            for (auto membrane : membranes)
-                membrane->calcForcesAndEnergy(*context, true, false, getIntegrationForceGroups());
+        context->calcForcesAndEnergy(true, false, groups);
     }
     catch (...) {
         setKick(NULL);
@@ -212,40 +175,12 @@ void HamiltonianTrajectoryIntegrator::addForces(const KickAndDrift& kick) {
     setKick(NULL);
 }
 
+void HamiltonianTrajectoryIntegrator::setKick(const KickAndDrift* kick) {
+    for (auto membrane : getMembranes())
+        if (isMoving(*membrane))
+            membrane->setKick(kick);
+}
+
 double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {
     return kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().computeKineticEnergy(*context);
-}
-
-bool HamiltonianTrajectoryIntegrator::kineticEnergyRequiresForce() const {
-    return false;
-}
-
-void HamiltonianTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
-    writeBinary(stream, activeSeed);
-    writeBinary(stream, numTrajectories);
-    writeBinary(stream, numAccepted);
-    writeBinary(stream, numDiverged);
-}
-
-void HamiltonianTrajectoryIntegrator::loadCheckpoint(istream& stream) {
-    readBinary(stream, activeSeed);
-    readBinary(stream, numTrajectories);
-    readBinary(stream, numAccepted);
-    readBinary(stream, numDiverged);
-}
-
-void HamiltonianTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {
-    node.setIntProperty("version", 1);
-    node.setIntProperty("activeSeed", (int) activeSeed);
-    node.setLongProperty("numTrajectories", numTrajectories);
-    node.setLongProperty("numAccepted", numAccepted);
-    node.setLongProperty("numDiverged", numDiverged);
-}
-
-void HamiltonianTrajectoryIntegrator::deserializeParameters(const SerializationNode& node) {
-    requireVersion(node, 1, "HamiltonianTrajectoryIntegrator");
-    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    numTrajectories = node.getLongProperty("numTrajectories");
-    numAccepted = node.getLongProperty("numAccepted");
-    numDiverged = node.getLongProperty("numDiverged");
 }

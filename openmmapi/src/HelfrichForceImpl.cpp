@@ -1,4 +1,6 @@
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
+#include "openmmhelfrich/internal/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/internal/ContextImpl.h"
 #include <algorithm>
@@ -132,7 +134,7 @@ void HelfrichForceImpl::throwNonFinite(ContextImpl& context, const HelfrichGeome
 
 double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy,
                                               int groups) {
-    if ((groups & (1 << owner.getForceGroup())) == 0)
+    if (kick == NULL && (groups & (1 << owner.getForceGroup())) == 0)
         return 0;
     double energy = execute(context, includeForces).getTotal();
     return includeEnergy ? energy : 0;
@@ -208,6 +210,36 @@ void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<in
     mesh->setTriangles(triangles);
     isOrientationChecked = false;
     context.systemChanged();
+}
+
+void HelfrichForceImpl::createCheckpoint(ostream& stream) const {
+    auto triangles = mesh->getTriangles();
+    writeBinary(stream, (long long) triangles.size());
+    stream.write((const char*) triangles.data(), sizeof(triangles[0]) * triangles.size());
+    stream.write((const char*) mesh->getOrder().data(), sizeof(int) * mesh->getOrder().size());
+}
+
+void HelfrichForceImpl::loadCheckpoint(ContextImpl& context, istream& stream) {
+    long long numTriangles;
+    readBinary(stream, numTriangles);
+    if (numTriangles != mesh->getNumTriangles())
+        throw OpenMMException("loadCheckpoint: the checkpoint is of a membrane with " + to_string(numTriangles) +
+                              " triangles, and " + owner.getName() + " has " + to_string(mesh->getNumTriangles()));
+    vector<array<int, 3>> triangles(numTriangles);
+    vector<int> order(mesh->getNumVertices());
+    if (!stream.read((char*) triangles.data(), sizeof(triangles[0]) * triangles.size()) ||
+        !stream.read((char*) order.data(), sizeof(int) * order.size()))
+        throw OpenMMException("loadCheckpoint: the checkpoint ends too early");
+    restore(context, triangles, order);
+}
+
+void HelfrichForceImpl::serializeState(SerializationNode& node) const {
+    storeTriangles(mesh->getTriangles(), node);
+    storeIntegers(mesh->getOrder(), "vertices", node.createChildNode("Order"));
+}
+
+void HelfrichForceImpl::deserializeState(ContextImpl& context, const SerializationNode& node) {
+    restore(context, loadTriangles(node), loadIntegers("vertices", node.getChildNode("Order")));
 }
 
 void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3>>& triangles,

@@ -1,10 +1,5 @@
 #include "openmmhelfrich/ShearWaveIntegrator.h"
-#include "openmmhelfrich/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
-#include "openmm/System.h"
-#include "openmm/internal/ContextImpl.h"
-#include "openmm/internal/OSRngSeed.h"
-#include "openmm/serialization/SerializationNode.h"
 #include <cmath>
 #include <limits>
 
@@ -13,18 +8,11 @@ using namespace OpenMM;
 using namespace std;
 
 ShearWaveIntegrator::ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber,
-                                         double maxWaveNumber, int movesPerStep) {
-    setTemperature(temperature);
+                                         double maxWaveNumber, int movesPerStep)
+        : MonteCarloIntegrator("ShearWaveIntegrator", temperature) {
     setAmplitude(amplitude);
     setWaveNumbers(minWaveNumber, maxWaveNumber);
     setMovesPerStep(movesPerStep);
-    setStepSize(0);
-    setConstraintTolerance(1e-5);
-}
-
-void ShearWaveIntegrator::setTemperature(double temperature) {
-    requirePositive("ShearWaveIntegrator: the temperature in K", temperature);
-    this->temperature = temperature;
 }
 
 void ShearWaveIntegrator::setAmplitude(double amplitude) {
@@ -50,48 +38,20 @@ void ShearWaveIntegrator::setMovesPerStep(int moves) {
     movesPerStep = moves;
 }
 
-void ShearWaveIntegrator::setRandomNumberSeed(int seed) {
-    randomNumberSeed = seed;
-    if (context != NULL)
-        activeSeed = (seed == 0 ? osrngseed() : seed);
-}
-
 void ShearWaveIntegrator::initialize(ContextImpl& contextRef) {
-    if (owner != NULL && &contextRef.getOwner() != owner)
-        throw OpenMMException("This Integrator is already bound to a context");
-    requireFreeParticles(contextRef.getSystem(), "ShearWaveIntegrator");
-    context = &contextRef;
-    owner = &contextRef.getOwner();
-    activeSeed = (randomNumberSeed == 0 ? osrngseed() : randomNumberSeed);
-    numAttempted = numAccepted = numDiverged = 0;
+    const System& system = contextRef.getSystem();
+    requireFreeParticles(system, "ShearWaveIntegrator");
+    MonteCarloIntegrator::initialize(contextRef);
     lastAcceptanceProbability = 0;
-    hasOnlyMembranes = HelfrichPlugin::hasOnlyMembranes(contextRef);
     fixedParticles.clear();
-    for (int i = 0; i < contextRef.getSystem().getNumParticles(); i++)
-        if (contextRef.getSystem().getParticleMass(i) == 0)
+    for (int i = 0; i < system.getNumParticles(); i++)
+        if (system.getParticleMass(i) == 0)
             fixedParticles.push_back(i);
 }
 
-void ShearWaveIntegrator::cleanup() {
-}
-
-vector<string> ShearWaveIntegrator::getKernelNames() {
-    return {};
-}
-
-void ShearWaveIntegrator::step(int steps) {
-    if (context == NULL)
-        throw OpenMMException("This Integrator is not bound to a context!");
-    for (int i = 0; i < steps; i++) {
-        makeMoves();
-        context->setStepCount(context->getStepCount() + 1);
-    }
-}
-
-void ShearWaveIntegrator::makeMoves() {
+void ShearWaveIntegrator::makeMove() {
     // The energy at the start is that of a valid state: an error there is the user's to see.
 
-    double kT = BOLTZMANN * temperature;
     double energy = context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     if (!isfinite(energy))
         throw OpenMMException(
@@ -102,11 +62,11 @@ void ShearWaveIntegrator::makeMoves() {
         displace();
         context->setPositions(trialPositions);
         double trialEnergy = computeTrialEnergy();
-        double probability = min(1.0, exp((energy - trialEnergy) / kT));
-        auto words = Philox(activeSeed, RandomStream::ShearWaveTest)(0, numAttempted);
+        double probability = getAcceptanceProbability(trialEnergy - energy);
+        bool isAccepted = draw(RandomStream::ShearWaveTest, numAttempted, probability);
         numAttempted++;
         sumOfProbabilities += probability;
-        if (Philox::uniform(words[0], words[1]) < probability) {
+        if (isAccepted) {
             numAccepted++;
             energy = trialEnergy;
             positions.swap(trialPositions);
@@ -131,7 +91,7 @@ static inline double sineOfTurns(double turns) {
 }
 
 void ShearWaveIntegrator::displace() {
-    Philox random(activeSeed, RandomStream::ShearWaves);
+    Philox random = getRandom(RandomStream::ShearWaves);
     Vec3 direction = drawNormals(random, numAttempted, 0), other = drawNormals(random, numAttempted, 1);
     auto words = random(numAttempted, 4);
     double waveNumber = minWaveNumber + (maxWaveNumber - minWaveNumber) * Philox::uniform(words[0], words[1]);
@@ -152,7 +112,7 @@ void ShearWaveIntegrator::displace() {
 double ShearWaveIntegrator::computeTrialEnergy() {
     double energy;
     try {
-        energy = calcForcesAndEnergy(*context, hasOnlyMembranes, false, true, getIntegrationForceGroups());
+        energy = computePotentialEnergy();
     }
     catch (const OpenMMException&) {
         energy = numeric_limits<double>::infinity();
@@ -161,42 +121,4 @@ double ShearWaveIntegrator::computeTrialEnergy() {
         return energy;
     numDiverged++;
     return numeric_limits<double>::infinity();
-}
-
-double ShearWaveIntegrator::computeKineticEnergy() {
-    return HelfrichPlugin::computeKineticEnergy(*context);
-}
-
-bool ShearWaveIntegrator::kineticEnergyRequiresForce() const {
-    return false;
-}
-
-void ShearWaveIntegrator::createCheckpoint(ostream& stream) const {
-    writeBinary(stream, activeSeed);
-    writeBinary(stream, numAttempted);
-    writeBinary(stream, numAccepted);
-    writeBinary(stream, numDiverged);
-}
-
-void ShearWaveIntegrator::loadCheckpoint(istream& stream) {
-    readBinary(stream, activeSeed);
-    readBinary(stream, numAttempted);
-    readBinary(stream, numAccepted);
-    readBinary(stream, numDiverged);
-}
-
-void ShearWaveIntegrator::serializeParameters(SerializationNode& node) const {
-    node.setIntProperty("version", 1);
-    node.setIntProperty("activeSeed", (int) activeSeed);
-    node.setLongProperty("numAttempted", numAttempted);
-    node.setLongProperty("numAccepted", numAccepted);
-    node.setLongProperty("numDiverged", numDiverged);
-}
-
-void ShearWaveIntegrator::deserializeParameters(const SerializationNode& node) {
-    requireVersion(node, 1, "ShearWaveIntegrator");
-    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    numAttempted = node.getLongProperty("numAttempted");
-    numAccepted = node.getLongProperty("numAccepted");
-    numDiverged = node.getLongProperty("numDiverged");
 }

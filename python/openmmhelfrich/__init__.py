@@ -7,10 +7,12 @@ from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, Ste
 from .annealing import anneal
 from .continuation import ContinuationResult, continueTo
 from .helfrich import (
+    CustomTrajectoryIntegrator,
     EdgeFlipIntegrator,
     HamiltonianTrajectoryIntegrator,
     HelfrichForce,
     HybridMonteCarloIntegrator,
+    MonteCarloIntegrator,
     ShearWaveIntegrator,
 )
 from .mesh import Mesh, reducedVolume
@@ -56,6 +58,8 @@ def __getattr__(name):
 
 
 __all__ = [
+    "CustomTrajectoryIntegrator",
+    "MonteCarloIntegrator",
     "EdgeFlipIntegrator",
     "HamiltonianTrajectoryIntegrator",
     "HelfrichForce",

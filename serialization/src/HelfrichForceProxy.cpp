@@ -1,6 +1,6 @@
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HelfrichForce.h"
-#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/HelfrichSerialization.h"
 #include "openmm/OpenMMException.h"
 #include <memory>
 

@@ -1,12 +1,10 @@
-#include "openmmhelfrich/EdgeFlipIntegrator.h"
+#include "openmmhelfrich/CustomTrajectoryIntegratorProxy.h"
 #include "openmmhelfrich/EdgeFlipIntegratorProxy.h"
-#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HamiltonianTrajectoryIntegratorProxy.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmmhelfrich/HybridMonteCarloIntegratorProxy.h"
-#include "openmmhelfrich/ShearWaveIntegrator.h"
 #include "openmmhelfrich/ShearWaveIntegratorProxy.h"
 
 using namespace HelfrichPlugin;
@@ -27,6 +25,7 @@ extern "C" void __attribute__((constructor)) registerHelfrichSerializationProxie
 
 extern "C" OPENMM_EXPORT_HELFRICH void registerHelfrichSerializationProxies() {
     SerializationProxy::registerProxy(typeid(HelfrichForce), new HelfrichForceProxy());
+    SerializationProxy::registerProxy(typeid(CustomTrajectoryIntegrator), new CustomTrajectoryIntegratorProxy());
     SerializationProxy::registerProxy(typeid(EdgeFlipIntegrator), new EdgeFlipIntegratorProxy());
     SerializationProxy::registerProxy(typeid(HamiltonianTrajectoryIntegrator),
                                       new HamiltonianTrajectoryIntegratorProxy());

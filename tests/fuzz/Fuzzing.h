@@ -6,6 +6,7 @@
 
 #include "Membranes.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
+#include "openmmhelfrich/ShearWaveIntegrator.h"
 #include "openmm/Context.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
@@ -51,6 +52,7 @@ inline std::vector<OpenMM::Platform*> getPlatforms() {
 class OpenIntegrator : public HybridMonteCarloIntegrator {
 public:
     OpenIntegrator() : HybridMonteCarloIntegrator(300, 0.001, 2, 1.0, 0.5) {
+        addMove(new ShearWaveIntegrator(300, 0.01, 1, 3, 1), 0.2);
         setRandomNumberSeed(1);
     }
     using HybridMonteCarloIntegrator::createCheckpoint;

@@ -1,14 +1,10 @@
 #ifndef OPENMM_EDGEFLIPINTEGRATOR_H_
 #define OPENMM_EDGEFLIPINTEGRATOR_H_
 
+#include "MonteCarloIntegrator.h"
 #include "internal/windowsExportHelfrich.h"
-#include "openmm/Integrator.h"
-#include <string>
-#include <vector>
 
 namespace HelfrichPlugin {
-
-class HelfrichForceImpl;
 
 /**
  * This Integrator changes the connectivity of the System's membranes and leaves the particles where they are.  One step
@@ -17,13 +13,8 @@ class HelfrichForceImpl;
  * Metropolis probability min(1, exp(-dE/kT)).  An attempt is rejected by rule, whatever its energy, when it would
  * connect two vertices twice or leave a vertex with fewer than three neighbours, and when the edge is one that
  * HelfrichForce::addFixedEdge() marks.
- *
- * The random numbers come from a counter-based generator whose whole state is the seed and the number of sweeps made.
- * These and the live triangles are part of the checkpoint and of the State (as integrator parameters), so that a
- * simulation continued from either repeats exactly what an uninterrupted one does, and Context::reinitialize(true)
- * keeps the triangles.
  */
-class OPENMM_EXPORT_HELFRICH EdgeFlipIntegrator : public OpenMM::Integrator {
+class OPENMM_EXPORT_HELFRICH EdgeFlipIntegrator : public MonteCarloIntegrator {
 public:
     /**
      * Create an EdgeFlipIntegrator.
@@ -34,16 +25,6 @@ public:
      */
     EdgeFlipIntegrator(double temperature, double fraction);
     /**
-     * Get the temperature of the Metropolis test, in Kelvin.
-     */
-    double getTemperature() const {
-        return temperature;
-    }
-    /**
-     * Set the temperature of the Metropolis test, in Kelvin.
-     */
-    void setTemperature(double temperature);
-    /**
      * Get the number of attempts in a sweep, as a fraction of the number of edges.
      */
     double getFraction() const {
@@ -53,17 +34,6 @@ public:
      * Set the number of attempts in a sweep, as a fraction of the number of edges.
      */
     void setFraction(double fraction);
-    /**
-     * Get the random number seed.  See setRandomNumberSeed() for details.
-     */
-    int getRandomNumberSeed() const {
-        return randomNumberSeed;
-    }
-    /**
-     * Set the random number seed.  Two simulations with the same seed make the same attempts, whatever the platform and
-     * the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is created.
-     */
-    void setRandomNumberSeed(int seed);
     /**
      * Get the number of flips attempted since the Context was created.
      */
@@ -94,28 +64,14 @@ public:
      * first sweep.  The edges are those of all membranes of the Context.
      */
     double getFlipRate() const;
-    /**
-     * Make sweeps of edge flips over every HelfrichForce of the System that is in the integration force groups.
-     *
-     * @param steps  the number of sweeps
-     */
-    void step(int steps);
 protected:
-    void initialize(OpenMM::ContextImpl& context);
-    void cleanup();
     std::vector<std::string> getKernelNames();
-    double computeKineticEnergy();
-    bool kineticEnergyRequiresForce() const;
-    void createCheckpoint(std::ostream& stream) const;
-    void loadCheckpoint(std::istream& stream);
-    void serializeParameters(OpenMM::SerializationNode& node) const;
-    void deserializeParameters(const OpenMM::SerializationNode& node);
+    void makeMove();
+    void initialize(OpenMM::ContextImpl& context);
 private:
-    double temperature, fraction;
-    int randomNumberSeed = 0;
-    unsigned int activeSeed = 0;
-    long long numSweeps = 0, numAttempted = 0, numAccepted = 0, numForbidden = 0;
-    std::vector<HelfrichForceImpl*> membranes;
+    double fraction;
+    long long &numSweeps = addCounter("numSweeps"), &numAttempted = addCounter("numAttempted"),
+              &numAccepted = addCounter("numAccepted"), &numForbidden = addCounter("numForbidden");
 };
 
 } // namespace HelfrichPlugin

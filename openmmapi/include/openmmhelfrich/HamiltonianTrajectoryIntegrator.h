@@ -1,15 +1,14 @@
 #ifndef OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_
 #define OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_
 
+#include "MonteCarloIntegrator.h"
 #include "internal/windowsExportHelfrich.h"
-#include "openmm/Integrator.h"
 #include "openmm/Kernel.h"
 #include <string>
 #include <vector>
 
 namespace HelfrichPlugin {
 
-class HelfrichForceImpl;
 struct KickAndDrift;
 
 /**
@@ -20,12 +19,8 @@ struct KickAndDrift;
  * rejected.
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
- *
- * The random numbers come from a counter-based generator whose whole state is the seed and the number of trajectories
- * made.  Both are part of the checkpoint and of the State (as integrator parameters), so that a simulation continued
- * from either repeats exactly what an uninterrupted one does.
  */
-class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public OpenMM::Integrator {
+class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public MonteCarloIntegrator {
 public:
     /**
      * Create a HamiltonianTrajectoryIntegrator.
@@ -35,16 +30,6 @@ public:
      * @param stepsPerTrajectory  the number of steps in a trajectory
      */
     HamiltonianTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory = 100);
-    /**
-     * Get the temperature, in Kelvin.
-     */
-    double getTemperature() const {
-        return temperature;
-    }
-    /**
-     * Set the temperature, in Kelvin.
-     */
-    void setTemperature(double temperature);
     /**
      * Set the size of a step, in ps.
      */
@@ -139,21 +124,15 @@ public:
      */
     void setMomentumRefreshment(double refreshment);
     /**
-     * Get the random number seed.  See setRandomNumberSeed() for details.
-     */
-    int getRandomNumberSeed() const {
-        return randomNumberSeed;
-    }
-    /**
-     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the
-     * platform and the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is
-     * created.
-     */
-    void setRandomNumberSeed(int seed);
-    /**
      * Get the number of trajectories made since the Context was created.
      */
     long long getNumTrajectories() const {
+        return numTrajectories;
+    }
+    /**
+     * Get the number of trajectories made since the Context was created, as getNumTrajectories() does.
+     */
+    long long getNumAttempted() const {
         return numTrajectories;
     }
     /**
@@ -181,44 +160,31 @@ public:
     double getLastEnergyChange() const {
         return lastEnergyChange;
     }
-    /**
-     * Make trajectories.
-     *
-     * @param steps  the number of trajectories
-     */
-    void step(int steps);
 protected:
+    void makeMove();
     void initialize(OpenMM::ContextImpl& context);
     void cleanup();
     std::vector<std::string> getKernelNames();
     double computeKineticEnergy();
-    bool kineticEnergyRequiresForce() const;
-    void createCheckpoint(std::ostream& stream) const;
-    void loadCheckpoint(std::istream& stream);
-    void serializeParameters(OpenMM::SerializationNode& node) const;
-    void deserializeParameters(const OpenMM::SerializationNode& node);
 private:
-    void makeTrajectory();
-    void findMembranes();
+    HelfrichForceImpl* findSoleMembrane() const;
     bool movesByItself() const;
+    bool isMoving(const HelfrichForceImpl& membrane) const;
     int drawNumSteps() const;
     double moveToEnd(int numSteps);
     void moveStepByStep(const std::vector<KickAndDrift>& sequence);
-    void addForces(const KickAndDrift& kick);
-    double temperature;
+    void computeForces(const KickAndDrift& kick);
+    void setKick(const KickAndDrift* kick);
     int stepsPerTrajectory;
     std::string forcePrecision = "double";
-    int randomNumberSeed = 0;
-    unsigned int activeSeed = 0;
-    long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
     double trajectoryJitter = 0;
     std::string splitting = "leapfrog";
     int tetherSubsteps = 1;
     double momentumRefreshment = 1;
+    long long &numTrajectories = addCounter("numTrajectories"), &numAccepted = addCounter("numAccepted"),
+              &numDiverged = addCounter("numDiverged");
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
-    bool hasOnlyMembranes = false;
-    std::vector<HelfrichForceImpl*> membranes;
     HelfrichForceImpl* soleMembrane = NULL;
     OpenMM::Kernel kernel;
 };

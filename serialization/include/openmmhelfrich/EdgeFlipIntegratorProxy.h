@@ -1,19 +1,25 @@
 #ifndef OPENMM_EDGEFLIPINTEGRATOR_PROXY_H_
 #define OPENMM_EDGEFLIPINTEGRATOR_PROXY_H_
 
-#include "openmmhelfrich/internal/windowsExportHelfrich.h"
-#include "openmm/serialization/SerializationProxy.h"
+#include "MonteCarloIntegratorProxy.h"
+#include "openmmhelfrich/EdgeFlipIntegrator.h"
 
 namespace HelfrichPlugin {
 
 /**
  * This is a proxy for serializing EdgeFlipIntegrator objects.
  */
-class OPENMM_EXPORT_HELFRICH EdgeFlipIntegratorProxy : public OpenMM::SerializationProxy {
+class EdgeFlipIntegratorProxy : public MonteCarloIntegratorProxy<EdgeFlipIntegrator> {
 public:
-    EdgeFlipIntegratorProxy();
-    void serialize(const void* object, OpenMM::SerializationNode& node) const;
-    void* deserialize(const OpenMM::SerializationNode& node) const;
+    EdgeFlipIntegratorProxy() : MonteCarloIntegratorProxy("EdgeFlipIntegrator") {
+    }
+protected:
+    void storeSettings(const EdgeFlipIntegrator& move, OpenMM::SerializationNode& node) const {
+        node.setDoubleProperty("fraction", move.getFraction());
+    }
+    EdgeFlipIntegrator* create(double temperature, const OpenMM::SerializationNode& node) const {
+        return new EdgeFlipIntegrator(temperature, node.getDoubleProperty("fraction"));
+    }
 };
 
 } // namespace HelfrichPlugin

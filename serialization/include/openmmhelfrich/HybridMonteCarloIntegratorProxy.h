@@ -7,8 +7,8 @@
 namespace HelfrichPlugin {
 
 /**
- * This is a proxy for serializing HybridMonteCarloIntegrator objects.  The two Integrators are child nodes, written by
- * their own proxies.
+ * This is a proxy for serializing HybridMonteCarloIntegrator objects.  The moves are child nodes, written by their own
+ * proxies.
  */
 class OPENMM_EXPORT_HELFRICH HybridMonteCarloIntegratorProxy : public OpenMM::SerializationProxy {
 public:

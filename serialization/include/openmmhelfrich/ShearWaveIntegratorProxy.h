@@ -1,19 +1,30 @@
 #ifndef OPENMM_SHEARWAVEINTEGRATOR_PROXY_H_
 #define OPENMM_SHEARWAVEINTEGRATOR_PROXY_H_
 
-#include "openmmhelfrich/internal/windowsExportHelfrich.h"
-#include "openmm/serialization/SerializationProxy.h"
+#include "MonteCarloIntegratorProxy.h"
+#include "openmmhelfrich/ShearWaveIntegrator.h"
 
 namespace HelfrichPlugin {
 
 /**
  * This is a proxy for serializing ShearWaveIntegrator objects.
  */
-class OPENMM_EXPORT_HELFRICH ShearWaveIntegratorProxy : public OpenMM::SerializationProxy {
+class ShearWaveIntegratorProxy : public MonteCarloIntegratorProxy<ShearWaveIntegrator> {
 public:
-    ShearWaveIntegratorProxy();
-    void serialize(const void* object, OpenMM::SerializationNode& node) const;
-    void* deserialize(const OpenMM::SerializationNode& node) const;
+    ShearWaveIntegratorProxy() : MonteCarloIntegratorProxy("ShearWaveIntegrator") {
+    }
+protected:
+    void storeSettings(const ShearWaveIntegrator& move, OpenMM::SerializationNode& node) const {
+        node.setDoubleProperty("amplitude", move.getAmplitude());
+        node.setDoubleProperty("minWaveNumber", move.getMinWaveNumber());
+        node.setDoubleProperty("maxWaveNumber", move.getMaxWaveNumber());
+        node.setIntProperty("movesPerStep", move.getMovesPerStep());
+    }
+    ShearWaveIntegrator* create(double temperature, const OpenMM::SerializationNode& node) const {
+        return new ShearWaveIntegrator(temperature, node.getDoubleProperty("amplitude"),
+                                       node.getDoubleProperty("minWaveNumber"), node.getDoubleProperty("maxWaveNumber"),
+                                       node.getIntProperty("movesPerStep"));
+    }
 };
 
 } // namespace HelfrichPlugin

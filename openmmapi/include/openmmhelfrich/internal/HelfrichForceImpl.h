@@ -6,11 +6,14 @@
 #include "Splitting.h"
 #include "openmm/Kernel.h"
 #include "openmm/internal/ForceImpl.h"
+#include "openmm/serialization/SerializationNode.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include <istream>
 #include <map>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -41,7 +44,7 @@ public:
      */
     double makeTrajectory(OpenMM::ContextImpl& context, const std::vector<KickAndDrift>& sequence, bool mixed);
     /**
-     * Compute from now on only the forces that act in a kick, or all with NULL.
+     * Compute from now on only the forces that act in a kick, whatever the force groups, or all with NULL.
      */
     void setKick(const KickAndDrift* kick) {
         this->kick = kick;
@@ -60,10 +63,21 @@ public:
     }
     void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles);
     /**
-     * Set the triangles and the order of vertices of a run that goes on.
+     * Write the live state, which is the triangles and the order of the vertices, to a checkpoint.
      */
-    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
-                 const std::vector<int>& order);
+    void createCheckpoint(std::ostream& stream) const;
+    /**
+     * Read what createCheckpoint() wrote.
+     */
+    void loadCheckpoint(OpenMM::ContextImpl& context, std::istream& stream);
+    /**
+     * Write the live state to a node of a State.
+     */
+    void serializeState(OpenMM::SerializationNode& node) const;
+    /**
+     * Read what serializeState() wrote.
+     */
+    void deserializeState(OpenMM::ContextImpl& context, const OpenMM::SerializationNode& node);
     /**
      * Make a sweep of edge flips.  See SweepEdgeFlipsKernel::execute() for the parameters.
      */
@@ -78,6 +92,8 @@ private:
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkContextParameters(HelfrichParameters& parameters) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
+    void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
+                 const std::vector<int>& order);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry) const;

@@ -8,13 +8,15 @@
 #include "openmm/System.h"
 #include "openmm/Vec3.h"
 #include "openmm/internal/ContextImpl.h"
+#include "openmm/internal/OSRngSeed.h"
+#include <algorithm>
 #include <cmath>
 #include <istream>
 #include <ostream>
 #include <string>
 #include <vector>
 
-/* What the Monte Carlo integrators have in common. */
+/* What the Monte Carlo integrators and their kernels have in common. */
 
 namespace HelfrichPlugin {
 
@@ -37,39 +39,21 @@ inline void requireFreeParticles(const OpenMM::System& system, const std::string
 }
 
 /**
- * Get whether no force acts in a Context but those of membranes.
+ * Find the membranes of a Context.
  */
-inline bool hasOnlyMembranes(OpenMM::ContextImpl& context) {
+inline std::vector<HelfrichForceImpl*> findMembranes(OpenMM::ContextImpl& context) {
+    std::vector<HelfrichForceImpl*> membranes;
     for (OpenMM::ForceImpl* impl : context.getForceImpls())
-        if (dynamic_cast<HelfrichForceImpl*>(impl) == NULL)
-            return false;
-    return true;
+        if (HelfrichForceImpl* membrane = dynamic_cast<HelfrichForceImpl*>(impl))
+            membranes.push_back(membrane);
+    return membranes;
 }
 
 /**
- * Compute the energy of a Context whose energy has been computed before, and add the forces.  What a platform prepares
- * for its own forces takes as long as a membrane's own: it is left out where there are none.
+ * Get the seed of a Context's random numbers: the one that was asked for, or a unique one for 0.
  */
-inline double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool hasOnlyMembranes, bool includeForces,
-                                  bool includeEnergy, int groups) {
-    if (!hasOnlyMembranes)
-        return context.calcForcesAndEnergy(includeForces, includeEnergy, groups);
-    double energy = 0;
-    for (OpenMM::ForceImpl* impl : context.getForceImpls())
-        energy += impl->calcForcesAndEnergy(context, includeForces, includeEnergy, groups);
-    return energy;
-}
-
-/**
- * Compute the kinetic energy of a Context.
- */
-inline double computeKineticEnergy(OpenMM::ContextImpl& context) {
-    std::vector<OpenMM::Vec3> velocities;
-    context.getVelocities(velocities);
-    double energy = 0;
-    for (int i = 0; i < (int) velocities.size(); i++)
-        energy += 0.5 * context.getSystem().getParticleMass(i) * velocities[i].dot(velocities[i]);
-    return energy;
+inline unsigned int chooseSeed(int seed) {
+    return seed == 0 ? osrngseed() : seed;
 }
 
 /**
@@ -100,6 +84,30 @@ template <class T>
 void readBinary(std::istream& stream, T& value) {
     if (!stream.read((char*) &value, sizeof(T)))
         throw OpenMM::OpenMMException("loadCheckpoint: the checkpoint ends too early");
+}
+
+/**
+ * What tells apart the kinds of data in a checkpoint: so many characters.
+ */
+static const int NUM_MAGIC_BYTES = 8;
+
+inline void writeMagic(std::ostream& stream, const char* magicBytes) {
+    stream.write(magicBytes, NUM_MAGIC_BYTES);
+}
+
+/**
+ * Read what writeMagic() wrote.
+ *
+ * @return false, with the stream as it was, if there is something else
+ */
+inline bool readMagic(std::istream& stream, const char* magicBytes) {
+    char found[NUM_MAGIC_BYTES];
+    std::istream::pos_type start = stream.tellg();
+    if (stream.read(found, NUM_MAGIC_BYTES) && std::equal(found, found + NUM_MAGIC_BYTES, magicBytes))
+        return true;
+    stream.clear();
+    stream.seekg(start);
+    return false;
 }
 
 } // namespace HelfrichPlugin

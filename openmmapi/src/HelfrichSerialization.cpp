@@ -1,4 +1,4 @@
-#include "openmmhelfrich/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/HelfrichSerialization.h"
 #include "openmm/OpenMMException.h"
 #include <algorithm>
 #include <charconv>

@@ -1,0 +1,133 @@
+#ifndef OPENMM_MONTECARLOINTEGRATOR_H_
+#define OPENMM_MONTECARLOINTEGRATOR_H_
+
+#include "MonteCarloMove.h"
+#include "internal/windowsExportHelfrich.h"
+#include "openmm/Integrator.h"
+#include <deque>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+class HelfrichForceImpl;
+class Philox;
+
+/**
+ * This is the base of Integrators whose steps are Monte Carlo moves with random numbers of their own.  What a derived
+ * class adds is the move, its settings and the names of what it counts.
+ *
+ * The random numbers come from a counter-based generator whose whole state is the seed and the counters.  These are
+ * part of the checkpoint and of the State (as integrator parameters), and so is the live state of the membranes: a
+ * simulation continued from either repeats exactly what an uninterrupted one does, and Context::reinitialize(true)
+ * keeps the triangles.
+ */
+class OPENMM_EXPORT_HELFRICH MonteCarloIntegrator : public OpenMM::Integrator, public MonteCarloMove {
+public:
+    MonteCarloIntegrator(const MonteCarloIntegrator&) = delete;
+    /**
+     * Get the temperature of the Metropolis test, in Kelvin.
+     */
+    double getTemperature() const {
+        return temperature;
+    }
+    /**
+     * Set the temperature of the Metropolis test, in Kelvin.
+     */
+    void setTemperature(double temperature);
+    /**
+     * Get the random number seed.  See setRandomNumberSeed() for details.
+     */
+    int getRandomNumberSeed() const {
+        return randomNumberSeed;
+    }
+    /**
+     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the
+     * platform and the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is
+     * created.
+     */
+    void setRandomNumberSeed(int seed);
+    /**
+     * Make Monte Carlo moves.
+     *
+     * @param steps  the number of steps; the class says what one of them is
+     */
+    void step(int steps);
+protected:
+    /**
+     * Create a MonteCarloIntegrator.
+     *
+     * @param name         the name of the class, for messages
+     * @param temperature  the temperature, in Kelvin
+     * @param allowsZero   whether it can be 0 K
+     */
+    MonteCarloIntegrator(const std::string& name, double temperature, bool allowsZero = false);
+    /**
+     * Make one step.  The Context's step count is not for this method to advance.
+     */
+    virtual void makeMove() = 0;
+    /**
+     * Declare something that this move counts.  It is 0 when a Context is created, and a part of checkpoints, in the
+     * order of declaration, and States.
+     *
+     * @return the number, which lasts as long as this object
+     */
+    long long& addCounter(const std::string& name);
+    /**
+     * Get kT, in kJ/mol.
+     */
+    double getThermalEnergy() const;
+    /**
+     * Get one of the streams of random numbers of the seed.  See RandomStream for those that there are.
+     */
+    Philox getRandom(unsigned int stream) const;
+    /**
+     * Get the Metropolis probability min(1, exp(-dE/kT)).
+     */
+    double getAcceptanceProbability(double energyChange) const;
+    /**
+     * Draw whether something of a given probability happens.
+     *
+     * @param stream   the stream of the random number, which must be for this alone
+     * @param counter  the random number's place in the stream
+     */
+    bool draw(unsigned int stream, long long counter, double probability) const;
+    /**
+     * Compute the potential energy of the Context, whose energy has been computed before.  What a platform prepares for
+     * its own forces takes as long as a membrane's energy: where there are no such forces, the membranes are asked
+     * directly.
+     */
+    double computePotentialEnergy();
+    /**
+     * Get the membranes of the Context.
+     */
+    const std::vector<HelfrichForceImpl*>& getMembranes() const {
+        return membranes;
+    }
+    /**
+     * Get whether no force acts in the Context but those of membranes.
+     */
+    bool hasOnlyMembranes() const;
+    void initialize(OpenMM::ContextImpl& context);
+    void cleanup();
+    std::vector<std::string> getKernelNames();
+    double computeKineticEnergy();
+    bool kineticEnergyRequiresForce() const;
+    void createCheckpoint(std::ostream& stream) const;
+    void loadCheckpoint(std::istream& stream);
+    void serializeParameters(OpenMM::SerializationNode& node) const;
+    void deserializeParameters(const OpenMM::SerializationNode& node);
+private:
+    const std::string name;
+    const bool allowsZero;
+    double temperature;
+    int randomNumberSeed = 0;
+    unsigned int activeSeed = 0;
+    std::deque<std::pair<std::string, long long>> counters;
+    std::vector<HelfrichForceImpl*> membranes;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_MONTECARLOINTEGRATOR_H_*/

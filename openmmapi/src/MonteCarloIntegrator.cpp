@@ -1,0 +1,145 @@
+#include "openmmhelfrich/MonteCarloIntegrator.h"
+#include "openmmhelfrich/internal/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/MembraneState.h"
+#include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include <algorithm>
+#include <cmath>
+
+using namespace HelfrichPlugin;
+using namespace OpenMM;
+using namespace std;
+
+/**
+ * Version 2 of States added the membranes, which had been the EdgeFlipIntegrator's.
+ */
+static const int VERSION = 2, OLDEST_VERSION = 1;
+
+MonteCarloIntegrator::MonteCarloIntegrator(const string& name, double temperature, bool allowsZero)
+        : name(name), allowsZero(allowsZero) {
+    MonteCarloIntegrator::setTemperature(temperature);
+    Integrator::setStepSize(0);
+    setConstraintTolerance(1e-5);
+}
+
+void MonteCarloIntegrator::setTemperature(double temperature) {
+    requirePositive(name + ": the temperature in K", temperature, allowsZero);
+    this->temperature = temperature;
+}
+
+void MonteCarloIntegrator::setRandomNumberSeed(int seed) {
+    randomNumberSeed = seed;
+    if (context != NULL)
+        activeSeed = chooseSeed(seed);
+}
+
+void MonteCarloIntegrator::initialize(ContextImpl& contextRef) {
+    if (owner != NULL && &contextRef.getOwner() != owner)
+        throw OpenMMException("This Integrator is already bound to a context");
+    context = &contextRef;
+    owner = &contextRef.getOwner();
+    activeSeed = chooseSeed(randomNumberSeed);
+    for (auto& counter : counters)
+        counter.second = 0;
+    membranes = findMembranes(contextRef);
+}
+
+void MonteCarloIntegrator::cleanup() {
+    membranes.clear();
+}
+
+vector<string> MonteCarloIntegrator::getKernelNames() {
+    return {};
+}
+
+void MonteCarloIntegrator::step(int steps) {
+    if (context == NULL)
+        throw OpenMMException("This Integrator is not bound to a context!");
+    for (int i = 0; i < steps; i++) {
+        makeMove();
+        context->setStepCount(context->getStepCount() + 1);
+    }
+}
+
+long long& MonteCarloIntegrator::addCounter(const string& name) {
+    counters.push_back({name, 0});
+    return counters.back().second;
+}
+
+double MonteCarloIntegrator::getThermalEnergy() const {
+    return BOLTZMANN * temperature;
+}
+
+Philox MonteCarloIntegrator::getRandom(unsigned int stream) const {
+    return Philox(activeSeed, stream);
+}
+
+double MonteCarloIntegrator::getAcceptanceProbability(double energyChange) const {
+    return min(1.0, exp(-energyChange / getThermalEnergy()));
+}
+
+bool MonteCarloIntegrator::draw(unsigned int stream, long long counter, double probability) const {
+    auto words = getRandom(stream)(0, counter);
+    return Philox::uniform(words[0], words[1]) < probability;
+}
+
+bool MonteCarloIntegrator::hasOnlyMembranes() const {
+    return membranes.size() == context->getForceImpls().size();
+}
+
+double MonteCarloIntegrator::computePotentialEnergy() {
+    if (!hasOnlyMembranes())
+        return context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
+    double energy = 0;
+    for (auto membrane : membranes)
+        energy += membrane->calcForcesAndEnergy(*context, false, true, getIntegrationForceGroups());
+    return energy;
+}
+
+double MonteCarloIntegrator::computeKineticEnergy() {
+    vector<Vec3> velocities;
+    context->getVelocities(velocities);
+    double energy = 0;
+    for (int i = 0; i < (int) velocities.size(); i++)
+        energy += 0.5 * context->getSystem().getParticleMass(i) * velocities[i].dot(velocities[i]);
+    return energy;
+}
+
+bool MonteCarloIntegrator::kineticEnergyRequiresForce() const {
+    return false;
+}
+
+void MonteCarloIntegrator::createCheckpoint(ostream& stream) const {
+    writeBinary(stream, activeSeed);
+    for (auto& counter : counters)
+        writeBinary(stream, counter.second);
+    MembraneState(*this, *context).createCheckpoint(stream);
+}
+
+void MonteCarloIntegrator::loadCheckpoint(istream& stream) {
+    readBinary(stream, activeSeed);
+    for (auto& counter : counters)
+        readBinary(stream, counter.second);
+    MembraneState state(*this, *context);
+    if (!state.loadCheckpoint(stream))
+        state.loadFirstCheckpoint(stream);
+}
+
+void MonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
+    node.setIntProperty("version", VERSION);
+    node.setIntProperty("activeSeed", (int) activeSeed);
+    for (auto& counter : counters)
+        node.setLongProperty(counter.first, counter.second);
+    MembraneState(*this, *context).serialize(node);
+}
+
+void MonteCarloIntegrator::deserializeParameters(const SerializationNode& node) {
+    requireVersion(node, VERSION, name, OLDEST_VERSION);
+    MembraneState state(*this, *context);
+    if (node.getIntProperty("version") == OLDEST_VERSION)
+        state.deserializeFirst(node);
+    else
+        state.deserialize(node);
+    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
+    for (auto& counter : counters)
+        counter.second = node.getLongProperty(counter.first);
+}
