@@ -46,7 +46,7 @@ public:
      */
     typedef std::function<void(double)> Observer;
     /**
-     * Create an CpuEdgeFlipSweep.
+     * Create a CpuEdgeFlipSweep.
      *
      * @param mesh        the connectivity, with its fixed edges
      * @param numThreads  the number of threads

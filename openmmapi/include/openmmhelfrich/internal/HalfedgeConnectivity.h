@@ -264,10 +264,10 @@ public:
             setValence(vertex, valence(vertex) - 1);
         for (int vertex : {k, l})
             setValence(vertex, valence(vertex) + 1);
-        set(h, l, opposite(oPrevious), oppositeApex(oPrevious));
-        set(o, k, opposite(hPrevious), oppositeApex(hPrevious));
-        set(hPrevious, k, oPrevious, i);
-        set(oPrevious, l, hPrevious, j);
+        setHalfedge(h, l, opposite(oPrevious), oppositeApex(oPrevious));
+        setHalfedge(o, k, opposite(hPrevious), oppositeApex(hPrevious));
+        setHalfedge(hPrevious, k, oPrevious, i);
+        setHalfedge(oPrevious, l, hPrevious, j);
         setBeyond(h, k);
         setBeyond(next(o), k);
         setBeyond(o, l);
@@ -291,10 +291,10 @@ public:
             setValence(vertex, valence(vertex) + 1);
         for (int vertex : {k, l})
             setValence(vertex, valence(vertex) - 1);
-        set(hPrevious, k, opposite(o), oppositeApex(o));
-        set(oPrevious, l, opposite(h), oppositeApex(h));
-        set(h, i, o, l);
-        set(o, j, h, k);
+        setHalfedge(hPrevious, k, opposite(o), oppositeApex(o));
+        setHalfedge(oPrevious, l, opposite(h), oppositeApex(h));
+        setHalfedge(h, i, o, l);
+        setHalfedge(o, j, h, k);
         setBeyond(hPrevious, j);
         setBeyond(next(o), j);
         setBeyond(oPrevious, i);
@@ -316,7 +316,7 @@ protected:
     void setValence(int vertex, int valence) {
         Access::set(arrays.vertices[vertex].valence, valence);
     }
-    void set(int h, int origin, int opposite, int oppositeApex) {
+    void setHalfedge(int h, int origin, int opposite, int oppositeApex) {
         Access::set(arrays.halfedges[h].origin, origin);
         Access::set(arrays.halfedges[h].opposite, opposite);
         Access::set(arrays.halfedges[h].oppositeApex, oppositeApex);
