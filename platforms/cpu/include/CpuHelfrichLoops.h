@@ -27,10 +27,9 @@ struct CpuHelfrichArrays {
     int* fixedPositions;
     /// the length of which fixedPositions are multiples
     float fixedUnit;
-    /// of each slot, if the bending moduli differ: kappa_B, in place of that of the parameters, which then only says
-    /// that the term is on; else NULL
+    /// of each slot, where every vertex has a bending modulus of its own: that modulus, and the derivative of the
+    /// bending energy by the slot's area
     const Real* bendingModuli = nullptr;
-    /// of each slot, if the bending moduli differ: the derivative of the bending energy by its area
     Real* areaSlopes = nullptr;
 };
 
@@ -70,6 +69,13 @@ struct CpuHelfrichForceLoops {
     void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                             const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                             int lastGroup, double* gradients);
+    /// the same where the term of bending is on and every vertex has a modulus of its own
+    void (*computeEnergyOfMaterials)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
+                                     const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup,
+                                     CpuHelfrichSums& sums);
+    void (*computeGradientOfMaterials)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
+                                       const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays,
+                                       int firstGroup, int lastGroup, double* gradients);
 };
 
 /**
