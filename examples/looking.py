@@ -5,7 +5,7 @@ import sys
 import openmm as mm
 import openmmhelfrich as mh
 from openmm import app, unit
-from openmmhelfrich.rendering import render
+from openmmhelfrich.pictures.rendering import render
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
 kT = 300 * unit.kelvin * unit.MOLAR_GAS_CONSTANT_R

@@ -15,7 +15,7 @@ import openmmhelfrich as mh
 import pandas
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from openmmhelfrich.rendering import render
+from openmmhelfrich.pictures.rendering import render
 from scipy.interpolate import PchipInterpolator
 
 BRANCHES = {"prolate": "C0", "oblate": "C1", "stomatocyte": "C2"}

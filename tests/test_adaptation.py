@@ -10,7 +10,7 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import kelvin
-from openmmhelfrich.adaptation import stepAndAdapt
+from openmmhelfrich.sampling.adaptation import stepAndAdapt
 
 KT = 2.5
 

@@ -9,7 +9,7 @@ import pytest
 import openmmhelfrich as mh
 from membranes import createContext, energyOf, kelvin, positionsOf
 from openmmhelfrich import analysis
-from openmmhelfrich.shapes import invaginatedSphere
+from openmmhelfrich.geometry.shapes import invaginatedSphere
 
 pytest.importorskip("emcee")
 

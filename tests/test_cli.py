@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
-from openmmhelfrich.config import STAGES, Config, sections
+from openmmhelfrich.runs.config import STAGES, Config, sections
 
 OUTPUTS = [
     "run.checkpoint",

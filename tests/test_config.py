@@ -9,10 +9,10 @@ from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import energyOf, forcesOf
-from openmmhelfrich.config import STAGES, parseConfig, readConfig, stagesOf, tomllib
-from openmmhelfrich.configfile import defaultText, settingsText
-from openmmhelfrich.simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
-from openmmhelfrich.trimem import convertConfig
+from openmmhelfrich.runs.config import STAGES, parseConfig, readConfig, stagesOf, tomllib
+from openmmhelfrich.runs.configfile import defaultText, settingsText
+from openmmhelfrich.runs.scene import createForce, createSimulation, currentMesh, loadMesh, resolve
+from openmmhelfrich.runs.trimem import convertConfig
 
 PEER = {
     case["name"]: case for case in json.loads((Path(__file__).parent / "data/peer_values.json").read_text())["cases"]

@@ -6,9 +6,9 @@ import pytest
 from openmm import app, unit
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.continuation import ContinuationPath, absoluteTargets
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.sampling.continuation import ContinuationPath, absoluteTargets
+from openmmhelfrich.runs.studies import run
 
 START = {"area": 12.0, "volume": 4.0, "areaDifference": 25.0}
 

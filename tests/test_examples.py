@@ -9,9 +9,9 @@ import pytest
 from conftest import ROOT
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import readConfig
-from openmmhelfrich.rendering import canRender
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import readConfig
+from openmmhelfrich.pictures.rendering import canRender
+from openmmhelfrich.runs.studies import run
 
 
 def execute(folder, *arguments):

@@ -11,6 +11,7 @@ from openmm import unit
 from scipy import stats
 
 import openmmhelfrich as mh
+from openmmhelfrich.geometry import connectivity
 from membranes import (
     PLATFORMS,
     TERMS,
@@ -297,8 +298,8 @@ def test_stress(membrane, threads):
     for _ in range(numBlocks):
         flips.step(-(-STRESS_ATTEMPTS // (numBlocks * attemptsPerSweep)))
         live = force.getTrianglesInContext(context)
-        first, second = mh.connectivity.pairHalfedges(live, len(mesh.vertices))
-        origin, _ = mh.connectivity.halfedges(live)
+        first, second = connectivity.pairHalfedges(live, len(mesh.vertices))
+        origin, _ = connectivity.halfedges(live)
         assert np.all(origin[first] != origin[second])
         assert len(mesh.vertices) - len(first) + len(live) == 2
         assert np.bincount(live.ravel(), minlength=len(mesh.vertices)).min() >= 3

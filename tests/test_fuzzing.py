@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf
-from openmmhelfrich.checkpoint import loadRunState, loadSimulation
-from openmmhelfrich.config import parseConfig, readConfig
-from openmmhelfrich.configfile import defaultText
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.checkpoint import loadRunState, loadSimulation
+from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.configfile import defaultText
+from openmmhelfrich.runs.studies import run
 
 few = settings(
     max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]

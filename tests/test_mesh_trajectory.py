@@ -13,7 +13,7 @@ import pytest
 from openmm import app
 
 import openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 from test_composition import createPair
 
 
@@ -231,7 +231,7 @@ def testChangedBytesAreNoticed(frames, tmp_path):
 
 WRITER = """
 import itertools, sys, numpy as np, openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 mesh = mh.Mesh.icosphere(1)
 writer = MeshTrajectoryWriter(sys.argv[1], numFrames=None)
 for step in itertools.count(writer.numFrames):
@@ -263,7 +263,7 @@ def testKilledAtAnyMoment(tmp_path):
 
 FULL = """
 import resource, signal, sys, openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 frame = mh.meshFrame(0, mh.Mesh.icosphere(3))
 writer = MeshTrajectoryWriter(sys.argv[1])
 writer.add(frame)

@@ -10,9 +10,10 @@ from scipy.optimize import check_grad
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich import axisymmetric, minima
+from openmmhelfrich.analysis import convergence as minima
+from openmmhelfrich.geometry import axisymmetric
 from openmmhelfrich.cli import app
-from openmmhelfrich.minima import (
+from openmmhelfrich.analysis.convergence import (
     DiscreteMinimum,
     REDUCED_VOLUMES,
     discreteMinimum,

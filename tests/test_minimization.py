@@ -12,7 +12,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
-from openmmhelfrich.shapes import invaginatedSphere
+from openmmhelfrich.geometry.shapes import invaginatedSphere
 
 KAPPA = 50.0
 KJ = unit.kilojoules_per_mole

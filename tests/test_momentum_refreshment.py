@@ -6,8 +6,8 @@ import pytest
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, forcesOf, kelvin, positionsOf
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.simulation import createForce, createSimulation
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import createForce, createSimulation
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
 
 ALMOST_NONE = 1e-9  # keeps all but 5e-19 of the velocities

@@ -18,8 +18,8 @@ from membranes import (
     positionsOf,
     termsOf,
 )
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.simulation import createForce as createForceOf, createSimulation, loadMesh
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import createForce as createForceOf, createSimulation, loadMesh
 
 KT = 2.5
 

@@ -9,7 +9,7 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import createForce, energyOf, kelvin, positionsOf
-from openmmhelfrich.replicaexchange import ReplicaExchange, ThermodynamicState
+from openmmhelfrich.sampling.replicaexchange import ReplicaExchange, ThermodynamicState
 from test_flips import enumerateStates, energiesOf, octahedron, softForce, stateOf
 
 

@@ -14,11 +14,11 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-import openmmhelfrich.report as report
+import openmmhelfrich.pictures.report as report
 from conftest import together
 from openmmhelfrich.cli import app
-from openmmhelfrich.pictures import smoothMeanCurvature
-from openmmhelfrich.report import writeReport
+from openmmhelfrich.pictures.plots import smoothMeanCurvature
+from openmmhelfrich.pictures.report import writeReport
 from test_mesh_trajectory import frames, simulate  # noqa: F401
 
 pytest.importorskip("plotly")

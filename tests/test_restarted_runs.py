@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig, readConfig
-from openmmhelfrich.outputs import Recorder
-from openmmhelfrich.studies import resume, run
+from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.outputs import Recorder
+from openmmhelfrich.runs.studies import resume, run
 
 STAGES = [
     {"kind": "sample", "steps": 60},

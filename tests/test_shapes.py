@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from conftest import together
 from openmmhelfrich.cli import app
-from openmmhelfrich.connectivity import trianglesFromEdges
-from openmmhelfrich.conversion import convert
-from openmmhelfrich.quality import assess, closestPair, crossings
-from openmmhelfrich.rendering import canRender
+from openmmhelfrich.geometry.connectivity import trianglesFromEdges
+from openmmhelfrich.io.conversion import convert
+from openmmhelfrich.geometry.quality import assess, closestPair, crossings
+from openmmhelfrich.pictures.rendering import canRender
 from test_mesh_trajectory import frames, same, simulate  # noqa: F401
 
 
@@ -361,7 +361,7 @@ def testRenderWithout(folder, monkeypatch, missing):
         monkeypatch.setitem(sys.modules, "pyvista", None)
     else:
         pytest.importorskip("pyvista")
-        monkeypatch.setattr("openmmhelfrich.rendering._hasOpenGL", lambda: False)
+        monkeypatch.setattr("openmmhelfrich.pictures.rendering._hasOpenGL", lambda: False)
     assert invoke("render", "run.vtkhdf").exit_code == 0
     assert coloursOf(Image.open("run.png"))[0] > 0.1
     for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):

@@ -7,7 +7,7 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
-from openmmhelfrich.config import parseConfig
+from openmmhelfrich.runs.config import parseConfig
 from test_hmc import KT, assertMean, softForce, velocitiesOf
 
 

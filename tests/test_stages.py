@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.studies import run
 
 
 def runStages(prefix, stages, progress=None, **sampling):

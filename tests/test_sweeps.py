@@ -19,9 +19,9 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich import studies, sweeps
+from openmmhelfrich.runs import studies, sweeps
 from openmmhelfrich.cli import app
-from openmmhelfrich.grids import readGrid
+from openmmhelfrich.runs.grids import readGrid
 
 INTERVAL = 40
 GRID = f"""

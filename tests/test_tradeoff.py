@@ -9,13 +9,13 @@ import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich.analysis import gyrationTensor
-from openmmhelfrich.config import parseConfig, readConfig
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.studies import run
 from openmmhelfrich.tradeoff import tradeoff
 from openmmhelfrich.tradeoff.measure import forceError, measure, timeOf
 from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
 from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
-from openmmhelfrich.simulation import createForce, loadMesh, resolve
+from openmmhelfrich.runs.scene import createForce, loadMesh, resolve
 from membranes import createContext, energyOf
 
 pytest.importorskip("emcee")

@@ -3,9 +3,9 @@
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
-from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, adaptStepSize
-from .annealing import anneal
-from .continuation import ContinuationResult, continueTo
+from .sampling.adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, adaptStepSize
+from .sampling.annealing import anneal
+from .sampling.continuation import ContinuationResult, continueTo
 from .helfrich import (
     EdgeFlipIntegrator,
     HamiltonianTrajectoryIntegrator,
@@ -13,12 +13,12 @@ from .helfrich import (
     HybridMonteCarloIntegrator,
     ShearWaveIntegrator,
 )
-from .mesh import Mesh, reducedVolume
-from .minimization import MinimizationResult, minimize, minimizeFluid
-from .psf import writePSF
-from .reporters import MeshReporter, ObservablesReporter, readObservables
-from .schedules import ExponentialSchedule, TableSchedule, createSchedule
-from .vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
+from .geometry.mesh import Mesh, reducedVolume
+from .sampling.minimization import MinimizationResult, minimize, minimizeFluid
+from .io.psf import writePSF
+from .sampling.reporters import MeshReporter, ObservablesReporter, readObservables
+from .sampling.schedules import ExponentialSchedule, TableSchedule, createSchedule
+from .io.vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
 
 try:
     __version__ = version("openmm-helfrich")
@@ -28,13 +28,13 @@ except PackageNotFoundError:  # a source tree on the path, not installed
 
 # What is imported when it is asked for, by the module it is in: scripts that do without start faster.
 _LATER = {
-    "axisymmetric": ["axisymmetricMinimum"],
-    "studies": ["resume", "run"],
-    "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
-    "grids": ["readGrid"],
-    "sweeps": ["sweep"],
-    "reweighting": ["reweight"],
-    "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
+    "geometry.axisymmetric": ["axisymmetricMinimum"],
+    "runs.studies": ["resume", "run"],
+    "sampling.replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
+    "runs.grids": ["readGrid"],
+    "runs.sweeps": ["sweep"],
+    "analysis.reweighting": ["reweight"],
+    "geometry.shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
     "analysis": [
         "autocorrelationTime",
         "classifyShape",

@@ -43,8 +43,8 @@ def minima(
     Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error of the energy falls from one to the
     next, and the energy that the last two tell of infinitely many vertices.
     """
-    from ..conversion import requireNew
-    from ..minima import discreteMinimum, plotSections
+    from ..io.conversion import requireNew
+    from ..analysis.convergence import discreteMinimum, plotSections
 
     requireNew([file for file in (out, picture) if file], Path(), overwrite)
     points, sizes, found = _points(branch, volume), sorted(set(vertices or [642])), []
@@ -65,8 +65,8 @@ def minima(
 
 def _points(branches, volumes):
     """Return the branches and reduced volumes that were asked for; of all branches those that reach a volume."""
-    from ..axisymmetric import requireBranch
-    from ..minima import REDUCED_VOLUMES
+    from ..geometry.axisymmetric import requireBranch
+    from ..analysis.convergence import REDUCED_VOLUMES
 
     points = [
         (name, v)
@@ -88,7 +88,7 @@ def _line(m):
 
 
 def _convergence(series):
-    from ..minima import extrapolatedEnergy, orderOfConvergence
+    from ..analysis.convergence import extrapolatedEnergy, orderOfConvergence
 
     orders = [f"{orderOfConvergence(*pair):.2f}" for pair in zip(series, series[1:])]
     energy, exact = extrapolatedEnergy(*series[-2:]), series[0].continuum.energy

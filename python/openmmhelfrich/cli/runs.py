@@ -35,8 +35,8 @@ def run(
     defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped the run.  Options take the place of the
     configuration's values.
     """
-    from ..config import readConfig
-    from ..studies import run as runConfig
+    from ..runs.config import readConfig
+    from ..runs.studies import run as runConfig
 
     settings = readConfig(config)
     _override(settings.platform, name=platform, threads=threads)
@@ -62,7 +62,7 @@ def resume(
 
     The files become what they would be if the run had never been stopped, to the last byte.
     """
-    from ..studies import resume as resumeRun
+    from ..runs.studies import resume as resumeRun
 
     _report(lambda progress: resumeRun(prefix.removesuffix(".checkpoint"), steps, progress, platform, threads), quiet)
 
@@ -76,12 +76,12 @@ def config(
     ] = None,
 ):
     """Print a configuration file with every key, its default, and the reason for it."""
-    from ..configfile import defaultText
+    from ..runs.configfile import defaultText
 
     if fromTrimem is None:
         print(defaultText(), end="")
         return
-    from ..trimem import convertConfig
+    from ..runs.trimem import convertConfig
 
     print(convertConfig(fromTrimem), end="")
 

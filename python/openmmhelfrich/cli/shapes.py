@@ -33,8 +33,8 @@ def check(
 
     Example: openmm-helfrich check cell.stl --scale 0.001
     """
-    from ..mesh import Mesh
-    from ..quality import assess
+    from ..geometry.mesh import Mesh
+    from ..geometry.quality import assess
 
     surface = Mesh.read(mesh, unit=scale)
     try:
@@ -73,7 +73,7 @@ def convert(
 
     openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
     """
-    from ..conversion import convert as convertFile
+    from ..io.conversion import convert as convertFile
 
     files = convertFile(source, output, frame, every, topology, overwrite)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
@@ -97,9 +97,9 @@ def plot(
 
     Example: openmm-helfrich plot results/cell -o cell.pdf
     """
-    from ..conversion import requireNew
-    from ..pictures import plotObservables
-    from ..reporters import observableUnits, readObservables
+    from ..io.conversion import requireNew
+    from ..pictures.plots import plotObservables
+    from ..sampling.reporters import observableUnits, readObservables
 
     table = source if source.suffix.lower() == ".csv" else source.with_name(source.name + ".csv")
     if not table.exists():
@@ -150,8 +150,8 @@ def render(
 
     openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
     """
-    from ..conversion import openFrames, requireNew, selectFrames
-    from ..rendering import render as renderFrames, requireFormat
+    from ..io.conversion import openFrames, requireNew, selectFrames
+    from ..pictures.rendering import render as renderFrames, requireFormat
 
     output = output or source.with_suffix(".png")
     requireFormat(output)
@@ -180,7 +180,7 @@ def report(
 
     Example: openmm-helfrich report results/cell
     """
-    from ..report import writeReport
+    from ..pictures.report import writeReport
 
     page = writeReport(prefix, output, max_frames, overwrite)
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
@@ -203,8 +203,8 @@ def _suggestions(mesh, scale, unit):
     """Return what a run does with a mesh by default, or that it needs another scale first."""
     import math
 
-    from ..config import parseConfig
-    from ..simulation import defaultStepSize, tetherParameters
+    from ..runs.config import parseConfig
+    from ..runs.scene import defaultStepSize, tetherParameters
 
     length = mesh.edgeLengths.mean()
     if not 0.01 <= length <= 10:

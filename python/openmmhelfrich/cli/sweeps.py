@@ -41,7 +41,7 @@ def sweep(
     Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is finished stays, and what had begun goes on
     from its last checkpoint.  A table, summary.csv, has a row for each point.
     """
-    from ..sweeps import sweep as runSweep
+    from ..runs.sweeps import sweep as runSweep
 
     start = time.monotonic()
     with _SweepProgress(quiet) as progress:

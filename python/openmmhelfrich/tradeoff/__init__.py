@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from ..config import Config, parseConfig, readConfig
+from ..runs.config import Config, parseConfig, readConfig
 from .report import recommendationText, tableText, writeReport
 from .search import OutOfTime, Point, Search
 

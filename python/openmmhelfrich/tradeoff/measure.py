@@ -9,11 +9,11 @@ import numpy as np
 import openmm as mm
 from openmm import unit
 
-from ..adaptation import adaptStepSize
+from ..sampling.adaptation import adaptStepSize
 from ..analysis import classifyShape, gyrationTensor, vertexDiffusion
-from ..mesh import Mesh
-from ..reporters import ENERGY_TERMS, thermalEnergy, valueIn
-from ..simulation import createForce, createSimulation, currentMesh, defaultStepSize, platformOf
+from ..geometry.mesh import Mesh
+from ..sampling.reporters import ENERGY_TERMS, thermalEnergy, valueIn
+from ..runs.scene import createForce, createSimulation, currentMesh, defaultStepSize, platformOf
 from .settings import apply
 from .statistics import Motion, Observable, observe, shapeSeries
 

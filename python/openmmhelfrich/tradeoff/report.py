@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from ..configfile import configText
+from ..runs.configfile import configText
 from ..files import replacing
 from .search import AVERAGES
 from .settings import apply, describe, isExact

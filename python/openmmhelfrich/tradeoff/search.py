@@ -10,15 +10,15 @@ from typing import Optional
 
 import openmm as mm
 
-from ..config import SampleStage, stagesOf
-from ..continuation import currentTargets
+from ..runs.config import SampleStage, stagesOf
+from ..sampling.continuation import currentTargets
 from ..files import replacing
-from ..mesh import Mesh
-from ..simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
-from ..stages import createStage
-from ..studies import versions
+from ..geometry.mesh import Mesh
+from ..runs.scene import createForce, createSimulation, currentMesh, loadMesh, resolve
+from ..runs.stages import createStage
+from ..runs.studies import versions
 from .measure import Measurement, measure
-from .minimiser import FACTORS, Minimum, minimise
+from .minimization import FACTORS, Minimum, minimise
 from .settings import (
     COARSER,
     MODULI,

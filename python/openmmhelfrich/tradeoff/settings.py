@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import get_args
 
-from ..config import parseConfig, sections
+from ..runs.config import parseConfig, sections
 
 COARSER = "mesh.icosphere"
 MODULI = {

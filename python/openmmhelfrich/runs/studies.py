@@ -1,0 +1,387 @@
+"""Whole runs: from a configuration, or from a checkpoint, through the stages to the results."""
+
+import contextlib
+import errno
+import os
+import platform as python
+import signal
+import threading
+import time
+from importlib.metadata import version as versionOf
+from pathlib import Path
+from typing import Callable, Optional, Union
+
+import openmm as mm
+from openmm import unit
+
+from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
+from .config import Config, SampleStage, parseConfig, readConfig
+from .configfile import writeSettings
+from ..sampling.continuation import averageWindows, currentTargets, windowLambdas
+from ..files import PathLike
+from .outputs import Outputs, Recorder
+from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..io.psf import writePSF
+from ..sampling.reporters import Table, valueIn
+from .scene import createForce, createSimulation, currentMesh, loadMesh, platformOf, resolve
+from .stages import createStage
+from .summary import Summary, summarise
+
+
+def run(config: Union[Config, dict, PathLike], progress: Optional[Callable[["Study"], None]] = None) -> Summary:
+    """Do everything that a configuration asks for and return a Summary.
+
+    Parameters
+    ----------
+    config : Config, dict or path
+        what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
+    progress : callable, optional
+        called after each step with the :class:`Study`
+
+    SIGINT and SIGTERM end the run early, after a checkpoint; its results are complete up to there.
+
+    Raises
+    ------
+    ValueError, OSError, openmm.OpenMMException
+        if the mesh, the configuration, the platform or the place for the results will not do; no file has been touched then.  Later an
+        OSError, if the disk is full; the last checkpoint is whole then
+    """
+    config = _asConfig(config)
+    mesh = loadMesh(config)
+    outputs, overwrite, source = Outputs.of(config), config.output.overwrite, config.mesh.file
+    config = resolve(config, mesh)
+    force = createForce(config, mesh)
+    study = Study(config, outputs, createSimulation(config, mesh, force), force)
+    outputs.prepare(source, overwrite)
+    study.save()  # with all files empty: whatever happens from now on, the run can go on
+    return study.finish(progress)
+
+
+def resume(
+    prefix: PathLike,
+    steps: Optional[int] = None,
+    progress: Optional[Callable[["Study"], None]] = None,
+    platform: Optional[str] = None,
+    threads: Optional[int] = None,
+) -> Summary:
+    """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
+
+    What the run would have written had it never been stopped is what it writes: the files are the same to the last byte.
+
+    Parameters
+    ----------
+    prefix : path
+        the first part of the names of the run's files
+    steps : int, optional
+        more Monte Carlo steps than were asked for, by the last stage if it samples and otherwise by a new one that does
+    progress : callable, optional
+        called after each step with the :class:`Study`
+    platform : str, optional
+        another platform than before.  The results are the same but for rounding errors
+    threads : int, optional
+        another number of threads than before.  Results do not depend on it
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        if there is no checkpoint, it is damaged, a file of the run is missing, or the run has no steps left
+    """
+    file = Path(f"{prefix}.checkpoint")
+    if not file.exists():
+        raise FileNotFoundError(
+            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has begun: start one with run"
+        )
+    state = loadRunState(file)
+    config = parseConfig(state.config, str(file))
+    config.output.prefix = str(prefix)
+    outputs = Outputs.of(config)
+    if steps is not None:
+        _addSteps(config, steps)
+    elif isFinished(state, outputs):
+        raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
+    _changePlatform(config, state, platform, threads)
+    simulation, force = loadSimulation(file, *platformOf(config))
+    return Study(config, outputs, simulation, force, state).finish(progress)
+
+
+def isFinished(state: RunState, outputs: Outputs) -> bool:
+    """Return whether a run has come to its end and left all of its files."""
+    return state.isComplete and all(path.exists() for path in outputs.paths())
+
+
+class Study:
+    """A run under way.
+
+    Attributes
+    ----------
+    config : Config
+        what to do, with every default filled in
+    simulation : openmm.app.Simulation
+        the membrane
+    force : HelfrichForce
+        its energy
+    stage : Stage
+        what is being done
+    index : int
+        its number, from 0
+    notes : list of str
+        what has been found out, or is to be warned of
+    """
+
+    def __init__(self, config, outputs, simulation, force, state=None):
+        self.config, self.outputs, self.simulation, self.force = config, outputs, simulation, force
+        state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
+        self.index, self.notes, self._versions, self._sizes = (
+            state.stage,
+            list(state.notes),
+            state.versions,
+            state.sizes,
+        )
+        self._recorder, self._savedAt = None, (time.monotonic(), simulation.currentStep)
+        self.stage = self._createStage()
+        if state.stageState is not None:
+            self.stage.setState(state.stageState)
+
+    def finish(self, progress=None):
+        """Do what is left to do, draw the pictures, and return a Summary."""
+        start, firstStep = time.perf_counter(), self.simulation.currentStep
+        with self._readable():
+            writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+            self._writeSettings()
+            with (
+                StopSignals() as stop,
+                Recorder(
+                    self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes
+                ) as self._recorder,
+            ):
+                if not self._sizes:
+                    self._recorder.table.report(self.simulation, None)  # the table begins with the start
+                self._advance(stop, progress)
+                if self.stage.isDone or not self.stage.isWhole:
+                    self.save()
+            summary = summarise(self, self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
+            self._draw(summary)
+        return summary
+
+    @property
+    def isComplete(self):
+        """Whether nothing is left to do."""
+        return self.index == len(self.config.stages) - 1 and self.stage.isDone
+
+    def save(self):
+        """Write a checkpoint."""
+        if self._recorder:
+            self._sizes = self._recorder.sync()
+        settings = self.config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}})
+        state = RunState(
+            settings,
+            self.index,
+            self.stage.getState(),
+            self._sizes,
+            self.notes,
+            self._versions,
+            self.simulation.currentStep,
+            self.isComplete,
+        )
+        saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
+        self._savedAt = time.monotonic(), self.simulation.currentStep
+
+    def observe(self):
+        """Return a row of the table, for the present, as a dict."""
+        return self._recorder.table.observe(self.simulation)
+
+    def status(self):
+        """Return the energy and the rates of acceptance of the present stage, in a few words."""
+        return self.stage.status(lambda: self.observe()["energy (kT)"])
+
+    def _advance(self, stop, progress):
+        """Go through the stages, to the end or until asked to stop."""
+        isInterrupted = False
+
+        def isToStop():
+            nonlocal isInterrupted
+            try:
+                if progress is not None:
+                    progress(self)
+            except KeyboardInterrupt:
+                isInterrupted = True
+            return isInterrupted or stop.signal is not None
+
+        while True:
+            self.stage.listen = isToStop
+            if self.stage.isWhole and not self.stage.isDone:
+                self.save()  # where it goes on if it is stopped
+            while not self.stage.isDone:
+                self.stage.advance()
+                if self.stage.isWhole and self.stage.isDone:
+                    self._recorder.report()
+                if isToStop():
+                    break
+                self._saveIfDue()
+            if not self.stage.isDone:
+                return
+            self._note()
+            if self.isComplete or isInterrupted or stop.signal is not None:
+                return
+            self.index += 1
+            self.stage = self._createStage()
+
+    def _createStage(self):
+        return createStage(self.config.stages[self.index], self.config, self.simulation, self.force)
+
+    def _note(self):
+        """Keep what the stage has to tell at its end."""
+        new = [
+            note
+            for note in (f"stage {self.index + 1}, {note}" for note in self.stage.notes())
+            if note not in self.notes
+        ]
+        if new:
+            self.notes += new
+            self._writeSettings()
+
+    def _saveIfDue(self):
+        output, (seconds, step) = self.config.output, self._savedAt
+        isDue = (
+            output.checkpoint_interval is not None and self.simulation.currentStep >= step + output.checkpoint_interval
+        )
+        if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
+            self.save()
+
+    def _describe(self):
+        """Return the conditions of the present, for the table."""
+        integrator, u = self.simulation.integrator, self.config.mesh.length_unit
+        targets = currentTargets(self.simulation.context, self.force)
+        window, isEquilibrated = self.stage.window()
+        return {
+            "temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin),
+            "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond),
+            "stage": self.index + 1,
+            "window": window,
+            "equilibrated": int(isEquilibrated),
+            f"targetArea ({u}^2)": targets["area"],
+            f"targetVolume ({u}^3)": targets["volume"],
+            f"targetAreaDifference ({u}^2)": targets["areaDifference"],
+        }
+
+    def _writeSettings(self):
+        lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
+        writeSettings(self.outputs.settings, self.config, lines)
+
+    @contextlib.contextmanager
+    def _readable(self):
+        """Say what a failure to write means for the run."""
+        try:
+            yield
+        except OSError as error:
+            what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
+            raise OSError(
+                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step {self._savedAt[1]} is safe: "
+                f"openmm-helfrich resume {self.config.output.prefix} goes on from there"
+            ) from None
+
+    def _draw(self, summary):
+        mesh, lengthUnit = currentMesh(self.simulation, self.force), self.config.mesh.length_unit
+        mesh.write(self.outputs.mesh)
+        plotObservables(summary.table, self.outputs.plot, lengthUnit)
+        drawMesh(mesh, self.outputs.picture, lengthUnit)
+        paths = [
+            averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
+            for stage, rows in zip(self.config.stages, self._recordedRows(summary.table))
+            if stage.kind == "continue" and len(rows["step"])
+        ]
+        if paths:
+            windows = Table.concatenate(paths)
+            windows.write(self.outputs.path)
+            plotPath(windows, self.outputs.pathPlot, lengthUnit)
+
+    def _recordedRows(self, table):
+        """Return the equilibrated rows of each stage."""
+        return [
+            table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1))
+            for i in range(len(self.config.stages))
+        ]
+
+
+def versions():
+    """Return the versions of the software that results depend on."""
+    from .. import __version__
+
+    return {
+        "openmm-helfrich": __version__,
+        "OpenMM": mm.Platform.getOpenMMVersion(),
+        "numpy": versionOf("numpy"),
+        "Python": python.python_version(),
+    }
+
+
+class StopSignals:
+    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop it.
+
+    Attributes
+    ----------
+    signal : int or None
+        the one that came
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self):
+        self.signal, self._before = None, {}
+
+    def __enter__(self):
+        if threading.current_thread() is threading.main_thread():  # others cannot have handlers
+            self._before = {number: signal.signal(number, self._ask) for number in self.SIGNALS}
+        return self
+
+    def __exit__(self, *_):
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _ask(self, number, frame):
+        self.signal = number
+        signal.signal(number, self._before[number])
+
+
+def _asConfig(config):
+    if isinstance(config, Config):
+        return config
+    if isinstance(config, dict):
+        config = parseConfig(config)
+        if config.output.prefix is None:
+            raise ValueError(
+                "[output] prefix is missing; a configuration that is not a file has no name to take it from"
+            )
+        return config
+    return readConfig(config)
+
+
+def _addSteps(config, steps):
+    """Let a run make more steps."""
+    if steps < 1:
+        raise ValueError(f"steps is {steps}; it must be positive")
+    if config.stages[-1].kind == "sample":
+        config.stages[-1].steps += steps
+    else:
+        config.stages.append(SampleStage(kind="sample", steps=steps))
+
+
+def _changePlatform(config, state, platform, threads):
+    """Use another platform, or other versions, than before: not without saying so."""
+    if platform is not None and platform != config.platform.name:
+        state.notes.append(
+            f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one platform but for rounding errors"
+        )
+        config.platform.name, config.platform.threads = platform, None
+    if threads is not None:
+        config.platform.threads = threads
+    changed = [
+        f"{name} {number} instead of {state.versions.get(name)}"
+        for name, number in versions().items()
+        if state.versions.get(name) != number
+    ]
+    if changed:
+        state.notes.append(
+            f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run that was never stopped"
+        )
+        state.versions = versions()

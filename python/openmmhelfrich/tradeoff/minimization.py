@@ -1,0 +1,39 @@
+"""What the tolerance of a minimisation costs and what it is worth."""
+
+import time
+from dataclasses import dataclass
+
+from openmm import unit
+
+from ..sampling.minimization import minimizeFluid
+from ..sampling.reporters import thermalEnergy, valueIn
+from ..runs.scene import createForce, createSimulation
+
+FACTORS = (100.0, 10.0, 1.0, 0.1)
+
+
+@dataclass
+class Minimum:
+    """A minimum found with a tolerance, in kT per unit of length: its energy and the bending energy in kT, and the cost in seconds of one processor."""
+
+    tolerance: float
+    energy: float
+    bending: float
+    seconds: float
+    iterations: int
+    reason: str
+
+
+def minimise(config, mesh, factor, maxIterations):
+    """Return the :class:`Minimum` that a membrane comes to with a multiple of the default tolerance, kappa_B l/(4A) with the mean edge length l."""
+    kT, force = thermalEnergy(config.sampling.temperature), createForce(config, mesh)
+    config = config.model_copy(update={"sampling": config.sampling.model_copy(update={"step_size": None})})
+    tolerance = factor * config.membrane.bending_modulus * float(mesh.edgeLengths.mean()) / (4 * mesh.area)
+    simulation = createSimulation(config, mesh, force)
+    start = time.process_time()
+    result = minimizeFluid(simulation, force, tolerance * kT, maxIterations)
+    seconds = time.process_time() - start
+    energy, bending = (
+        valueIn(value, unit.kilojoules_per_mole) / kT for value in (result.energy, result.energies["bending"])
+    )
+    return Minimum(tolerance, energy, bending, seconds, result.iterations, result.reason)
