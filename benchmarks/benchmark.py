@@ -38,6 +38,7 @@ COLUMNS = {
 def createMembrane(size):
     """Return a Mesh of a rough icosphere of a number of vertices, 1 nm apart."""
     import numpy as np
+
     import openmmhelfrich as mh
 
     mesh = mh.Mesh.icosphere(SIZES[size], (3**0.5 * size / (8 * np.pi)) ** 0.5)
@@ -139,6 +140,7 @@ def timeTerms(size, threads):
 def timeForces(results, size, platform, threads, precision, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
     mesh = createMembrane(size)
@@ -193,6 +195,7 @@ def residentMemory():
 def measureMemory(results, size, platform, threads, precision):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
     mesh = createMembrane(size)
@@ -272,12 +275,11 @@ def measureTriMem(size):
 def describeMachine():
     """Return what the figures depend on."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
-    model = next(
-        (line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
-        machine.processor(),
-    )
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), machine.processor())
     return {
         "processor": model,
         "cores": os.cpu_count(),

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from matplotlib.figure import Figure
 from openmm import app, unit
+
+import openmmhelfrich as mh
 
 rounds, subdivisions, workers = (int(argument) for argument in (sys.argv[1:] + ["2000", "3", "1"][len(sys.argv) - 1 :]))
 FILE = Path("boltzmann.zip")

@@ -7,9 +7,10 @@ import sys
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from matplotlib.figure import Figure
 from openmm import app, unit
+
+import openmmhelfrich as mh
 from openmmhelfrich.analysis import fluctuationSpectrum, meshStiffness, vertexDiffusion
 
 steps, subdivisions, kappa = (int(argument) for argument in (sys.argv[1:] + ["2000", "2", "20"][len(sys.argv) - 1 :]))

@@ -7,8 +7,9 @@ import sys
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
+
+import openmmhelfrich as mh
 from openmmhelfrich.analysis import vertexDiffusion
 
 FRACTIONS = (0, 0.01, 0.03, 0.1, 0.3, 1)

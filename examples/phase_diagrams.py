@@ -11,12 +11,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import openmmhelfrich as mh
 import pandas
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from openmmhelfrich.pictures.rendering import render
 from scipy.interpolate import PchipInterpolator
+
+import openmmhelfrich as mh
+from openmmhelfrich.pictures.rendering import render
 
 BRANCHES = {"prolate": "C0", "oblate": "C1", "stomatocyte": "C2"}
 ENERGY = "E_bending/8 pi kappa"
@@ -86,7 +87,7 @@ def plotEnergies(table, file):
 
 def onAxes(mesh):
     """Return a mesh whose longest axis is x and whose shortest is z."""
-    values, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
+    _values, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
     x, y = axes[:, 2], axes[:, 1]
     return mh.Mesh(mesh.vertices @ np.column_stack((x, y, np.cross(x, y))), mesh.triangles)
 

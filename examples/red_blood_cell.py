@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from openmmhelfrich import Mesh
 from scipy.spatial import KDTree
+
+from openmmhelfrich import Mesh
 
 D, C0, C1, C2 = 7.82, 0.81, 7.83, -4.39  # micrometres
 

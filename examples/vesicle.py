@@ -3,8 +3,9 @@
 import sys
 
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
+
+import openmmhelfrich as mh
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
 temperature = 300 * unit.kelvin

@@ -8,8 +8,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from membranes import kelvin
 from test_flips import energiesOf, enumerateStates, octahedron, pOf, softForce, stateOf
-from test_hmc import assertMean, energyChangeOf
-from test_hmc import softForce as vesicleForce
+from test_hmc import assertMean, energyChangeOf, softForce as vesicleForce
 
 KT = 2.5
 

@@ -50,14 +50,16 @@ def createPair(platform, integrator=None):
     context = mm.Context(system, integrator or mm.VerletIntegrator(0.001), mm.Platform.getPlatform(platform))
     centers = [mesh.vertices.mean(axis=0) for mesh in meshes]
     context.setPositions(
-        np.concatenate((meshes[0].vertices, [centers[0]], meshes[1].vertices + [5, 0, 0], [centers[1] + [5, 0, 0]]))
+        np.concatenate(
+            (meshes[0].vertices, [centers[0]], meshes[1].vertices + np.array([5, 0, 0]), [centers[1] + [5, 0, 0]])
+        )
     )
     return meshes, forces, context
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_two_membranes_beads_and_other_forces(platform):
-    meshes, forces, context = createPair(platform)
+    meshes, _forces, context = createPair(platform)
     n = len(meshes[0].vertices)
     alone = [createContext(mesh, createForce(mesh, TERMS, level), platform) for mesh, level in zip(meshes, (1, 2))]
     for number in range(2):
@@ -115,7 +117,7 @@ def test_monte_carlo_of_two_membranes(platform):
 
 def test_two_membranes_of_one_name():
     mesh = createBlob(1)
-    with pytest.raises(mm.OpenMMException, match="two HelfrichForces have the name 'HelfrichForce'.*setName"):
+    with pytest.raises(mm.OpenMMException, match=r"two HelfrichForces have the name 'HelfrichForce'.*setName"):
         createContext(mesh, [createForce(mesh), createForce(mesh)])
 
 
@@ -124,7 +126,7 @@ def test_two_components_in_one_force(platform):
     """One HelfrichForce may hold several closed surfaces: its area and volume are their sums, and they repel each other."""
     first, second = createBlob(1, seed=1), createBlob(1, seed=2)
     apart, near = (
-        together(first, mh.Mesh(second.vertices + [0, 0, distance], second.triangles)) for distance in (10, 1)
+        together(first, mh.Mesh(second.vertices + np.array([0, 0, distance]), second.triangles)) for distance in (10, 1)
     )
     force = createForce(apart)
     context = createContext(apart, force, platform)

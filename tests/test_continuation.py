@@ -7,8 +7,9 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from openmmhelfrich.runs.config import parseConfig
-from openmmhelfrich.sampling.continuation import ContinuationPath, absoluteTargets
 from openmmhelfrich.runs.studies import run
+from openmmhelfrich.sampling.continuation import ContinuationPath
+from openmmhelfrich.sampling.targets import absoluteTargets
 
 START = {"area": 12.0, "volume": 4.0, "areaDifference": 25.0}
 

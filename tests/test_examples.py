@@ -6,11 +6,11 @@ import sys
 import mdtraj
 import numpy as np
 import pytest
-from conftest import ROOT
 
 import openmmhelfrich as mh
-from openmmhelfrich.runs.config import readConfig
+from conftest import ROOT
 from openmmhelfrich.pictures.rendering import canRender
+from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.studies import run
 
 
@@ -126,7 +126,7 @@ def testFluidity(tmp_path, examples):
     """Without flips vertices go nowhere, and with more of them further."""
     names, *rows = [line.split(",") for line in execute(tmp_path, examples / "fluidity.py", 800, 2).splitlines()]
     rows = np.array(rows, dtype=float)
-    fraction, flipRate, acceptance, forbidden, perStep, error, perSweep = rows.T[:7]
+    fraction, flipRate, acceptance, _forbidden, perStep, error, perSweep = rows.T[:7]
     assert names[:3] == ["fraction", "flipRate", "acceptance"] and list(fraction) == [0, 0.01, 0.03, 0.1, 0.3, 1]
     assert flipRate == pytest.approx(fraction * acceptance, rel=0.05) and np.allclose(perSweep, 2 * perStep, rtol=0.02)
     assert perStep[-1] > 5 * error[-1] and perStep[-1] > 2 * abs(perStep[0])

@@ -39,7 +39,7 @@ def createRun(temperature, stepSize=GENTLE, platform="CPU", engine="native", fli
 @pytest.mark.parametrize("temperature", [1e-300, 1e-20])
 def test_cold(platform, engine, temperature):
     """No move goes uphill by more than rounding makes of it, and flips go downhill."""
-    force, integrator, context = createRun(temperature, platform=platform, engine=engine)
+    _force, integrator, context = createRun(temperature, platform=platform, engine=engine)
     energy = start = energyOf(context)
     for _ in range(30):
         integrator.step(1)
@@ -51,7 +51,7 @@ def test_cold(platform, engine, temperature):
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("engine", ENGINES)
 def test_hot(platform, engine):
-    force, integrator, context = createRun(1e6, 1e-5, platform, engine)
+    _force, integrator, context = createRun(1e6, 1e-5, platform, engine)
     integrator.step(40)
     assert integrator.getAcceptanceRate() > 0.5 and integrator.getFlipAcceptanceRate() > 0.2
     assert math.isfinite(energyOf(context))
@@ -62,7 +62,7 @@ def test_hot(platform, engine):
 @pytest.mark.parametrize("factor", [1e3, 1e150])
 def test_step_sizes_too_large(platform, engine, factor):
     """Every trajectory is rejected, and leaves the positions as they were, to the last bit."""
-    force, integrator, context = createRun(300, GENTLE * factor, platform, engine, flipProbability=0)
+    _force, integrator, context = createRun(300, GENTLE * factor, platform, engine, flipProbability=0)
     start, energy = positionsOf(context), energyOf(context)
     integrator.step(8)
     assert integrator.getAcceptanceRate() == 0
@@ -153,7 +153,7 @@ def test_geometry_that_is_not_finite(platform):
 def test_a_vesicle_far_away():
     """The mesh's own volume and area lose no more than the positions have lost."""
     mesh = createBlob(2)
-    far = mh.Mesh(mesh.vertices + [1e6, -7e5, 3e5], mesh.triangles)
+    far = mh.Mesh(mesh.vertices + np.array([1e6, -7e5, 3e5]), mesh.triangles)
     back = mh.Mesh(far.vertices - far.vertices[0], mesh.triangles)
     assert (far.volume, far.area) == pytest.approx((back.volume, back.area), rel=1e-14)
     assert far.volume == pytest.approx(mesh.volume, rel=1e-8)

@@ -11,7 +11,6 @@ from openmm import unit
 from scipy import stats
 
 import openmmhelfrich as mh
-from openmmhelfrich.geometry import connectivity
 from membranes import (
     PLATFORMS,
     TERMS,
@@ -24,6 +23,7 @@ from membranes import (
     positionsOf,
     termsOf,
 )
+from openmmhelfrich.geometry import connectivity
 
 
 def oneAttempt(mesh, temperature):

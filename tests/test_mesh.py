@@ -5,12 +5,12 @@ import mdtraj
 import meshio
 import numpy as np
 import pytest
-from conftest import together
 from hypothesis import given, settings, strategies as st
 from openmm import app, unit
 from scipy.spatial.transform import Rotation
 
 import openmmhelfrich as mh
+from conftest import together
 
 FORMATS = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh"]
 
@@ -128,7 +128,7 @@ def testUnusedVerticesPointsAndLinesAreLeftOut(tmp_path, sphere):
 
 
 def testWriteFailsCleanly(tmp_path, sphere):
-    with pytest.raises(ValueError, match="no mesh format has the suffix '.xyzzy'"):
+    with pytest.raises(ValueError, match=r"no mesh format has the suffix '.xyzzy'"):
         sphere.write(tmp_path / "a.xyzzy")
     with pytest.raises(OSError):
         sphere.write(tmp_path / "nowhere" / "a.ply")

@@ -17,30 +17,6 @@ from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 from test_composition import createPair
 
 
-def flipped(mesh, count, seed):
-    """Return a mesh with other positions and some edges flipped."""
-    force = mh.HelfrichForce()
-    force.setTriangles(mesh.triangles)
-    system = mesh.createSystem()
-    system.addForce(force)
-    integrator = mh.EdgeFlipIntegrator(300, 0.1)
-    integrator.setRandomNumberSeed(seed)
-    context = mm.Context(system, integrator, mm.Platform.getPlatform("Reference"))
-    context.setPositions(mesh.vertices)
-    integrator.step(count)
-    return mh.Mesh(
-        mesh.vertices * (1 + 0.01 * np.random.default_rng(seed).random((len(mesh.vertices), 1))),
-        force.getTrianglesInContext(context),
-    )
-
-
-@pytest.fixture(scope="module")
-def frames():
-    """Six frames with different positions and triangles."""
-    mesh = mh.Mesh.icosphere(2)
-    return [mh.meshFrame(10 * i, flipped(mesh, i, seed=i + 1)) for i in range(6)]
-
-
 def same(frame, other):
     return (
         frame.step == other.step
@@ -357,7 +333,7 @@ def testReporterGoesOnFromACheckpoint(sphere, tmp_path):
 
 def testCutWithoutNewFrames(sphere, tmp_path, frames):
     mh.writeMeshTrajectory(tmp_path / "a", frames)
-    simulation, force = simulate(sphere)
+    _simulation, force = simulate(sphere)
     mh.MeshReporter(tmp_path / "a", 5, force, append=True, numFrames=2).close()
     assert list(mh.readMeshTrajectory(tmp_path / "a").steps) == [0, 10]
 
@@ -397,16 +373,19 @@ def testScriptThatJustEnds(inFolder, examples):
 
 
 def testReporterRefuses(sphere, tmp_path, frames):
-    simulation, force = simulate(sphere)
+    _simulation, force = simulate(sphere)
     mh.writeMeshTrajectory(tmp_path / "a", frames)
     mh.writeMeshTrajectory(tmp_path / "small", [mh.meshFrame(0, mh.Mesh.icosphere(1))])
     (tmp_path / "torn").write_bytes((tmp_path / "a").read_bytes()[:5000])
     for arguments, message in (
-        (dict(file="a", append=True, numFrames=9), "has 6 frames; it should have 9 or more"),
-        (dict(file="small", append=True), "has frames of 42 vertices and 80 triangles; this membrane has 162 and 320"),
-        (dict(file="torn", append=True), "not a complete one"),
-        (dict(file="a", numFrames=3), "numFrames is for appending"),
-        (dict(file="a", reportInterval=0), "reportInterval is 0"),
+        ({"file": "a", "append": True, "numFrames": 9}, "has 6 frames; it should have 9 or more"),
+        (
+            {"file": "small", "append": True},
+            "has frames of 42 vertices and 80 triangles; this membrane has 162 and 320",
+        ),
+        ({"file": "torn", "append": True}, "not a complete one"),
+        ({"file": "a", "numFrames": 3}, "numFrames is for appending"),
+        ({"file": "a", "reportInterval": 0}, "reportInterval is 0"),
     ):
         arguments = {"reportInterval": 5, **arguments}
         with pytest.raises(ValueError, match=message):

@@ -11,15 +11,15 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from openmmhelfrich.analysis import convergence as minima
-from openmmhelfrich.geometry import axisymmetric
-from openmmhelfrich.cli import app
 from openmmhelfrich.analysis.convergence import (
-    DiscreteMinimum,
     REDUCED_VOLUMES,
+    DiscreteMinimum,
     discreteMinimum,
     extrapolatedEnergy,
     orderOfConvergence,
 )
+from openmmhelfrich.cli import app
+from openmmhelfrich.geometry import axisymmetric
 
 POINTS = [(branch, v) for branch, volumes in REDUCED_VOLUMES.items() for v in volumes]
 
@@ -90,7 +90,7 @@ def test_derivatives_of_the_outline(symmetric, monkeypatch):
     )
     for i, row in enumerate(series.constraints(c, 0.6)[1]):
         assert check_grad(
-            lambda c: series.constraints(c, 0.6)[0][i], lambda c: series.constraints(c, 0.6)[1][i], c
+            lambda c, i=i: series.constraints(c, 0.6)[0][i], lambda c, i=i: series.constraints(c, 0.6)[1][i], c
         ) < 1e-6 * np.linalg.norm(row)
 
 
@@ -180,7 +180,7 @@ def test_command(inFolder):
     )
     result = invoke(*command)
     assert result.exit_code == 0, result.output
-    header, coarse, fine, convergence = result.output.splitlines()
+    _header, coarse, fine, convergence = result.output.splitlines()
     assert (
         coarse.split()[:3] == ["prolate", "0.9", "162"]
         and fine.split()[4] == "1.18964"

@@ -180,7 +180,7 @@ def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
     for i in range(len(mesh.vertices)):
         wall.addParticle(i)
     force, simulation = createSimulation(mesh, 0.9, extra=[wall])
-    with pytest.raises(mm.OpenMMException, match="nan.*must be finite"):
+    with pytest.raises(mm.OpenMMException, match=r"nan.*must be finite"):
         function(simulation, force)
     assert np.array_equal(positionsOf(simulation.context), mesh.vertices)
     assert np.array_equal(force.getTrianglesInContext(simulation.context), mesh.triangles)
@@ -219,7 +219,7 @@ def test_without_bending_a_tolerance_is_asked_for():
     mesh = mh.Mesh.icosphere(1)
     force, simulation = createSimulation(mesh, 0.95, 1e3)
     force.setBendingModulus(0)
-    with pytest.raises(ValueError, match="bending modulus is 0.*give a tolerance"):
+    with pytest.raises(ValueError, match=r"bending modulus is 0.*give a tolerance"):
         mh.minimize(simulation, force)
 
 

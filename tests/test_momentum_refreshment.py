@@ -7,7 +7,7 @@ import pytest
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, forcesOf, kelvin, positionsOf
 from openmmhelfrich.runs.config import parseConfig
-from openmmhelfrich.runs.scene import createForce, createSimulation
+from openmmhelfrich.runs.scene import Scene
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
 
 ALMOST_NONE = 1e-9  # keeps all but 5e-19 of the velocities
@@ -59,7 +59,7 @@ def test_motions_go_on(platform):
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_rejections_turn_back(platform):
     """After a rejection velocities are reversed, and the next trajectory goes back the way that the one before came."""
-    mesh, integrator, context = createRun(ALMOST_NONE, platform)
+    _mesh, integrator, context = createRun(ALMOST_NONE, platform)
     integrator.step(3)
     start, accepted = positionsOf(context), integrator.getNumAcceptedTrajectories()
     integrator.step(1)
@@ -97,6 +97,6 @@ def test_configuration():
         {"mesh": {"icosphere": 1}, "sampling": {"momentum_refreshment": 0.4}, "platform": {"name": "Reference"}}
     )
     mesh = mh.Mesh.icosphere(1)
-    integrator = createSimulation(config, mesh, createForce(config, mesh)).integrator
+    integrator = Scene.of(config, mesh).createIntegrator()
     assert integrator.getMomentumRefreshment() == integrator.getIntegrator(0).getMomentumRefreshment() == 0.4
     assert mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").getMomentumRefreshment() == 1

@@ -19,7 +19,7 @@ from membranes import (
     termsOf,
 )
 from openmmhelfrich.runs.config import parseConfig
-from openmmhelfrich.runs.scene import createForce as createForceOf, createSimulation, loadMesh
+from openmmhelfrich.runs.scene import Scene
 
 KT = 2.5
 
@@ -163,7 +163,7 @@ def test_integrators_refuse_other_precisions():
         mh.HamiltonianTrajectoryIntegrator(300, 0.1).setForcePrecision("single")
     custom = mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom")
     custom.setForcePrecision("double")
-    with pytest.raises(mm.OpenMMException, match="'mixed'.*other than 'double'"):
+    with pytest.raises(mm.OpenMMException, match=r"'mixed'.*other than 'double'"):
         custom.setForcePrecision("mixed")
     assert custom.getForcePrecision() == "double"
 
@@ -171,8 +171,8 @@ def test_integrators_refuse_other_precisions():
 def test_configuration():
     def simulationOf(**platform):
         config = parseConfig({"mesh": {"icosphere": 1}, "platform": platform})
-        mesh = loadMesh(config)
-        return createSimulation(config, mesh, createForceOf(config, mesh))
+        scene = Scene.of(config)
+        return scene.createSimulation(scene.createForce())
 
     assert simulationOf().integrator.getForcePrecision() == "double"
     assert simulationOf(precision="mixed").integrator.getForcePrecision() == "mixed"

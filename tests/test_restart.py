@@ -9,7 +9,7 @@ import pytest
 from openmm import app
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createForce, energyOf, forcesOf, positionsOf
+from membranes import PLATFORMS, TERMS, createBlob, createForce, energyOf, forcesOf
 
 DRIVERS = ["native", "custom", "flips", "langevin"]
 
@@ -297,7 +297,7 @@ def test_chosen_seed_is_kept():
 
 
 def test_a_checkpoint_of_another_mesh_is_refused():
-    simulation, force = createSimulation("flips", "Reference")
+    simulation, _force = createSimulation("flips", "Reference")
     other = createBlob(1)
     system = other.createSystem()
     system.addForce(createForce(other))

@@ -121,7 +121,7 @@ def test_membrane():
     """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.  With flips so few vertices fold now and then, and stay so for long."""
     means, errors = [], []
     for probability in (0.4, 0):
-        mesh, force, integrator, context = createRun(0, probability)
+        mesh, _force, integrator, context = createRun(0, probability)
         integrator.step(500)
         samples = []
         for _ in range(3500):
@@ -140,7 +140,7 @@ def test_membrane():
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_rejected_moves_leave_no_trace(platform):
-    mesh, force, integrator, context = createRun(platform=platform, flipProbability=0, probability=0.5)
+    _mesh, _force, integrator, context = createRun(platform=platform, flipProbability=0, probability=0.5)
     integrator.step(20)
     waves = integrator.getShearWaveIntegrator()
     waves, start = integrator.getIntegrator(2), (positionsOf(context), velocitiesOf(context), energyOf(context))
@@ -160,7 +160,7 @@ def test_rejected_moves_leave_no_trace(platform):
 
 
 def test_a_start_whose_energy_is_not_finite_is_an_error():
-    mesh, force, integrator, context = createRun(probability=1)
+    mesh, _force, integrator, context = createRun(probability=1)
     x = mesh.vertices.copy()
     x[5] = x[20]
     context.setPositions(x)
@@ -196,7 +196,7 @@ def test_platforms_and_threads_make_the_same_moves():
 
 
 def test_share_of_moves():
-    mesh, force, integrator, context = createRun(0.25, 0.5)
+    _mesh, _force, integrator, context = createRun(0.25, 0.5)
     integrator.step(200)
     waves, sweeps = (
         integrator.getShearWaveIntegrator().getNumAttempted() / 5,

@@ -1,9 +1,7 @@
 """Splittings: what every one of them must conserve, and how small its errors are."""
 
 import numpy as np
-import openmm as mm
 import pytest
-from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, forcesOf, kelvin, positionsOf
@@ -149,7 +147,7 @@ def test_trajectories_are_symplectic(splitting, substeps, platform):
 )
 def test_energy_changes(splitting, stepSize, substeps):
     """<exp(-dH/kT)> = 1."""
-    integrator, context = createRun(splitting, stepSize, 12, substeps=substeps)
+    integrator, _context = createRun(splitting, stepSize, 12, substeps=substeps)
     integrator.step(300)
     factors = []
     for _ in range(2000):
@@ -180,13 +178,13 @@ def test_errors():
 def test_lengths():
     """The number of steps is rounded up to whole ones of the splitting; with jitter it is uniform, whatever becomes of the trajectories."""
     for splitting, expected in (("leapfrog", 10), ("bcss2", 10), ("bcss3", 12)):
-        integrator, context = createRun(splitting, 0.001, 10)
+        integrator, _context = createRun(splitting, 0.001, 10)
         assert integrator.getIntegrator(0).getLastNumSteps() == 0
         integrator.step(1)
         assert integrator.getIntegrator(0).getLastNumSteps() == expected and integrator.getStepsPerTrajectory() == 10
     lengths = []
     for stepSize in (0.001, 10.0):
-        integrator, context = createRun("leapfrog", stepSize, 10)
+        integrator, _context = createRun("leapfrog", stepSize, 10)
         integrator.setTrajectoryJitter(0.5)
         lengths.append([])
         for _ in range(300):

@@ -19,8 +19,8 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich.runs import studies, sweeps
 from openmmhelfrich.cli import app
+from openmmhelfrich.runs import studies, sweeps
 from openmmhelfrich.runs.grids import readGrid
 
 INTERVAL = 40
@@ -185,17 +185,19 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
 
 def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
     """It is left alone, and comes last; the others do not wait for it."""
-    locked = list(expected)[0]
+    locked = next(iter(expected))
     (tmp_path / locked).mkdir()
-    lock = open(tmp_path / locked / "lock", "w")
+    lock = os.open(tmp_path / locked / "lock", os.O_WRONLY | os.O_CREAT)
     fcntl.flock(lock, fcntl.LOCK_EX)
-    order = []
+    order, isLocked = [], True
 
     def progress(states):
+        nonlocal isLocked
         order.extend(state.point.name for state in states if state.status == "done" and state.point.name not in order)
-        if len(order) == 3 and not lock.closed:
+        if len(order) == 3 and isLocked:
             assert not (tmp_path / locked / "run.checkpoint").exists()
-            lock.close()
+            os.close(lock)
+            isLocked = False
 
     sweeps.sweep(grid, tmp_path, cluster.scheduler_address, progress=progress)
     assert len(order) == 4 and order[-1] == locked
@@ -409,7 +411,7 @@ def testOtherSettingsThanBefore(grid, tmp_path):
     other.write_text(GRID.replace("end_temperature = 30", "end_temperature = 3"))
     with pytest.raises(
         ValueError,
-        match="point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another",
+        match=r"point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another",
     ):
         sweeps.sweep(other, tmp_path / "results")
 

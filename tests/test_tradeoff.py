@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from membranes import createContext, energyOf
 from openmmhelfrich.analysis import gyrationTensor
 from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.studies import run
 from openmmhelfrich.tradeoff import tradeoff
 from openmmhelfrich.tradeoff.measure import forceError, measure, timeOf
 from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
 from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
-from openmmhelfrich.runs.scene import createForce, loadMesh, resolve
-from membranes import createContext, energyOf
 
 pytest.importorskip("emcee")
 SCENE = {
@@ -34,8 +34,8 @@ STIFF = {
 
 def resolved(**sampling):
     config = parseConfig({**SCENE, "sampling": {**SCENE["sampling"], **sampling}})
-    mesh = loadMesh(config)
-    return resolve(config, mesh), mesh
+    scene = Scene.of(config)
+    return scene.config, scene.mesh
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_tether_of_a_coarser_mesh():
     setting = forEdges({**tetherOf(config), "sampling.steps_per_trajectory": 10}, 2.0)
     assert setting["sampling.steps_per_trajectory"] == 10
     energies = [
-        energyOf(createContext(m, createForce(c, m)))
+        energyOf(createContext(m, Scene.of(c, m).createForce()))
         for c, m in ((config, mesh), (apply(config, setting), mh.Mesh(2 * mesh.vertices, mesh.triangles)))
     ]
     assert energies[0] > 0 and energies[1] == pytest.approx(energies[0], rel=1e-10)
@@ -228,7 +228,7 @@ def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
 
 def test_a_search_goes_on(searched, tmp_path):
     """Points that are in the file are not measured again, and those that are missing come out the same."""
-    search, best, prefix = searched
+    _search, _best, prefix = searched
     for file in prefix.parent.glob("a*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     data = json.loads((tmp_path / "a.json").read_text())
@@ -265,7 +265,7 @@ def test_scenes_that_cannot_be_measured(changes, message, tmp_path):
 
 
 def test_arguments(searched, tmp_path):
-    search, best, prefix = searched
+    _search, _best, prefix = searched
     with pytest.raises(ValueError, match="the error is 2"):
         tradeoff(SCENE, tmp_path / "a", error=2)
     with pytest.raises(ValueError, match="there is no axis 'speed'; this scene has tether, "):

@@ -3,9 +3,9 @@
 import contextlib
 import os
 from pathlib import Path
-from typing import Union
+from typing import TypeAlias
 
-PathLike = Union[str, os.PathLike]
+PathLike: TypeAlias = str | os.PathLike[str]
 
 
 @contextlib.contextmanager

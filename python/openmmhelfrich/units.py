@@ -1,13 +1,18 @@
-"""Numbers with units: what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5 um" or "37 C"."""
+"""Units: kT, Quantities as numbers, and what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5 um" or "37 C".
 
+Nothing here imports OpenMM, unless it is given one of its Quantities: a configuration can be read without.
+"""
+
+import math
 import re
 from dataclasses import dataclass
-from typing import Optional
+from typing import Any
 
-from openmm import unit
+GAS_CONSTANT = 8.31446261815324  # J/mol/K
+AVOGADRO_CONSTANT = 6.02214076e23  # 1/mol
 
 # Of each kind, what 1 is in OpenMM's units.  Energies of a single membrane in joule are per membrane, not per mole.
-_JOULE = unit.AVOGADRO_CONSTANT_NA.value_in_unit(unit.mole**-1) / 1000
+_JOULE = AVOGADRO_CONSTANT / 1000
 _ENERGIES = {
     "kJ/mol": 1.0,
     "kcal/mol": 4.184,
@@ -24,15 +29,6 @@ _LENGTHS = {"pm": 1e-3, "A": 0.1, "Å": 0.1, "nm": 1.0, "um": 1e3, "µm": 1e3, "
 _POWERS = {"length": 1, "area": 2, "volume": 3}
 _TIMES = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6}
 _MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
-_OPENMM = {
-    "energy": unit.kilojoules_per_mole,
-    "length": unit.nanometer,
-    "area": unit.nanometer**2,
-    "volume": unit.nanometer**3,
-    "time": unit.picosecond,
-    "mass": unit.dalton,
-    "temperature": unit.kelvin,
-}
 _EXAMPLES = {
     "energy": "'80 kJ/mol', '20 kT' or '1e-19 J'",
     "length": "'100 nm' or '0.5 um'",
@@ -59,16 +55,35 @@ class Scales:
     """
 
     kT: float
-    length: Optional[float] = 1.0
+    length: float | None = 1.0
     lengthName: str = "nm"
 
 
-def lengthUnit(name):
+def isQuantity(value: Any) -> bool:
+    """Return whether a value is one of OpenMM's Quantities."""
+    return hasattr(value, "value_in_unit")
+
+
+def valueIn(value: Any, wanted: Any) -> Any:
+    """Return a Quantity, or a number that has this unit already, as a number."""
+    return value.value_in_unit(wanted) if isQuantity(value) else value
+
+
+def thermalEnergy(temperature: Any) -> float:
+    """Return kT, in kJ/mol, of a temperature in K; raise a ValueError if it is not positive."""
+    if isQuantity(temperature):
+        temperature = temperature.value_in_unit(_openmmUnit("temperature"))
+    if not (math.isfinite(temperature) and temperature > 0):
+        raise ValueError(f"the temperature is {temperature} K; it must be positive")
+    return GAS_CONSTANT * temperature * 0.001
+
+
+def lengthUnit(name: str) -> float | None:
     """Return the size of a unit of length in nm, or None if its name is not one of a length."""
     return _LENGTHS.get(name)
 
 
-def plainNumber(value, kind, scales):
+def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
     """Return a value with a unit as the plain number that a configuration would have in its place.
 
     Parameters
@@ -86,10 +101,10 @@ def plainNumber(value, kind, scales):
     ValueError
         if it has no unit of this kind
     """
-    if unit.is_quantity(value):
-        if not value.unit.is_compatible(_OPENMM[kind]):
+    if isQuantity(value):
+        if not value.unit.is_compatible(_openmmUnit(kind)):
             raise ValueError(f"it must be {_article(kind)}")
-        return _inPlainUnits(value.value_in_unit(_OPENMM[kind]), kind, scales)
+        return _inPlainUnits(value.value_in_unit(_openmmUnit(kind)), kind, scales)
     if not isinstance(value, str):
         return value
     match = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
@@ -107,7 +122,22 @@ def plainNumber(value, kind, scales):
     return _inPlainUnits(number * factor, kind, scales)
 
 
-def _units(kind):
+def _openmmUnit(kind: str) -> Any:
+    """Return OpenMM's own unit of a kind."""
+    from openmm import unit  # for Quantities only, whose module is loaded already
+
+    return {
+        "energy": unit.kilojoules_per_mole,
+        "length": unit.nanometer,
+        "area": unit.nanometer**2,
+        "volume": unit.nanometer**3,
+        "time": unit.picosecond,
+        "mass": unit.dalton,
+        "temperature": unit.kelvin,
+    }[kind]
+
+
+def _units(kind: str) -> dict[str, float]:
     power = _POWERS.get(kind)
     if power is None:
         return {"energy": _ENERGIES, "time": _TIMES, "mass": _MASSES, "temperature": {"K": 1.0}}[kind]
@@ -115,7 +145,7 @@ def _units(kind):
     return units | {"fL": 1e9, "aL": 1e6} if kind == "volume" else units
 
 
-def _inPlainUnits(value, kind, scales):
+def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
     if kind == "energy":
         return value / scales.kT
     if kind in _POWERS:
@@ -127,5 +157,5 @@ def _inPlainUnits(value, kind, scales):
     return value
 
 
-def _article(kind):
+def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'ae' else 'a'} {kind}"

@@ -5,8 +5,9 @@ one set for all frames or one for each; a DCD file has none, so that those of a 
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Iterable, Optional
+from typing import Optional
 
 import numpy as np
 from openmm import unit
@@ -16,7 +17,7 @@ from scipy.special import j0
 
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame, require
-from ..sampling.reporters import valueIn
+from ..units import valueIn
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ def describeTrajectory(frames: Iterable, triangles) -> list:
         the triangles of all frames, or of each
     """
     frames = _frames(frames)
-    triangles = np.broadcast_to(triangles, (len(frames),) + np.shape(triangles)[-2:])
+    triangles = np.broadcast_to(triangles, (len(frames), *np.shape(triangles)[-2:]))
     return [describeShape(Mesh(x, t)) for x, t in zip(frames, triangles)]
 
 
@@ -184,7 +185,7 @@ class FluctuationSpectrum:
             }
         )
 
-    def fit(self, minDegree: int = 2, maxDegree: Optional[int] = None, edgeLength: float = 0) -> "SpectrumFit":
+    def fit(self, minDegree: int = 2, maxDegree: int | None = None, edgeLength: float = 0) -> "SpectrumFit":
         """Fit kT/(kappa (l-1)(l+2)[l(l+1)+sigma]) (Milner and Safran, Phys. Rev. A 36, 4371, 1987).
 
         The fit is linear: 1/[(l-1)(l+2)<|u_lm|^2>] = (kappa/kT) l(l+1) + (kappa/kT) sigma, weighted by the errors.
@@ -397,7 +398,7 @@ class Diffusion:
         return dataFrame({"lag": self.lags, "meanSquaredDisplacement": self.meanSquaredDisplacements})
 
 
-def vertexDiffusion(frames, triangles, maxLag: Optional[int] = None) -> Diffusion:
+def vertexDiffusion(frames, triangles, maxLag: int | None = None) -> Diffusion:
     """Compute how far vertices move along the surface.
 
     Displacements are those that remain when the translation and rotation of the whole surface between two frames is taken out, projected to the tangent plane at the
@@ -419,7 +420,7 @@ def vertexDiffusion(frames, triangles, maxLag: Optional[int] = None) -> Diffusio
             f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(frames) - 1}, for {len(frames)} frames"
         )
     frames = frames - frames.mean(axis=1, keepdims=True)
-    triangles = np.broadcast_to(triangles, (len(frames),) + np.shape(triangles)[-2:])
+    triangles = np.broadcast_to(triangles, (len(frames), *np.shape(triangles)[-2:]))
     normals = [_vertexNormals(x, t) for x, t in zip(frames, triangles)]
     lags = np.arange(1, maxLag + 1)
     return Diffusion(

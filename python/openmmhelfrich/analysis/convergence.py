@@ -9,11 +9,12 @@ import openmm as mm
 from openmm import app
 
 from ..geometry.axisymmetric import AxisymmetricShape, axisymmetricMinimum
-from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
-from ..geometry.mesh import Mesh, reducedVolume as reducedVolumeOf
-from ..sampling.minimization import MinimizationResult, defaultTolerance, minimizeFluid
-from ..sampling.reporters import valueIn
+from ..geometry.measures import reducedAreaDifference, reducedVolume as reducedVolumeOf
+from ..geometry.mesh import Mesh
 from ..geometry.shapes import surfaceOfRevolution
+from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
+from ..sampling.minimization import MinimizationResult, defaultTolerance, minimizeFluid
+from ..units import valueIn
 
 # The points of each branch whose minima are well known.
 REDUCED_VOLUMES = {
@@ -126,7 +127,7 @@ def discreteMinimum(branch: str, reducedVolume: float, numVertices: int, toleran
     context = simulation.context
     final = Mesh(context.getState(positions=True).getPositions(asNumpy=True), force.getTrianglesInContext(context))
     energy = valueIn(result.energies["bending"], mm.unit.kilojoules_per_mole) / (8 * math.pi * _MODULUS)
-    areaDifference = final.vertexMeanCurvatures.sum() / math.sqrt(4 * math.pi * final.area)
+    areaDifference = reducedAreaDifference(final.area, final.vertexMeanCurvatures.sum())
     return DiscreteMinimum(
         branch,
         reducedVolume,

@@ -5,8 +5,8 @@ J. Chem. Phys. 129, 124105, 2008) finds it from all samples at once.  If moves o
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Sequence
 
 import numpy as np
 from scipy import stats
@@ -14,7 +14,7 @@ from scipy.special import expit, logsumexp
 
 from ..analysis import autocorrelationTime
 from ..optional import dataFrame, require
-from ..sampling.reporters import thermalEnergy
+from ..units import thermalEnergy
 
 # Fewer counts than these are pooled with others of their bin: chi square needs numbers that are nearly Gaussian.
 _LEAST_COUNT = 10

@@ -2,9 +2,9 @@
 
 from typing import Annotated
 
-import openmm as mm
 import typer
 
+from ..version import __version__
 from . import minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(
@@ -24,12 +24,12 @@ app.add_typer(tradeoff.app)
 @app.callback(invoke_without_command=True)
 def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False):
     if version:
-        from .. import __version__
+        import openmm as mm
 
         print(f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")
         raise typer.Exit()
 
 
-def main():
+def main() -> None:
     """Run the command."""
     app()

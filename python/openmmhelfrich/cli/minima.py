@@ -1,7 +1,8 @@
 """The command that compares minimum shapes with those of the continuum."""
 
+import itertools
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -16,25 +17,25 @@ _HEADER = "branch          v  vertices    E/8πκ   axisym.    error       Δa  
 @friendly
 def minima(
     branch: Annotated[
-        Optional[list[str]],
+        list[str] | None,
         typer.Option(help="prolate, oblate or stomatocyte; may be given several times. By default all."),
     ] = None,
     volume: Annotated[
-        Optional[list[float]],
+        list[float] | None,
         typer.Option(
             help="A reduced volume; may be given several times. By default 0.5 to 0.9, as far as the branch goes."
         ),
     ] = None,
     vertices: Annotated[
-        Optional[list[int]],
+        list[int] | None,
         typer.Option(min=12, metavar="N", help="A number of vertices; may be given several times. By default 642."),
     ] = None,
     tolerance: Annotated[
         float, typer.Option(min=1e-6, metavar="X", help="Factor on the default tolerance of the forces.")
     ] = 1.0,
-    out: Annotated[Optional[Path], typer.Option(metavar="FILE.csv", help="Write the table to a file as well.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write the table to a file as well.")] = None,
     picture: Annotated[
-        Optional[Path], typer.Option(metavar="FILE", help="Draw the shapes of fewest vertices: .png, .pdf or .svg.")
+        Path | None, typer.Option(metavar="FILE", help="Draw the shapes of fewest vertices: .png, .pdf or .svg.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
 ):
@@ -43,8 +44,8 @@ def minima(
     Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error of the energy falls from one to the
     next, and the energy that the last two tell of infinitely many vertices.
     """
-    from ..io.conversion import requireNew
     from ..analysis.convergence import discreteMinimum, plotSections
+    from ..io.conversion import requireNew
 
     requireNew([file for file in (out, picture) if file], Path(), overwrite)
     points, sizes, found = _points(branch, volume), sorted(set(vertices or [642])), []
@@ -65,8 +66,8 @@ def minima(
 
 def _points(branches, volumes):
     """Return the branches and reduced volumes that were asked for; of all branches those that reach a volume."""
-    from ..geometry.axisymmetric import requireBranch
     from ..analysis.convergence import REDUCED_VOLUMES
+    from ..geometry.axisymmetric import requireBranch
 
     points = [
         (name, v)
@@ -90,7 +91,7 @@ def _line(m):
 def _convergence(series):
     from ..analysis.convergence import extrapolatedEnergy, orderOfConvergence
 
-    orders = [f"{orderOfConvergence(*pair):.2f}" for pair in zip(series, series[1:])]
+    orders = [f"{orderOfConvergence(*pair):.2f}" for pair in itertools.pairwise(series)]
     energy, exact = extrapolatedEnergy(*series[-2:]), series[0].continuum.energy
     return (
         f"{'':18}order in 1/N: {', '.join(orders)};  extrapolated E/8πκ {energy:.5f}, error {energy / exact - 1:+.2%}"

@@ -2,7 +2,7 @@
 
 import signal
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -11,8 +11,8 @@ from .errors import friendly
 app = typer.Typer()
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Platform = Annotated[Optional[str], typer.Option(help="OpenMM platform: CPU or Reference.")]
-Threads = Annotated[Optional[int], typer.Option(min=1, help="Threads of the CPU platform.")]
+Platform = Annotated[str | None, typer.Option(help="OpenMM platform: CPU or Reference.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the CPU platform.")]
 
 
 @app.command(epilog="Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell")
@@ -21,10 +21,10 @@ def run(
     config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The configuration of the run.")],
     platform: Platform = None,
     threads: Threads = None,
-    seed: Annotated[Optional[int], typer.Option(min=1, max=2**31 - 1, help="Seed of all random numbers.")] = None,
-    steps: Annotated[Optional[int], typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
+    seed: Annotated[int | None, typer.Option(min=1, max=2**31 - 1, help="Seed of all random numbers.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
     output: Annotated[
-        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+        str | None, typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
     quiet: Quiet = False,
@@ -52,7 +52,7 @@ def resume(
         str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")
     ],
     steps: Annotated[
-        Optional[int], typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
+        int | None, typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
     ] = None,
     platform: Platform = None,
     threads: Threads = None,
@@ -71,7 +71,7 @@ def resume(
 @friendly
 def config(
     fromTrimem: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead."),
     ] = None,
 ):

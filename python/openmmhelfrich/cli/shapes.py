@@ -1,7 +1,7 @@
 """Commands that look at meshes and at the results of runs."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -10,10 +10,10 @@ from .errors import friendly
 app = typer.Typer()
 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-Frame = Annotated[Optional[int], typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
+Frame = Annotated[int | None, typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
 Every = Annotated[int, typer.Option(min=1, metavar="N", help="The first of every N frames.")]
 Topology = Annotated[
-    Optional[Path], typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")
+    Path | None, typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")
 ]
 
 
@@ -86,7 +86,7 @@ def plot(
         Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")
     ],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png."
         ),
@@ -99,7 +99,7 @@ def plot(
     """
     from ..io.conversion import requireNew
     from ..pictures.plots import plotObservables
-    from ..sampling.reporters import observableUnits, readObservables
+    from ..sampling.observables import observableUnits, readObservables
 
     table = source if source.suffix.lower() == ".csv" else source.with_name(source.name + ".csv")
     if not table.exists():
@@ -116,7 +116,7 @@ def plot(
 def render(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(
             "--output",
             "-o",
@@ -134,7 +134,7 @@ def render(
     ] = False,
     fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
     length_unit: Annotated[
-        Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
+        str | None, typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
     ] = None,
     overwrite: Overwrite = False,
 ):
@@ -167,7 +167,7 @@ def render(
 def report(
     prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
     output: Annotated[
-        Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
     ] = None,
     max_frames: Annotated[
         int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")
@@ -201,29 +201,17 @@ class _Chosen:
 
 def _suggestions(mesh, scale, unit):
     """Return what a run does with a mesh by default, or that it needs another scale first."""
-    import math
-
     from ..runs.config import parseConfig
-    from ..runs.scene import defaultStepSize, tetherParameters
+    from ..runs.scene import GREATEST_EDGE, LEAST_EDGE, Scene, betterScale
 
     length = mesh.edgeLengths.mean()
-    if not 0.01 <= length <= 10:
-        better = scale * 10 ** -round(math.log10(4 * length))
-        return [
-            (
-                "warning",
-                f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]",
-            )
-        ]
-    config = parseConfig({"mesh": {"file": "mesh"}})
-    modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
-    return [
-        (
-            "tether",
-            f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT, length_scale {lengthScale:.4g} by default",
-        ),
-        ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default"),
-    ]
+    if not LEAST_EDGE <= length <= GREATEST_EDGE:
+        needed = f"runs take {LEAST_EDGE:g} to {GREATEST_EDGE:g}, so give them scale = {betterScale(scale, length):g}"
+        return [("warning", f"the mean edge length is {length:.3g} {unit}; {needed} in [mesh]")]
+    scene = Scene.of(parseConfig({"mesh": {"file": "mesh"}}), mesh)
+    bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
+    energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"
+    return [("tether", f"{bounds}, {energy} by default"), ("step size", f"{scene.stepSize:.3g} ps by default")]
 
 
 def _print(lines):

@@ -3,12 +3,12 @@
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
 from .errors import friendly
-from .progress import Bars, SECONDS_BETWEEN_LINES
+from .progress import SECONDS_BETWEEN_LINES, Bars
 from .runs import Quiet
 
 app = typer.Typer()
@@ -21,18 +21,18 @@ def sweep(
         Path, typer.Argument(metavar="GRID.toml", help="A configuration, and lists of values for its keys.")
     ],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(metavar="FOLDER", help="Where the results go; by default a folder of the grid's name."),
     ] = None,
     scheduler: Annotated[
-        Optional[str],
+        str | None,
         typer.Option(
             metavar="ADDRESS",
             help="A Dask scheduler whose workers run the points; by default processes on this machine do.",
         ),
     ] = None,
     workers: Annotated[
-        Optional[int], typer.Option(min=1, help="Number of these processes; one for each core by default.")
+        int | None, typer.Option(min=1, help="Number of these processes; one for each core by default.")
     ] = None,
     quiet: Quiet = False,
 ):

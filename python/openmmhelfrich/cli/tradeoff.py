@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -23,20 +23,20 @@ def tradeoff(
         float, typer.Option(help="Relative error of the averages of bending energy, area and volume that is allowed.")
     ] = 1e-3,
     minutes: Annotated[
-        Optional[float],
+        float | None,
         typer.Option(min=0, help="Processor time after which no measurement is begun; a later call goes on."),
     ] = None,
     effort: Annotated[
         float, typer.Option(min=0, help="Largest number of force evaluations at a setting times vertices, in millions.")
     ] = 300.0,
     axes: Annotated[
-        Optional[str],
+        str | None,
         typer.Option(
             metavar="NAMES", help="What to vary, separated by commas, such as 'tether,length'; everything by default."
         ),
     ] = None,
     output: Annotated[
-        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+        str | None, typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Begin anew instead of going on with an earlier search.")

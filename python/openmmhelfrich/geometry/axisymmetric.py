@@ -12,7 +12,7 @@ import numpy as np
 from scipy import optimize
 from scipy.integrate import cumulative_simpson
 
-from .mesh import reducedVolume as reducedVolumeOf
+from .measures import reducedVolume as reducedVolumeOf
 from .shapes import invaginatedSphere, spheroidAspectRatio
 
 BRANCHES = ("prolate", "oblate", "stomatocyte")

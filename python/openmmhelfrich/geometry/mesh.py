@@ -13,6 +13,7 @@ import openmm as mm
 from openmm import app, unit
 
 from . import connectivity
+from .measures import reducedVolume
 
 # What the head of a file must hold, lest the mesh library searches for it beyond the end, for ever.
 _HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
@@ -265,11 +266,6 @@ class Mesh:
 
     def __repr__(self):
         return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
-
-
-def reducedVolume(area, volume):
-    """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape."""
-    return 6 * math.sqrt(math.pi) * volume / area**1.5
 
 
 def _floats(vertices):

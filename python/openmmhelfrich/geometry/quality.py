@@ -1,7 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself, and what to simulate it with."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Tuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -35,14 +34,14 @@ class MeshQuality:
     """
 
     mesh: Mesh
-    genera: List[int]
+    genera: list[int]
     valences: np.ndarray
     angles: np.ndarray
     aspectRatios: np.ndarray
-    closestPair: Optional[Tuple[int, int, float]]
+    closestPair: tuple[int, int, float] | None
     crossings: np.ndarray
 
-    def lines(self, lengthUnit: str = "nm") -> List[Tuple[str, str]]:
+    def lines(self, lengthUnit: str = "nm") -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
         mesh, u = self.mesh, lengthUnit
         lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
@@ -94,7 +93,7 @@ def assess(mesh: Mesh) -> MeshQuality:
     )
 
 
-def closestPair(mesh: Mesh) -> Optional[Tuple[int, int, float]]:
+def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther than two mean edge lengths."""
     pairs = cKDTree(mesh.vertices).query_pairs(2 * mesh.edgeLengths.mean(), output_type="ndarray")
     a, b = mesh.edges.T

@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
-from .mesh import Mesh, reducedVolume
+from .measures import reducedVolume
+from .mesh import Mesh
 
 
 def surfaceOfRevolution(outline, numVertices: int, rounds: int = 100) -> Mesh:

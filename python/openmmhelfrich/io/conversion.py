@@ -1,18 +1,18 @@
 """From one file of membranes to another: mesh trajectories, DCD files, and the mesh formats."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Iterable, List, Optional, Sequence
 from xml.etree import ElementTree
 
-from .dcdframes import DCDTrajectory
 from ..files import PathLike
 from ..geometry.mesh import Mesh, requireFormat
+from .dcdframes import DCDTrajectory
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
 
 TRAJECTORIES = (".vtkhdf", ".hdf")
 
 
-def openFrames(file: PathLike, topology: Optional[PathLike] = None) -> Sequence[MeshFrame]:
+def openFrames(file: PathLike, topology: PathLike | None = None) -> Sequence[MeshFrame]:
     """Open a mesh trajectory, a DCD file, or a single mesh as a sequence of frames.
 
     Parameters
@@ -37,7 +37,7 @@ def openFrames(file: PathLike, topology: Optional[PathLike] = None) -> Sequence[
     return readMeshTrajectory(file) if suffix in TRAJECTORIES else [MeshFrame(0, Mesh.read(file), {})]
 
 
-def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: Optional[int] = None, every: int = 1) -> List[int]:
+def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: int | None = None, every: int = 1) -> list[int]:
     """Return the indices that a choice of one frame, or of every so many, means.  Raises a ValueError if there is no such frame."""
     if frame is not None:
         if every != 1:
@@ -55,11 +55,11 @@ def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: Optional[in
 def convert(
     file: PathLike,
     output: PathLike,
-    frame: Optional[int] = None,
+    frame: int | None = None,
     every: int = 1,
-    topology: Optional[PathLike] = None,
+    topology: PathLike | None = None,
     overwrite: bool = False,
-) -> List[Path]:
+) -> list[Path]:
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
     .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates are in angstroms.
@@ -133,7 +133,7 @@ def _names(output, indices):
     numbered = [
         output.with_name(f"{output.stem}_{i:0{digits}}{'.vtu' if suffix == '.pvd' else output.suffix}") for i in indices
     ]
-    return [output] + numbered if suffix == ".pvd" else numbered
+    return [output, *numbered] if suffix == ".pvd" else numbered
 
 
 def _writeMesh(file, frame):

@@ -1,12 +1,11 @@
 """DCD trajectories as sequences of meshes.  DCD has positions alone: the triangles come from a topology, and stay as they are there."""
 
 from pathlib import Path
-from typing import Optional
 
 import numpy as np
 
-from ..geometry.connectivity import trianglesFromEdges
 from ..files import PathLike
+from ..geometry.connectivity import trianglesFromEdges
 from ..geometry.mesh import Mesh
 from ..optional import require
 from .vtkhdf import Frames, meshFrame
@@ -17,7 +16,7 @@ class DCDTrajectory(Frames):
 
     lengthUnit = "nm"
 
-    def __init__(self, file: PathLike, topology: Optional[PathLike]):
+    def __init__(self, file: PathLike, topology: PathLike | None):
         """Open a DCD file.
 
         Parameters

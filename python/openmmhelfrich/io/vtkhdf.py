@@ -10,8 +10,9 @@ import contextlib
 import os
 import shutil
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Union
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -42,7 +43,7 @@ class MeshFrame(NamedTuple):
 
     step: int
     mesh: Mesh
-    data: Dict[str, np.ndarray]
+    data: dict[str, np.ndarray]
 
 
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
@@ -118,7 +119,7 @@ class MeshTrajectoryWriter:
     or earlier when 64 MB wait.  The first frame is written at once.
     """
 
-    def __init__(self, file: PathLike, numFrames: Optional[int] = 0, precision: str = "double", lengthUnit: str = "nm"):
+    def __init__(self, file: PathLike, numFrames: int | None = 0, precision: str = "double", lengthUnit: str = "nm"):
         """Open a file.
 
         Parameters
@@ -190,7 +191,7 @@ class Frames:
     def __len__(self) -> int:
         return len(self.steps)
 
-    def __getitem__(self, index: Union[int, slice]) -> Union[MeshFrame, List[MeshFrame]]:
+    def __getitem__(self, index: int | slice) -> MeshFrame | list[MeshFrame]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):

@@ -1,8 +1,15 @@
-"""Pictures: the observables of a run against its steps, and a membrane's shape coloured by mean curvature."""
+"""Pictures: the observables of a run against its steps, and a membrane's shape colored by mean curvature."""
 
+import re
 import threading
 
 import numpy as np
+
+from ..files import PathLike
+from ..geometry.mesh import Mesh
+from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
+from ..tables import Table, headOf
+from .curvature import smoothMeanCurvature
 
 _drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
 
@@ -10,12 +17,12 @@ _drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
 # is needed and no setting of the caller's is touched.
 
 
-def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
-    """Plot energies, area, volume and acceptance rates against steps, and the temperature if it changes.
+def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
+    """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
 
     Parameters
     ----------
-    table : dict
+    table : Table
         the columns, as :func:`readObservables` returns them
     file : path
         the picture to write; its suffix tells the format
@@ -24,55 +31,42 @@ def plotObservables(table, file, lengthUnit="nm", energyUnit="kT"):
     """
     from matplotlib.figure import Figure
 
-    steps, hasTemperatures = table["step"], "temperature" in table and np.ptp(table["temperature"]) > 0
-    figure = Figure(figsize=(8, 11 if hasTemperatures else 9), layout="constrained")
-    energies, area, volume, rates, *more = figure.subplots(4 + hasTemperatures, 1, sharex=True)
-    _plotEnergies(energies, steps, table, energyUnit)
-    area.plot(steps, table["area"], color="C0")
-    area.set_ylabel(f"area ({lengthUnit}$^2$)")
-    _plotTarget(area, steps, table, "targetArea")
-    _plotReducedVolume(volume, steps, table, lengthUnit)
-    _plotTarget(volume, steps, table, "targetVolume")
-    for name, label in (("acceptance", "trajectories"), ("flipAcceptance", "flips")):
-        if name in table:
-            rates.plot(steps, table[name], label=label)
-    rates.set(ylabel="acceptance so far", ylim=(0, 1))
-    if rates.lines:
-        rates.legend(fontsize="small")
-    for axes in more:
-        axes.plot(steps, table["temperature"], color="C3")
-        axes.set_ylabel("temperature (K)")
-    (more or [rates])[-1].set_xlabel("Monte Carlo step")
-    for axes in (area, volume):
-        axes.ticklabel_format(useOffset=False)
+    panels = [panel for panel in PANELS if curves(panel, table)]
+    own = [panel.title for panel in panels if not panel.beside]
+    figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
+    axes = dict(zip(own, figure.subplots(len(own), 1, sharex=True, squeeze=False)[:, 0]))
+    axes[own[-1]].set_xlabel("Monte Carlo step")
+    for panel in panels:
+        shown = curves(panel, table)
+        place = axes[panel.beside].twinx() if panel.beside else axes[panel.title]
+        for observable in shown:
+            _plotCurve(place, table, observable, isThin=observable.isTerm or bool(panel.beside))
+        isShared = panel.beside or panel.title in {other.beside for other in panels}
+        label = headOf(panel.title, _mathUnit(shown[0], lengthUnit, energyUnit))
+        place.set_ylabel(label, color=shown[0].color if isShared else "black")
+        if panel.range:
+            place.set_ylim(panel.range)
+        place.ticklabel_format(useOffset=False)
+        if len(shown) > 1 and not isTarget(shown[1]):
+            place.legend(fontsize="small", ncols=3 if len(shown) > 3 else 1)
     _save(figure, file)
 
 
-def _plotEnergies(axes, steps, table, energyUnit):
-    for name, values in table.items():
-        if name == "energy":
-            axes.plot(steps, values, color="black", label="total")
-        elif name.startswith("E_") and np.any(values):
-            axes.plot(steps, values, lw=1, label=name[2:])
-    axes.set_ylabel(f"energy ({energyUnit})")
-    axes.legend(fontsize="small", ncols=3)
+def _plotCurve(axes, table, observable, isThin):
+    steps, values = table["step"], table[observable.name]
+    if isTarget(observable):
+        axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
+    else:
+        axes.plot(
+            steps, values, color=observable.color, lw=1 if isThin else None, label=observable.label or observable.title
+        )
 
 
-def _plotTarget(axes, steps, table, name):
-    if name in table:
-        axes.plot(steps, table[name], color="0.5", ls="--", lw=1, zorder=0)
+def _mathUnit(observable, lengthUnit, energyUnit):
+    return re.sub(r"\^(\d)", r"$^\1$", observable.unitIn(lengthUnit, energyUnit))
 
 
-def _plotReducedVolume(axes, steps, table, lengthUnit):
-    axes.plot(steps, table["volume"], color="C1")
-    axes.set_ylabel(f"volume ({lengthUnit}$^3$)", color="C1")
-    twin = axes.twinx()
-    twin.plot(steps, table["reducedVolume"], color="C2", lw=1)
-    twin.set_ylabel("reduced volume", color="C2")
-    twin.ticklabel_format(useOffset=False)
-
-
-def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
+def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
     """Plot the average energy and shape in each window of a continuation against lambda, the ways there and back apart.
 
     Parameters
@@ -87,20 +81,16 @@ def plotPath(windows, file, lengthUnit="nm", energyUnit="kT"):
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 7), layout="constrained")
-    quantities = (
-        ("E_bending", f"bending energy ({energyUnit})"),
-        ("reducedVolume", "reduced volume"),
-        ("areaDifference", f"area difference ({lengthUnit}$^2$)"),
-    )
-    for axes, (name, label) in zip(figure.subplots(len(quantities), 1, sharex=True), quantities):
+    shown = [observable for observable in OBSERVABLES if observable.onPath]
+    for axes, observable in zip(figure.subplots(len(shown), 1, sharex=True), shown):
         for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
             _plotBranches(
                 axes,
                 windows if stage is None else windows.where(windows["stage"] == stage),
-                name,
+                observable.name,
                 "" if stage is None else f"stage {stage:.0f}, ",
             )
-        axes.set_ylabel(label)
+        axes.set_ylabel(headOf(observable.title, _mathUnit(observable, lengthUnit, energyUnit)))
         axes.ticklabel_format(useOffset=False)
         if axes.lines:
             axes.legend(fontsize="small")
@@ -122,8 +112,8 @@ def _plotBranches(axes, windows, name, prefix):
             )
 
 
-def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
-    """Draw a closed mesh, lit from above the viewer's shoulder and coloured by mean curvature, positive where it is convex.
+def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: float = 30, azimuth: float = -60) -> None:
+    """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is convex.
 
     Parameters
     ----------
@@ -145,36 +135,24 @@ def drawMesh(mesh, file, lengthUnit="nm", elevation=30, azimuth=-60):
     norm = TwoSlopeNorm(0, -bound, bound)
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    colours = _colourMap()(norm(curvature[mesh.triangles].mean(axis=1)))
-    # Edges of the triangles' own colour hide the seams between them.
+    colors = _colorMap()(norm(curvature[mesh.triangles].mean(axis=1)))
+    # Edges of the triangles' own color hide the seams between them.
     axes.add_collection3d(
         Poly3DCollection(
             mesh.vertices[mesh.triangles],
-            facecolors=colours,
-            edgecolors=colours,
+            facecolors=colors,
+            edgecolors=colors,
             linewidths=0.3,
             shade=True,
             lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
         )
     )
     _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
-    _colourBar(figure, axes, norm, lengthUnit)
+    _colorBar(figure, axes, norm, lengthUnit)
     _save(figure, file)
 
 
-def smoothMeanCurvature(mesh, rounds=2):
-    """Return the mean curvature at each vertex, in 1/nm, averaged over its neighbourhood.
-
-    The curvature of single vertices of a fluctuating membrane is mostly noise, in which its shape would not be seen.
-    """
-    a, b = mesh.edges.T
-    curvature, area = mesh.vertexMeanCurvatures, mesh.vertexAreas
-    for _ in range(rounds):
-        curvature, area = (x + np.bincount(a, x[b], len(x)) + np.bincount(b, x[a], len(x)) for x in (curvature, area))
-    return curvature / area
-
-
-def _colourMap():
+def _colorMap():
     from matplotlib import colormaps
 
     return colormaps["coolwarm"]
@@ -188,15 +166,15 @@ def _save(figure, file):
 def _frame(axes, vertices, elevation, azimuth, lengthUnit):
     """Show all of the vertices at equal scales."""
     middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
-    for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
-        set_limits(centre - size / 2, centre + size / 2)
+    for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
+        set_limits(center - size / 2, center + size / 2)
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
     axes.set_title(f"{size:.3g} {lengthUnit} across", y=0, fontsize="medium")
 
 
-def _colourBar(figure, axes, norm, lengthUnit):
+def _colorBar(figure, axes, norm, lengthUnit):
     from matplotlib.cm import ScalarMappable
 
-    figure.colorbar(ScalarMappable(norm, _colourMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")
+    figure.colorbar(ScalarMappable(norm, _colorMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")

@@ -4,15 +4,16 @@ import ctypes
 import io
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Sequence
 
 import numpy as np
 
 from ..files import PathLike
-from ..optional import require
-from .plots import drawMesh, smoothMeanCurvature
 from ..io.vtkhdf import MeshFrame
+from ..optional import require
+from .curvature import smoothMeanCurvature
+from .plots import drawMesh
 
 STILL = (".png", ".jpg", ".jpeg")
 FILMS = (".gif", ".mp4")

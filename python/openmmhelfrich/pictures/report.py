@@ -5,29 +5,37 @@ import html
 import json
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Optional
 
 import numpy as np
+import openmm as mm
 
-from ..io.conversion import requireNew
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..optional import require
-from .plots import smoothMeanCurvature
 from ..geometry.quality import assess
-from ..sampling.reporters import observableUnits, readObservables
-from ..runs.summary import divergence
+from ..io.conversion import requireNew
 from ..io.vtkhdf import MeshFrame, readMeshTrajectory
+from ..optional import require
+from ..sampling.observables import (
+    OBSERVABLES,
+    PANELS,
+    curves,
+    divergence,
+    lateRows,
+    observableUnits,
+    readObservables,
+)
+from ..tables import headOf
+from ..version import __version__
+from .curvature import smoothMeanCurvature
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
 MAX_FRAMES = 101  # the start and a hundred more
 MAX_ROWS = 2000  # of the table: more than a plot has pixels
-ACCEPTANCE = {"acceptance": "trajectories", "flipAcceptance": "flips"}
 TEMPLATE = Path(__file__).with_name("report.html")
 
 
 def writeReport(
-    prefix: PathLike, file: Optional[PathLike] = None, maxFrames: int = MAX_FRAMES, overwrite: bool = False
+    prefix: PathLike, file: PathLike | None = None, maxFrames: int = MAX_FRAMES, overwrite: bool = False
 ) -> Path:
     """Write a page about the results of a run.
 
@@ -190,23 +198,20 @@ def _panels(table, units):
     """Return the curves of each panel of the plot."""
     rows = np.unique(np.linspace(0, len(table["step"]) - 1, MAX_ROWS).round().astype(int))
 
-    def panel(title, names):
-        curves = [
-            {"name": label, "values": [float(f"{v:.7g}") if np.isfinite(v) else None for v in table[name][rows]]}
-            for name, label in names.items()
-            if name in table
-        ]
-        return [{"title": title, "curves": curves}] if curves else []
-
-    terms = {name: name[2:] for name in table if name.startswith("E_") and np.any(table[name])}
-    panels = panel(f"energy ({units['energy']})", {"energy": "total", **terms})
-    panels += panel(f"area ({units['area']})", {"area": "area", "targetArea": "area target"})
-    panels += panel(f"volume ({units['volume']})", {"volume": "volume", "targetVolume": "volume target"})
-    panels += panel("reduced volume", {"reducedVolume": "reduced volume"})
-    panels += panel("accepted so far", ACCEPTANCE)
-    if "temperature" in table and np.ptp(table["temperature"]) > 0:
-        panels += panel(f"temperature ({units['temperature']})", {"temperature": "temperature"})
+    shown = [(panel, curves(panel, table)) for panel in PANELS]
+    panels = [
+        {
+            "title": headOf(panel.title, units.get(observables[0].name, "")),
+            "curves": [{"name": o.label or o.title, "values": _rounded(table[o.name][rows])} for o in observables],
+        }
+        for panel, observables in shown
+        if observables
+    ]
     return {"steps": [int(step) for step in table["step"][rows]], "panels": panels}
+
+
+def _rounded(values):
+    return [float(f"{value:.7g}") if np.isfinite(value) else None for value in values]
 
 
 def _facts(frames, table, units):
@@ -219,39 +224,22 @@ def _facts(frames, table, units):
             ("frames", str(len(frames))),
         ]
     if table is not None:
-        half = _late(table)
+        late = lateRows(table)
         facts += [
             ("steps", f"{int(table['step'][-1])}"),
-            ("averages", f"with standard deviations, from step {int(table['step'][half])} on"),
+            ("averages", f"with standard deviations, from step {int(late['step'][0])} on"),
         ]
-        for name, label in (
-            ("energy", "energy"),
-            ("area", "area"),
-            ("volume", "volume"),
-            ("reducedVolume", "reduced volume"),
-        ):
-            facts.append(
-                (label, f"{table[name][half:].mean():.5g} ± {table[name][half:].std():.2g} {units.get(name, '')}")
-            )
-        facts += [
-            (f"{label} accepted", f"{table[name][-1]:.1%}") for name, label in ACCEPTANCE.items() if name in table
-        ]
-    from .. import __version__
-    import openmm as mm
-
-    return facts + [
-        (
-            "this page",
-            f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}",
-        )
-    ]
+        facts += [(o.title, _fact(o, table, late, units)) for o in OBSERVABLES if o.onPage and o.name in table]
+    versions = f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}"
+    return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
 
 
-def _late(table):
-    """Return the row from which to average: the middle of the last stage."""
-    stage = table.get("stage", np.zeros(len(table["step"])))
-    rows = np.flatnonzero(stage == stage[-1])
-    return rows[len(rows) // 2]
+def _fact(observable, table, late, units):
+    """Return the average of an observable, or its last value, as text."""
+    name = observable.name
+    if observable.onPage == "last":
+        return f"{table[name][-1]:.1%}"
+    return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
 
 
 def _judge(table, warnings):

@@ -14,8 +14,8 @@ import openmm as mm
 from openmm import app
 
 from ..files import replacing
-from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 from ..geometry.mesh import Mesh
+from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
 

@@ -4,8 +4,10 @@ import textwrap
 
 import tomli_w
 
-from .config import STAGES, Targets, sections
 from ..files import replacing
+from .config import sections
+from .sections import Targets
+from .stagesettings import STAGES
 
 _HEAD = """Configuration of openmm-helfrich run.  Keys that are left out have the values shown here; a mesh is all that must be given.
 Numbers without a unit: lengths in the mesh's length_unit, energies in kT, temperatures in K, times in ps, masses in Da.

@@ -18,12 +18,13 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Union
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from .config import Config, Section, nearest, parseConfig, readTOML, requirement, stagesOf
-from .scene import loadMesh, platformOf, tetherParameters
+from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
+from .scene import loadMesh, platformOf, tetherOf
+from .sections import Section
 
 MOST_POINTS = 100_000
 _RANGE = "a list of values, or a table of start, stop and step"
@@ -51,9 +52,9 @@ class Point:
 class Range(Section):
     """Equal steps from start to stop, which is among the values if a whole number of steps leads there."""
 
-    start: Union[int, float]
-    stop: Union[int, float]
-    step: Union[int, float]
+    start: int | float
+    stop: int | float
+    step: int | float
 
     @model_validator(mode="after")
     def _count(self):
@@ -130,8 +131,8 @@ class Grid(Section):
         le=MOST_POINTS,
         description="how many runs each point of the grid stands for, each with random numbers of its own",
     )
-    grid: Annotated[Dict[str, List[Any]], BeforeValidator(_axes)] = {}
-    variants: Dict[str, Dict[str, Any]] = {}
+    grid: Annotated[dict[str, list[Any]], BeforeValidator(_axes)] = Field(default_factory=dict)
+    variants: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check(self):
@@ -147,7 +148,7 @@ class Grid(Section):
         return self
 
 
-def readGrid(file) -> List[Point]:
+def readGrid(file) -> list[Point]:
     """Read and check a grid and return its points.
 
     Raises
@@ -234,7 +235,7 @@ def _checkRun(config, meshes):
     key = config.mesh.model_dump_json()
     if key not in meshes:
         meshes[key] = loadMesh(config)
-    tetherParameters(config, meshes[key])
+    tetherOf(config, meshes[key])
     stagesOf(config)
     platformOf(config)
 

@@ -3,13 +3,20 @@
 import contextlib
 import os
 import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional
+from typing import Any
 
+from openmm import app
+
+from ..files import PathLike, sync
+from ..helfrich import HelfrichForce
 from ..io.dcd import TrajectoryReporter
-from ..files import sync
+from ..sampling.observables import OBSERVABLES, Place
 from ..sampling.reporters import MeshReporter, ObservablesReporter
+from .config import Config
+from .scene import Scene
 
 
 @dataclass
@@ -17,26 +24,26 @@ class Outputs:
     """The names of the files, all of which begin with the run's prefix."""
 
     trajectory: Path
-    meshTrajectory: Optional[Path]
+    meshTrajectory: Path | None
     topology: Path
     table: Path
     mesh: Path
     plot: Path
     picture: Path
-    path: Optional[Path]
-    pathPlot: Optional[Path]
+    path: Path | None
+    pathPlot: Path | None
     settings: Path
     checkpoint: Path
 
     @classmethod
-    def of(cls, config):
+    def of(cls, config: Config) -> "Outputs":
         """Return the names that a Config asks for, or raise a ValueError if its prefix is only a folder."""
         if Path(config.output.prefix + "x").stem == "x":
             raise ValueError(
                 f"[output] prefix is '{config.output.prefix}'; the first part of the files' names must follow the folder"
             )
         meshes = ".vtkhdf" if config.output.mesh_trajectory else None
-        paths = ("_path.csv", "_path.png") if any(stage.kind == "continue" for stage in config.stages) else (None, None)
+        paths = ("_path.csv", "_path.png") if any(stage.hasPath for stage in config.stages) else (None, None)
         endings = (
             ".dcd",
             meshes,
@@ -51,11 +58,11 @@ class Outputs:
         )
         return cls(*(ending and Path(config.output.prefix + ending) for ending in endings))
 
-    def paths(self):
+    def paths(self) -> list[Path]:
         """Return the paths of all files that the run writes."""
         return [path for path in vars(self).values() if path is not None]
 
-    def prepare(self, source, overwrite=False):
+    def prepare(self, source: PathLike | None, overwrite: bool = False) -> None:
         """Make sure that every file can be written, and create their folder, before the first is opened.
 
         Raises FileExistsError if one exists already and is not to be overwritten, or is the mesh file that the run reads (None if there is none),
@@ -94,19 +101,27 @@ class Recorder:
     What a file held at the last checkpoint stays when a run goes on; what came later is dropped, since it will be made again.
     """
 
-    def __init__(self, outputs, config, simulation, force, describe, sizes):
+    def __init__(
+        self,
+        outputs: Outputs,
+        scene: Scene,
+        simulation: app.Simulation,
+        force: HelfrichForce,
+        place: Callable[[], Place],
+        sizes: Mapping[str, int],
+    ):
         """Open the files.
 
         Parameters
         ----------
         outputs : Outputs
             their names
-        config : Config
+        scene : Scene
             the intervals and units
         simulation, force
             what is reported
-        describe : callable
-            returns more columns of the table
+        place : callable
+            returns the :class:`Place` in the run
         sizes : dict
             what sync() returned at the checkpoint to go on from; empty for a new run
 
@@ -118,22 +133,25 @@ class Recorder:
         files = {"table": outputs.table, "trajectory": outputs.trajectory}
         for name, file in files.items():
             _checkLength(file, sizes.get(name, 0))
-        output, lengthUnit = config.output, config.mesh.length_unit
+        if sizes.get("table", 0) > 0:
+            os.truncate(outputs.table, sizes["table"])
+        output = scene.config.output
         self._simulation, self._files = simulation, files
-        self.table = _openTable(
+        self.table = ObservablesReporter(
             outputs.table,
-            sizes.get("table", 0),
             output.observables_interval,
             force,
-            config.sampling.temperature,
-            lengthUnit,
-            describe,
+            scene.temperature,
+            scene.lengthUnit,
+            append=sizes.get("table", 0) > 0,
+            observables=OBSERVABLES,
+            place=place,
         )
         self._trajectory = TrajectoryReporter(
             outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0)
         )
         self._meshes = None
-        if output.mesh_trajectory:
+        if outputs.meshTrajectory is not None:
             frames = sizes.get("meshFrames", 0)
             self._meshes = MeshReporter(
                 outputs.meshTrajectory,
@@ -141,14 +159,14 @@ class Recorder:
                 force,
                 frames > 0,
                 frames or None,
-                lengthUnit=lengthUnit,
+                lengthUnit=scene.lengthUnit,
             )
         simulation.reporters += self._reporters()
 
-    def __enter__(self):
+    def __enter__(self) -> "Recorder":
         return self
 
-    def __exit__(self, kind, *_):
+    def __exit__(self, kind: type[BaseException] | None, *_: Any) -> None:
         self._simulation.reporters.clear()
         for reporter in self._reporters():
             with (
@@ -156,13 +174,13 @@ class Recorder:
             ):  # an error of a full disk has been raised already
                 reporter.close()
 
-    def report(self):
+    def report(self) -> None:
         """Write a row and a frame of the present."""
         state = self._simulation.context.getState(positions=True)
         for reporter in self._reporters():
             reporter.report(self._simulation, state)
 
-    def sync(self):
+    def sync(self) -> dict[str, int]:
         """Wait until everything is on the disk, and return how much each file holds: bytes, and frames of the mesh trajectory."""
         sizes = {"table": self.table.sync(), "trajectory": self._trajectory.sync()}
         for file in self._files.values():
@@ -174,12 +192,6 @@ class Recorder:
 
     def _reporters(self):
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
-
-
-def _openTable(file, size, interval, force, temperature, lengthUnit, describe):
-    if size > 0:
-        os.truncate(file, size)
-    return ObservablesReporter(file, interval, force, temperature, lengthUnit, append=size > 0, describe=describe)
 
 
 def _checkLength(file, size):

@@ -7,28 +7,33 @@ import platform as python
 import signal
 import threading
 import time
+from collections.abc import Callable, Iterator
 from importlib.metadata import version as versionOf
 from pathlib import Path
-from typing import Callable, Optional, Union
+from types import FrameType
+from typing import Any
 
 import openmm as mm
-from openmm import unit
+from openmm import app
 
-from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
-from .config import Config, SampleStage, parseConfig, readConfig
-from .configfile import writeSettings
-from ..sampling.continuation import averageWindows, currentTargets, windowLambdas
 from ..files import PathLike
-from .outputs import Outputs, Recorder
-from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..helfrich import HelfrichForce
 from ..io.psf import writePSF
-from ..sampling.reporters import Table, valueIn
-from .scene import createForce, createSimulation, currentMesh, loadMesh, platformOf, resolve
-from .stages import createStage
-from .summary import Summary, summarise
+from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..sampling.observables import Place, readObservables
+from ..sampling.targets import currentTargets
+from ..tables import Table
+from ..version import __version__
+from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
+from .config import Config, parseConfig, readConfig
+from .configfile import writeSettings
+from .outputs import Outputs, Recorder
+from .scene import Scene, currentMesh, platformOf
+from .stages import Stage, averagesOf, createStage
+from .summary import Summary
 
 
-def run(config: Union[Config, dict, PathLike], progress: Optional[Callable[["Study"], None]] = None) -> Summary:
+def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"], None] | None = None) -> Summary:
     """Do everything that a configuration asks for and return a Summary.
 
     Parameters
@@ -47,22 +52,20 @@ def run(config: Union[Config, dict, PathLike], progress: Optional[Callable[["Stu
         OSError, if the disk is full; the last checkpoint is whole then
     """
     config = _asConfig(config)
-    mesh = loadMesh(config)
-    outputs, overwrite, source = Outputs.of(config), config.output.overwrite, config.mesh.file
-    config = resolve(config, mesh)
-    force = createForce(config, mesh)
-    study = Study(config, outputs, createSimulation(config, mesh, force), force)
-    outputs.prepare(source, overwrite)
+    scene, outputs = Scene.of(config), Outputs.of(config)
+    force = scene.createForce()
+    study = Study(scene, outputs, scene.createSimulation(force), force)
+    outputs.prepare(config.mesh.file, config.output.overwrite)
     study.save()  # with all files empty: whatever happens from now on, the run can go on
     return study.finish(progress)
 
 
 def resume(
     prefix: PathLike,
-    steps: Optional[int] = None,
-    progress: Optional[Callable[["Study"], None]] = None,
-    platform: Optional[str] = None,
-    threads: Optional[int] = None,
+    steps: int | None = None,
+    progress: Callable[["Study"], None] | None = None,
+    platform: str | None = None,
+    threads: int | None = None,
 ) -> Summary:
     """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
 
@@ -101,7 +104,8 @@ def resume(
         raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
     _changePlatform(config, state, platform, threads)
     simulation, force = loadSimulation(file, *platformOf(config))
-    return Study(config, outputs, simulation, force, state).finish(progress)
+    scene = Scene.of(config, currentMesh(simulation, force))
+    return Study(scene, outputs, simulation, force, state).finish(progress)
 
 
 def isFinished(state: RunState, outputs: Outputs) -> bool:
@@ -114,8 +118,10 @@ class Study:
 
     Attributes
     ----------
+    scene : Scene
+        what to do
     config : Config
-        what to do, with every default filled in
+        its configuration, with every default filled in
     simulation : openmm.app.Simulation
         the membrane
     force : HelfrichForce
@@ -128,21 +134,31 @@ class Study:
         what has been found out, or is to be warned of
     """
 
-    def __init__(self, config, outputs, simulation, force, state=None):
-        self.config, self.outputs, self.simulation, self.force = config, outputs, simulation, force
-        state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
-        self.index, self.notes, self._versions, self._sizes = (
-            state.stage,
-            list(state.notes),
-            state.versions,
-            state.sizes,
+    def __init__(
+        self,
+        scene: Scene,
+        outputs: Outputs,
+        simulation: app.Simulation,
+        force: HelfrichForce,
+        state: RunState | None = None,
+    ):
+        """Create a Study at its beginning, or in the state that a checkpoint has."""
+        self.scene, self.config, self.outputs, self.simulation, self.force = (
+            scene,
+            scene.config,
+            outputs,
+            simulation,
+            force,
         )
-        self._recorder, self._savedAt = None, (time.monotonic(), simulation.currentStep)
+        state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
+        self.index, self.notes, self._versions = state.stage, list(state.notes), state.versions
+        self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
+        self._recorder: Recorder | None = None
         self.stage = self._createStage()
         if state.stageState is not None:
             self.stage.setState(state.stageState)
 
-    def finish(self, progress=None):
+    def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
         """Do what is left to do, draw the pictures, and return a Summary."""
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
@@ -151,7 +167,7 @@ class Study:
             with (
                 StopSignals() as stop,
                 Recorder(
-                    self.outputs, self.config, self.simulation, self.force, self._describe, self._sizes
+                    self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes
                 ) as self._recorder,
             ):
                 if not self._sizes:
@@ -159,16 +175,16 @@ class Study:
                 self._advance(stop, progress)
                 if self.stage.isDone or not self.stage.isWhole:
                     self.save()
-            summary = summarise(self, self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
+            summary = self._summary(self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
             self._draw(summary)
         return summary
 
     @property
-    def isComplete(self):
+    def isComplete(self) -> bool:
         """Whether nothing is left to do."""
         return self.index == len(self.config.stages) - 1 and self.stage.isDone
 
-    def save(self):
+    def save(self) -> None:
         """Write a checkpoint."""
         if self._recorder:
             self._sizes = self._recorder.sync()
@@ -186,11 +202,11 @@ class Study:
         saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
         self._savedAt = time.monotonic(), self.simulation.currentStep
 
-    def observe(self):
+    def observe(self) -> dict[str, float]:
         """Return a row of the table, for the present, as a dict."""
         return self._recorder.table.observe(self.simulation)
 
-    def status(self):
+    def status(self) -> str:
         """Return the energy and the rates of acceptance of the present stage, in a few words."""
         return self.stage.status(lambda: self.observe()["energy (kT)"])
 
@@ -226,8 +242,8 @@ class Study:
             self.index += 1
             self.stage = self._createStage()
 
-    def _createStage(self):
-        return createStage(self.config.stages[self.index], self.config, self.simulation, self.force)
+    def _createStage(self) -> Stage:
+        return createStage(self.scene.stages[self.index], self.scene, self.simulation, self.force)
 
     def _note(self):
         """Keep what the stage has to tell at its end."""
@@ -248,28 +264,16 @@ class Study:
         if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
             self.save()
 
-    def _describe(self):
-        """Return the conditions of the present, for the table."""
-        integrator, u = self.simulation.integrator, self.config.mesh.length_unit
-        targets = currentTargets(self.simulation.context, self.force)
-        window, isEquilibrated = self.stage.window()
-        return {
-            "temperature (K)": valueIn(integrator.getTemperature(), unit.kelvin),
-            "stepSize (ps)": valueIn(integrator.getStepSize(), unit.picosecond),
-            "stage": self.index + 1,
-            "window": window,
-            "equilibrated": int(isEquilibrated),
-            f"targetArea ({u}^2)": targets["area"],
-            f"targetVolume ({u}^3)": targets["volume"],
-            f"targetAreaDifference ({u}^2)": targets["areaDifference"],
-        }
+    def _place(self):
+        """Return where the run is, for the table."""
+        return Place(self.index + 1, *self.stage.window())
 
     def _writeSettings(self):
         lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
         writeSettings(self.outputs.settings, self.config, lines)
 
     @contextlib.contextmanager
-    def _readable(self):
+    def _readable(self) -> Iterator[None]:
         """Say what a failure to write means for the run."""
         try:
             yield
@@ -280,15 +284,37 @@ class Study:
                 f"openmm-helfrich resume {self.config.output.prefix} goes on from there"
             ) from None
 
+    def _summary(self, newSteps, seconds, signal):
+        """Return the Summary of what was done."""
+        moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
+        acceptance, flipAcceptance = self.stage.acceptance()
+        return Summary(
+            config=self.config,
+            outputs=self.outputs,
+            numVertices=len(self.scene.mesh.vertices),
+            numTriangles=len(self.scene.mesh.triangles),
+            steps=self.simulation.currentStep,
+            newSteps=newSteps,
+            seconds=seconds,
+            table=readObservables(self.outputs.table),
+            targets={name: value for name, value in targets.items() if moduli[name] > 0},
+            acceptance=acceptance,
+            flipAcceptance=flipAcceptance,
+            diverged=self.simulation.integrator.getNumDivergedTrajectories(),
+            notes=self.notes,
+            interrupted=not self.isComplete,
+            signal=signal,
+        )
+
     def _draw(self, summary):
-        mesh, lengthUnit = currentMesh(self.simulation, self.force), self.config.mesh.length_unit
+        mesh, lengthUnit = currentMesh(self.simulation, self.force), self.scene.lengthUnit
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
         paths = [
-            averageWindows(rows, windowLambdas(stage.windows, stage.there_and_back))
-            for stage, rows in zip(self.config.stages, self._recordedRows(summary.table))
-            if stage.kind == "continue" and len(rows["step"])
+            averages
+            for settings, rows in zip(self.scene.stages, self._recordedRows(summary.table))
+            if len(rows["step"]) and (averages := averagesOf(settings, rows)) is not None
         ]
         if paths:
             windows = Table.concatenate(paths)
@@ -298,15 +324,12 @@ class Study:
     def _recordedRows(self, table):
         """Return the equilibrated rows of each stage."""
         return [
-            table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1))
-            for i in range(len(self.config.stages))
+            table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1)) for i in range(len(self.scene.stages))
         ]
 
 
-def versions():
+def versions() -> dict[str, str]:
     """Return the versions of the software that results depend on."""
-    from .. import __version__
-
     return {
         "openmm-helfrich": __version__,
         "OpenMM": mm.Platform.getOpenMMVersion(),
@@ -326,24 +349,25 @@ class StopSignals:
 
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-    def __init__(self):
-        self.signal, self._before = None, {}
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._before: dict[int, Any] = {}
 
-    def __enter__(self):
+    def __enter__(self) -> "StopSignals":
         if threading.current_thread() is threading.main_thread():  # others cannot have handlers
             self._before = {number: signal.signal(number, self._ask) for number in self.SIGNALS}
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _ask(self, number, frame):
+    def _ask(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
         signal.signal(number, self._before[number])
 
 
-def _asConfig(config):
+def _asConfig(config: Config | dict[str, Any] | PathLike) -> Config:
     if isinstance(config, Config):
         return config
     if isinstance(config, dict):
@@ -360,10 +384,7 @@ def _addSteps(config, steps):
     """Let a run make more steps."""
     if steps < 1:
         raise ValueError(f"steps is {steps}; it must be positive")
-    if config.stages[-1].kind == "sample":
-        config.stages[-1].steps += steps
-    else:
-        config.stages.append(SampleStage(kind="sample", steps=steps))
+    config.stages[-1:] = config.stages[-1].extended(steps)
 
 
 def _changePlatform(config, state, platform, threads):

@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Optional
+from functools import cached_property
 
 import numpy as np
-from openmm import unit
 
+from ..sampling.observables import OBSERVABLES, divergence, lateRows
+from ..tables import Table
 from .config import Config
 from .outputs import Outputs
-from ..sampling.reporters import Table, readObservables, valueIn
 
 
 @dataclass
@@ -50,59 +50,54 @@ class Summary:
     newSteps: int
     seconds: float
     table: Table
-    targets: dict
+    targets: dict[str, float]
     acceptance: float
     flipAcceptance: float
     diverged: int
-    notes: list
+    notes: list[str]
     interrupted: bool
-    signal: Optional[int]
+    signal: int | None
 
-    def drift(self, name):
+    def drift(self, name: str) -> float:
         """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while :meth:`mean` averages."""
-        return float(
-            np.max(
-                np.abs(lateValues(self.table, name) / lateValues(self.table, f"target{name[0].upper()}{name[1:]}") - 1)
-            )
-        )
+        target = next(observable.target for observable in OBSERVABLES if observable.name == name)
+        return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
 
-    def mean(self, name):
-        """Return the average of a column of the table over the second half of the last stage, or of its last window, when its start is forgotten."""
-        return float(lateValues(self.table, name).mean())
+    def mean(self, name: str) -> float:
+        """Return the average of a column of the table over the second half of the last stage, or of its last window."""
+        return float(self._late[name].mean())
 
-    def lines(self):
+    def lines(self) -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing at the end."""
-        u, kappa = self.config.mesh.length_unit, self.config.membrane.bending_modulus
+        kappa, last = self.config.membrane.bending_modulus, self.config.stages[-1]
+        shown = [observable for observable in OBSERVABLES if observable.digits and observable.name in self.table]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
             ("steps", self._stepsLine()),
-            ("averages", f"over the second half of the {self._lastPart()}:"),
-            ("area", self._mean("area", f"{u}^2")),
-            ("volume", self._mean("volume", f"{u}^3")),
-            ("reduced volume", f"{self.mean('reducedVolume'):.4f}"),
+            ("averages", f"over the second half of the {last.lastPart(len(self.config.stages) == 1)}:"),
         ]
-        if "areaDifference" in self.targets:
-            lines.append(("area difference", self._mean("areaDifference", f"{u}^2")))
-        if self.config.stages[-1].kind != "minimize":
+        lines += [
+            (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
+        ]
+        if last.isMonteCarlo:
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
         if self.diverged:
             lines.append(("warning", divergence(self.diverged)))
-        lines.append(("energy", f"{self.mean('energy'):.1f} kT"))
+        lines += [(o.title, self._average(o)) for o in shown if o.unit == "energy"]
         if kappa:
+            ratios = self.mean("E_bending") / (8 * math.pi * kappa), self.table["E_bending"][0] / (8 * math.pi * kappa)
             lines.append(
                 (
                     "E_B/8 pi kappa",
-                    f"{self.mean('E_bending') / (8 * math.pi * kappa):.3f}, from {self.table['E_bending'][0] / (8 * math.pi * kappa):.3f} at the start; "
-                    "thermal undulations add about kT/2 a vertex",
+                    f"{ratios[0]:.3f}, from {ratios[1]:.3f} at the start; thermal undulations add about kT/2 a vertex",
                 )
             )
         lines += [("note", note) for note in self.notes]
-        return lines + [("files", ", ".join(map(str, self.outputs.paths())))]
+        return [*lines, ("files", ", ".join(map(str, self.outputs.paths())))]
 
-    def _lastPart(self):
-        if self.config.stages[-1].kind == "continue":
-            return "last window"
-        return "run" if len(self.config.stages) == 1 else "last stage"
+    @cached_property
+    def _late(self) -> Table:
+        return lateRows(self.table)
 
     def _stepsLine(self):
         made = (
@@ -113,50 +108,7 @@ class Summary:
         )
         return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
-    def _mean(self, name, unitName):
-        text = f"{self.mean(name):.2f} {unitName}"
+    def _average(self, observable):
+        name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
+        text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
         return text + f", always within {self.drift(name):.2%} of its target" if name in self.targets else text
-
-
-def lateValues(table, name):
-    """Return the values of a column of a run's table in the second half of the last stage, or of its last window, when its start is forgotten."""
-    stage, window = table["stage"], table["window"]
-    values = table[name][(stage == stage[-1]) & (window == window[-1])]
-    return values[len(values) // 2 :]
-
-
-def divergence(count):
-    """Return a sentence about trajectories that diverged."""
-    return f"{'One trajectory' if count == 1 else f'{count} trajectories'} diverged and had to be rejected; a smaller step_size avoids this."
-
-
-def summarise(study, newSteps, seconds, signal):
-    """Return the Summary of a Study."""
-    simulation, force = study.simulation, study.force
-    context = simulation.context
-    named = {
-        "area": (force.getAreaModulus(), force.getTargetAreaParameter()),
-        "volume": (force.getVolumeModulus(), force.getTargetVolumeParameter()),
-        "areaDifference": (force.getAreaDifferenceModulus(), force.getTargetAreaDifferenceParameter()),
-    }
-    targets = {
-        name: context.getParameter(parameter)
-        for name, (modulus, parameter) in named.items()
-        if valueIn(modulus, unit.kilojoules_per_mole) > 0
-    }
-    return Summary(
-        study.config,
-        study.outputs,
-        context.getSystem().getNumParticles(),
-        force.getNumTriangles(),
-        simulation.currentStep,
-        newSteps,
-        seconds,
-        readObservables(study.outputs.table),
-        targets,
-        *study.stage.acceptance(),
-        simulation.integrator.getNumDivergedTrajectories(),
-        study.notes,
-        not study.isComplete,
-        signal,
-    )

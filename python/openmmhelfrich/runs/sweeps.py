@@ -13,24 +13,26 @@ import math
 import signal
 import time
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Callable, List, Optional
+from typing import Any
 
 import openmm as mm
 
 from ..analysis import describeShape
-from .checkpoint import loadRunState
-from .config import readConfig
-from .configfile import settingsText
 from ..files import PathLike, replacing
-from .grids import Point, readGrid
+from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
 from ..optional import require
+from ..sampling.observables import OBSERVABLES, lateRows, readObservables
+from ..tables import headOf
+from .checkpoint import loadRunState
+from .config import Config, readConfig
+from .configfile import settingsText
+from .grids import Point, readGrid
 from .outputs import Outputs
-from ..sampling.reporters import ENERGY_TERMS, readObservables
 from .studies import StopSignals, isFinished, resume, run
-from .summary import lateValues
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
@@ -80,9 +82,9 @@ class SweepResult:
         what stopped the sweep
     """
 
-    points: List[PointStatus]
+    points: list[PointStatus]
     table: Path
-    signal: Optional[int] = None
+    signal: int | None = None
 
     def count(self, status):
         """Return the number of points of a status."""
@@ -91,10 +93,10 @@ class SweepResult:
 
 def sweep(
     grid: PathLike,
-    output: Optional[PathLike] = None,
-    scheduler: Optional[str] = None,
-    workers: Optional[int] = None,
-    progress: Optional[Callable[[List[PointStatus]], None]] = None,
+    output: PathLike | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: Callable[[list[PointStatus]], None] | None = None,
 ) -> SweepResult:
     """Run what is left of a grid.
 
@@ -279,35 +281,26 @@ def _readResult(config):
     return json.loads(_resultFile(config).read_text(encoding="utf-8"))
 
 
-def observe(config) -> dict:
+def observe(config: Config) -> dict[str, Any]:
     """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the final shape.
 
-    Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`.  Acceptance rates are those of the whole run.
+    Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`.  Acceptance
+    rates are those of the whole run.
     """
-    outputs, kappa = Outputs.of(config), config.membrane.bending_modulus
+    outputs, kappa, lengthUnit = Outputs.of(config), config.membrane.bending_modulus, config.mesh.length_unit
     table, shape = readObservables(outputs.table), describeShape(Mesh.read(outputs.mesh))
-    mean = {
-        name: float(lateValues(table, name).mean())
-        for name in (
-            "energy",
-            *(f"E_{term}" for term in ENERGY_TERMS),
-            "area",
-            "volume",
-            "reducedVolume",
-            "meanCurvature",
-        )
-    }
-    last = {name: float(table[name][-1]) for name in ("acceptance", "flipAcceptance", "diverged")}
+    late = lateRows(table)
+    mean = {name: float(late[name].mean()) for name in ("E_bending", "area", "meanCurvature")}
+    averaged = [o for o in OBSERVABLES if o.inSweep == "mean" and o.name in table]
+    means = {headOf(o.name, o.unitIn(lengthUnit)): float(late[o.name].mean()) for o in averaged if o.unit}
     return {
         "steps": int(table["step"][-1]),
         "shapeClass": shape.shapeClass,
         "E_bending/8 pi kappa": mean["E_bending"] / (8 * math.pi * kappa) if kappa > 0 else None,
-        "reducedVolume": mean["reducedVolume"],
-        "reducedAreaDifference": mean["meanCurvature"] / math.sqrt(4 * math.pi * mean["area"]),
-        **{f"{name} (kT)": mean[name] for name in mean if name.startswith(("energy", "E_"))},
-        f"area ({config.mesh.length_unit}^2)": mean["area"],
-        f"volume ({config.mesh.length_unit}^3)": mean["volume"],
-        **last,
+        **{o.name: float(late[o.name].mean()) for o in averaged if not o.unit},
+        "reducedAreaDifference": reducedAreaDifference(mean["area"], mean["meanCurvature"]),
+        **means,
+        **{o.name: float(table[o.name][-1]) for o in OBSERVABLES if o.inSweep == "last" and o.name in table},
     }
 
 

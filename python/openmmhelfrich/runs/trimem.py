@@ -9,10 +9,10 @@ import configparser
 import math
 from pathlib import Path
 
+from ..geometry.mesh import Mesh
+from ..units import thermalEnergy
 from .config import parseConfig
 from .configfile import configText
-from ..geometry.mesh import Mesh
-from ..sampling.reporters import thermalEnergy
 
 TEMPERATURE = 300.0
 MINIMAL_TEMPERATURE = 1e-6  # in TriMem's unit
@@ -117,7 +117,7 @@ class _Source:
             f"[{section}] {key}" for section, key in keys if key not in _WITHOUT_COUNTERPART.get(section.lower(), ())
         ]
         lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
-        return lines + [f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+        return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
 
 
 def _convert(source, mesh):

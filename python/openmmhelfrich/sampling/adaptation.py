@@ -7,15 +7,15 @@ Averages taken while step sizes and amplitudes change are not those of a fixed d
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable, Optional, Union
 
 import numpy as np
 from openmm import app, unit
 
 from ..helfrich import HamiltonianTrajectoryIntegrator
 from ..optional import dataFrame
-from .reporters import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but little less from 0.6 to 0.9
 # (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a membrane whose shape turns stiff is further from sticking.
@@ -32,7 +32,7 @@ class _Adapter:
 
     QUANTITY, UNIT = "step size", unit.picosecond
 
-    def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE):
+    def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
         stepSize = float(valueIn(stepSize, self.UNIT))
         if not (math.isfinite(stepSize) and stepSize > 0):
             raise ValueError(
@@ -84,7 +84,7 @@ class StepSizeAdapter(_Adapter):
 
     GAMMA, T0, KAPPA = 0.5, 10, 0.75
 
-    def __init__(self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE):
+    def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
         """Create a StepSizeAdapter.
 
         Parameters
@@ -175,9 +175,7 @@ class StepSizeTracker(_Adapter):
     S. Monro, Ann. Math. Stat. 22, 400 (1951), with a gain that does not fall).
     """
 
-    def __init__(
-        self, stepSize: Union[float, unit.Quantity], acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1
-    ):
+    def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1):
         """Create a StepSizeTracker.
 
         Parameters
@@ -220,7 +218,7 @@ class _Amplitude:
 class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
     """Finds the amplitude of shear waves that are accepted with a given probability, as a :class:`StepSizeAdapter` does the step size."""
 
-    def __init__(self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE):
+    def __init__(self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE):
         super().__init__(amplitude, acceptance)
 
 
@@ -228,7 +226,7 @@ class AmplitudeTracker(_Amplitude, StepSizeTracker):
     """Keeps shear waves accepted with a given probability, as a :class:`StepSizeTracker` does trajectories."""
 
     def __init__(
-        self, amplitude: Union[float, unit.Quantity], acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1
+        self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1
     ):
         super().__init__(amplitude, acceptance, gain)
 
@@ -253,7 +251,7 @@ class AdaptationResult:
     acceptance: float
     stepSizes: np.ndarray
     probabilities: np.ndarray
-    amplitude: Optional[float] = None
+    amplitude: float | None = None
 
     def toDataFrame(self):
         """Return a pandas.DataFrame with a row for each trajectory."""
@@ -262,9 +260,9 @@ class AdaptationResult:
 
 def stepAndAdapt(
     simulation: app.Simulation,
-    adapter: Union[StepSizeAdapter, StepSizeTracker, None],
-    waveAdapter: Union[AmplitudeAdapter, AmplitudeTracker, None] = None,
-) -> Optional[float]:
+    adapter: StepSizeAdapter | StepSizeTracker | None,
+    waveAdapter: AmplitudeAdapter | AmplitudeTracker | None = None,
+) -> float | None:
     """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of shear waves that another does.
 
     Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another kind of step.  Raises a ValueError if
@@ -292,7 +290,7 @@ def adaptStepSize(
     simulation: app.Simulation,
     steps: int,
     acceptance: float = DEFAULT_ACCEPTANCE,
-    progress: Optional[Callable[[int, float], None]] = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> AdaptationResult:
     """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its shear waves, and leave them there.
 

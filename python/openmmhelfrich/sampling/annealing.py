@@ -1,13 +1,13 @@
 """Simulated annealing: Monte Carlo steps whose temperature follows a schedule, for trajectories and flips alike."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable, Optional
 
 import numpy as np
 from openmm import app
 
-from .adaptation import StepSizeTracker, stepAndAdapt
 from ..optional import dataFrame
+from .adaptation import StepSizeTracker, stepAndAdapt
 from .schedules import createSchedule
 
 
@@ -48,8 +48,8 @@ def anneal(
     simulation: app.Simulation,
     schedule,
     steps: int,
-    tracker: Optional[StepSizeTracker] = None,
-    progress: Optional[Callable[[int, float], None]] = None,
+    tracker: StepSizeTracker | None = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> AnnealingResult:
     """Make Monte Carlo steps at the temperatures of a schedule, while the step size follows to keep the acceptance.
 

@@ -5,38 +5,20 @@ The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 """
 
 import io
-import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Callable, Dict, Optional, Sequence, Union
+from typing import TypeAlias
 
 import numpy as np
 from openmm import app, unit
 
 from ..helfrich import HelfrichForce
-from .reporters import ObservablesReporter, Table, valueIn
+from ..tables import Table
+from .observables import averageWindows
+from .reporters import ObservablesReporter
+from .targets import absoluteTargets, currentTargets, setTargets
 
-Number = Union[float, unit.Quantity]
-_UNITS = {"area": unit.nanometer**2, "volume": unit.nanometer**3, "areaDifference": unit.nanometer**2}
-
-
-def targetParameters(force):
-    """Return the names of the Context parameters of a HelfrichForce's targets, by "area", "volume" and "areaDifference"."""
-    return {
-        "area": force.getTargetAreaParameter(),
-        "volume": force.getTargetVolumeParameter(),
-        "areaDifference": force.getTargetAreaDifferenceParameter(),
-    }
-
-
-def currentTargets(context, force):
-    """Return the targets in a Context, in powers of nm, by "area", "volume" and "areaDifference"."""
-    return {name: context.getParameter(parameter) for name, parameter in targetParameters(force).items()}
-
-
-def setTargets(context, force, targets):
-    """Set some targets in a Context."""
-    for name, value in targets.items():
-        context.setParameter(targetParameters(force)[name], value)
+Number: TypeAlias = float | unit.Quantity
 
 
 def windowLambdas(windows, thereAndBack):
@@ -56,11 +38,11 @@ class ContinuationPath:
 
     def __init__(
         self,
-        start: Dict[str, float],
-        end: Dict[str, float],
+        start: dict[str, float],
+        end: dict[str, float],
         windows: int,
         thereAndBack: bool = False,
-        path: Optional[Dict[str, Sequence[float]]] = None,
+        path: dict[str, Sequence[float]] | None = None,
     ):
         """Create a ContinuationPath.
 
@@ -92,7 +74,7 @@ class ContinuationPath:
             if name not in end:
                 raise ValueError(f"continuation: path has '{name}'; it must be one of the targets: {', '.join(end)}")
 
-    def targets(self, window: int) -> Dict[str, float]:
+    def targets(self, window: int) -> dict[str, float]:
         """Return the targets of a window by name, in powers of nm."""
         points = (len(self.lambdas) + 1) // 2 if self.lambdas[-1] == 0 else len(self.lambdas)
         point = window if window < points else len(self.lambdas) - 1 - window
@@ -141,15 +123,15 @@ class ContinuationResult:
 def continueTo(
     simulation: app.Simulation,
     force: HelfrichForce,
-    targets: Dict[str, Number],
+    targets: dict[str, Number],
     windows: int = 10,
     equilibration: int = 100,
     steps: int = 100,
     thereAndBack: bool = False,
-    path: Optional[Dict[str, Sequence[float]]] = None,
+    path: dict[str, Sequence[float]] | None = None,
     interval: int = 1,
-    temperature: Optional[Number] = None,
-    progress: Optional[Callable[[int, int], None]] = None,
+    temperature: Number | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> ContinuationResult:
     """Lead a membrane's targets to new values while it is sampled, and average over each window of the way.
 
@@ -198,46 +180,6 @@ def continueTo(
             progress(window + 1, len(line.lambdas))
     table = Table.ofRows(rows)
     return ContinuationResult(averageWindows(table, line.lambdas), table)
-
-
-def absoluteTargets(targets, start):
-    """Return targets by "area", "volume" and "areaDifference" in powers of nm, for targets that may have units, or a "reducedVolume"."""
-    unknown = set(targets) - {*_UNITS, "reducedVolume"}
-    if unknown or not targets:
-        raise ValueError(
-            f"the targets are {', '.join(map(str, targets)) or 'none'}; they must be among area, volume, reducedVolume and areaDifference"
-        )
-    if "volume" in targets and "reducedVolume" in targets:
-        raise ValueError("volume and reducedVolume are both given; give one of them")
-    absolute = {name: float(valueIn(targets[name], _UNITS[name])) for name in targets if name != "reducedVolume"}
-    for name, value in absolute.items():
-        if not math.isfinite(value):
-            raise ValueError(f"the target {name} is {value}; it must be finite")
-    if "reducedVolume" in targets:
-        v = float(targets["reducedVolume"])
-        if not 0 < v <= 1:
-            raise ValueError(f"the target reducedVolume is {v}; it must be above 0 and at most 1")
-        absolute["volume"] = v * absolute.get("area", start["area"]) ** 1.5 / (6 * math.sqrt(math.pi))
-    return absolute
-
-
-def averageWindows(table, lambdas):
-    """Return the averages and standard deviations of a Table's rows over each window, as a Table with a row for each."""
-    names = [
-        name
-        for name in table
-        if name
-        not in ("step", "window", "stage", "equilibrated", "acceptance", "flipAcceptance", "flipRate", "flipsForbidden")
-    ]
-    rows = []
-    for window in np.unique(table["window"]).astype(int):
-        chosen = table["window"] == window
-        row = {"stage": table["stage"][chosen][0]} if "stage" in table else {}
-        row |= {"window": window, "lambda": lambdas[window], "samples": int(chosen.sum())}
-        for name in names:
-            row[name], row[name + "Deviation"] = float(table[name][chosen].mean()), float(table[name][chosen].std())
-        rows.append(row)
-    return Table.ofRows(rows)
 
 
 def _absoluteNames(path):

@@ -1,9 +1,9 @@
 """Minima of a membrane's energy, at fixed connectivity or with a connectivity that flows."""
 
 import math
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Callable, Optional, Union
 
 import numpy as np
 import openmm as mm
@@ -11,7 +11,7 @@ from openmm import app, unit
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
-from .reporters import valueIn
+from ..units import valueIn
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
@@ -62,9 +62,9 @@ class MinimizationResult:
 def minimize(
     simulation: app.Simulation,
     force: HelfrichForce,
-    tolerance: Union[None, float, unit.Quantity] = None,
+    tolerance: float | unit.Quantity | None = None,
     maxIterations: int = 0,
-    progress: Optional[Callable[[int, float], bool]] = None,
+    progress: Callable[[int, float], bool] | None = None,
 ) -> MinimizationResult:
     """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's LocalEnergyMinimizer (L-BFGS).
 
@@ -100,9 +100,9 @@ def minimize(
 def minimizeFluid(
     simulation: app.Simulation,
     force: HelfrichForce,
-    tolerance: Union[None, float, unit.Quantity] = None,
+    tolerance: float | unit.Quantity | None = None,
     maxIterations: int = 10000,
-    progress: Optional[Callable[[int, float], bool]] = None,
+    progress: Callable[[int, float], bool] | None = None,
     soften: bool = True,
     iterationsPerRound: int = 50,
 ) -> MinimizationResult:
@@ -165,7 +165,7 @@ def _settle(descent, flip, iterationsPerRound, looseness):
             return reason, rounds, flips
         # The flips of a round may open a way that the line search did not find.
         stalled = stalled + 1 if reason == _STALLED else 0
-        if stalled > 0 and accepted == 0 or stalled == 5:
+        if (stalled > 0 and accepted == 0) or stalled == 5:
             return reason, rounds, flips
 
 

@@ -9,10 +9,10 @@ import io
 import json
 import math
 import zipfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Optional, Sequence, Union
 
 import numpy as np
 import openmm as mm
@@ -20,7 +20,7 @@ from openmm import app, unit
 
 from ..files import PathLike, replacing
 from ..helfrich import HybridMonteCarloIntegrator
-from .reporters import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn
 
 FORMAT = 1
 
@@ -39,9 +39,9 @@ class ThermodynamicState:
         for trajectories in this state, in ps; by default that of the simulation which begins in it
     """
 
-    temperature: Union[float, unit.Quantity]
-    parameters: Dict[str, float] = field(default_factory=dict)
-    stepSize: Optional[Union[float, unit.Quantity]] = None
+    temperature: float | unit.Quantity
+    parameters: dict[str, float] = field(default_factory=dict)
+    stepSize: float | unit.Quantity | None = None
 
     @property
     def thermalEnergy(self) -> float:
@@ -126,7 +126,7 @@ class ReplicaExchange:
             self._accepted, self._attempted, out=np.full(len(self._attempted), np.nan), where=self._attempted > 0
         )
 
-    def run(self, rounds: int, steps: int, checkpoint: Optional[PathLike] = None, interval: int = 100) -> None:
+    def run(self, rounds: int, steps: int, checkpoint: PathLike | None = None, interval: int = 100) -> None:
         """Make rounds.
 
         Parameters
@@ -330,7 +330,7 @@ class ReplicaExchange:
 def _resolved(state, simulation):
     """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
     stepSize = simulation.integrator.getStepSize() if state.stepSize is None else state.stepSize
-    state.thermalEnergy  # raises if it is not positive
+    thermalEnergy(state.temperature)  # raises if it is not positive
     return ThermodynamicState(
         float(valueIn(state.temperature, unit.kelvin)),
         {name: float(state.parameters[name]) for name in sorted(state.parameters)},

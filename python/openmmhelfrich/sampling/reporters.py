@@ -1,32 +1,46 @@
 """Reporters for openmm.app.Simulation."""
 
 import csv
-import math
+import os
 import weakref
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Dict, Optional
+from typing import IO, Any
 
 import numpy as np
-from openmm import unit
+import openmm as mm
+from openmm import app, unit
 
-from ..files import PathLike, replacing
+from ..files import PathLike
+from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
-from ..geometry.mesh import Mesh, reducedVolume
-from ..optional import dataFrame
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
-
-ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
+from ..tables import readHeads
+from ..units import thermalEnergy, valueIn
+from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, observe
 
 
 class ObservablesReporter:
     """Writes a table of a membrane's energy terms, geometry and acceptance rates as comma-separated values.
 
-    The first row names the columns, with units.  The membrane's energy is the sum of the six terms that follow it.  Acceptance rates, the
-    flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules forbid, and the number of trajectories that diverged are
-    those since the start of the simulation; they are there if the Integrator has them.
+    The first row names the columns, with units.  The membrane's energy is the sum of the terms that follow it.
+    Acceptance rates, the flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules
+    forbid, and the number of trajectories that diverged are those since the start of the simulation; they are there if
+    the Integrator has them.
     """
 
-    def __init__(self, file, reportInterval, force, temperature=None, lengthUnit="nm", append=False, describe=None):
+    def __init__(
+        self,
+        file: PathLike | IO[str],
+        reportInterval: int,
+        force: HelfrichForce,
+        temperature: float | unit.Quantity | None = None,
+        lengthUnit: str = "nm",
+        append: bool = False,
+        describe: Callable[[], dict[str, float]] | None = None,
+        observables: Iterable[Observable] = DEFAULT_OBSERVABLES,
+        place: Callable[[], Place] = Place,
+    ):
         """Create an ObservablesReporter.
 
         Parameters
@@ -42,86 +56,57 @@ class ObservablesReporter:
         lengthUnit : str
             the name of the unit of length, if 1 nm stands for another
         append : bool
-            add to an existing file instead of replacing it
+            add to an existing file instead of replacing it; its columns are those that it has
         describe : callable, optional
             returns more columns, as a dict from names to numbers
+        observables : iterable of Observable
+            the other columns
+        place : callable
+            returns the :class:`Place` in a run
         """
-        self._reportInterval = reportInterval
-        self._force = force
-        self._energyUnit, self._energyScale = "kJ/mol", 1.0
+        self._reportInterval, self._force, self._lengthUnit = reportInterval, force, lengthUnit
+        self._energyUnitName, self._energyUnit = "kJ/mol", 1.0
         if temperature is not None:
-            self._energyUnit, self._energyScale = "kT", 1 / thermalEnergy(temperature)
-        self._lengthUnit, self._describe = lengthUnit, describe
-        self._ownsFile = not hasattr(file, "write")
-        self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file
+            self._energyUnitName, self._energyUnit = "kT", thermalEnergy(temperature)
+        self._describe, self._observables, self._place = describe or dict, tuple(observables), place
+        self._ownsFile = isinstance(file, (str, os.PathLike))
+        self._heads = readHeads(file) if append and self._ownsFile and Path(file).exists() else []
+        self._needsHeads = not self._heads and (self._ownsFile or not append)
+        self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file  # noqa: SIM115, for close()
         self._writer = csv.writer(self._out, lineterminator="\n")
-        self._hasHeader = append
 
-    def describeNextReport(self, simulation):
+    def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         """Get information about the next report this object will generate."""
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
         return {"steps": steps, "periodic": None, "include": []}
 
-    def report(self, simulation, state):
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Write a row."""
         row = self.observe(simulation)
-        if not self._hasHeader:
-            self._writer.writerow(row)
-            self._hasHeader = True
-        self._writer.writerow(row.values())
+        self._heads = self._heads or list(row)
+        if self._needsHeads:
+            self._writer.writerow(self._heads)
+            self._needsHeads = False
+        for head in self._heads:
+            if head not in row:
+                raise ValueError(f"the table has the column '{head}'; the simulation has {', '.join(row)}")
+        self._writer.writerow([row[head] for head in self._heads])
         self._out.flush()
 
-    def observe(self, simulation):
+    def observe(self, simulation: app.Simulation) -> dict[str, float]:
         """Return the row that describes a Simulation now, as a dict from column names to numbers."""
-        row = {"step": simulation.currentStep}
-        row.update(self._energies(simulation.context))
-        row.update(self._geometry(simulation.context))
-        integrator = simulation.integrator
-        if hasattr(integrator, "getAcceptanceRate"):
-            row["acceptance"] = integrator.getAcceptanceRate()
-        if hasattr(integrator, "getFlipAcceptanceRate"):
-            row["flipAcceptance"] = integrator.getFlipAcceptanceRate()
-        if hasattr(integrator, "getShearWaveProbability") and integrator.getNumIntegrators() > 2:
-            row["waveAcceptance"] = integrator.getShearWaveAcceptanceRate()
-            row[f"waveAmplitude ({self._lengthUnit})"] = valueIn(
-                integrator.getShearWaveIntegrator().getAmplitude(), unit.nanometer
-            )
-        flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
-        if hasattr(flips, "getFlipRate"):
-            row["flipRate"] = flips.getFlipRate()
-            row["flipsForbidden"] = flips.getNumForbidden() / max(1, flips.getNumAttempted())
-        if hasattr(integrator, "getNumDivergedTrajectories"):
-            row["diverged"] = integrator.getNumDivergedTrajectories()
-        if self._describe:
-            row.update(self._describe())
-        return row
+        moment = Moment(simulation, self._force, self._energyUnit, self._place())
+        return observe(moment, self._observables, self._lengthUnit, self._energyUnitName) | self._describe()
 
-    def sync(self):
+    def sync(self) -> int:
         """Return the size of the file so far, in bytes; they have left Python's buffers."""
         self._out.flush()
         return self._out.seek(0, 2)
 
-    def close(self):
+    def close(self) -> None:
         """Close the file."""
         if self._ownsFile:
             self._out.close()
-
-    def _energies(self, context):
-        terms = self._force.getEnergyTermsInContext(context)
-        values = [valueIn(terms[name], unit.kilojoules_per_mole) * self._energyScale for name in ENERGY_TERMS]
-        names = [f"E_{name} ({self._energyUnit})" for name in ENERGY_TERMS]
-        return {f"energy ({self._energyUnit})": sum(values), **dict(zip(names, values))}
-
-    def _geometry(self, context):
-        geometry, u = self._force.getGeometryInContext(context), self._lengthUnit
-        area, volume = valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)
-        return {
-            f"area ({u}^2)": area,
-            f"volume ({u}^3)": volume,
-            "reducedVolume": reducedVolume(area, volume),
-            f"areaDifference ({u}^2)": valueIn(geometry.areaDifference, unit.nanometer**2),
-            f"meanCurvature ({u})": valueIn(geometry.integratedMeanCurvature, unit.nanometer),
-        }
 
 
 class MeshReporter:
@@ -142,7 +127,7 @@ class MeshReporter:
         reportInterval: int,
         force: HelfrichForce,
         append: bool = False,
-        numFrames: Optional[int] = None,
+        numFrames: int | None = None,
         precision: str = "double",
         lengthUnit: str = "nm",
     ):
@@ -229,72 +214,3 @@ class MeshReporter:
                 f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
                 f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}"
             )
-
-
-class Table(dict):
-    """Columns of numbers: a dict from names to arrays of equal length."""
-
-    @classmethod
-    def ofRows(cls, rows):
-        """Create a Table from dicts with the same keys, of whose names the units in brackets are left out."""
-        return cls(
-            (plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ())
-        )
-
-    @classmethod
-    def concatenate(cls, tables):
-        """Create a Table of the rows of several, which have the same columns."""
-        return cls((name, np.concatenate([table[name] for table in tables])) for name in tables[0])
-
-    def toDataFrame(self):
-        """Return a pandas.DataFrame of the same columns."""
-        return dataFrame(self)
-
-    def where(self, chosen):
-        """Return a Table of the rows that an array of booleans chooses."""
-        return Table((name, values[chosen]) for name, values in self.items())
-
-    def write(self, file):
-        """Write the table as comma-separated values, replacing a file that exists in a single step."""
-        with replacing(file) as part, open(part, "w", newline="") as out:
-            writer = csv.writer(out, lineterminator="\n")
-            writer.writerow(self)
-            writer.writerows(zip(*(values.tolist() for values in self.values())))
-
-
-def readObservables(file):
-    """Read a table that an :class:`ObservablesReporter` wrote: a :class:`Table`, a dict from column names, without their units, to arrays."""
-    with open(file, newline="") as table:
-        rows = list(csv.reader(table))
-    if not rows:
-        raise ValueError(f"{file} is empty; it must hold a table of observables")
-    columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
-    return Table(zip(map(plainName, rows[0]), columns))
-
-
-def plainName(column):
-    """Return the name of a column without its unit."""
-    return column.split(" (")[0]
-
-
-def observableUnits(file: PathLike) -> Dict[str, str]:
-    """Return the units of the columns of a table that an :class:`ObservablesReporter` wrote: a dict from column names to what their heads have in brackets."""
-    with open(file, newline="") as table:
-        heads = next(csv.reader(table), [])
-    units = dict(head.rstrip(")").split(" (") for head in heads if " (" in head)
-    if not {"energy", "area"} <= set(units):
-        raise ValueError(f"{file} is not a table of observables; it has no columns 'energy (...)' and 'area (...)'")
-    return units
-
-
-def thermalEnergy(temperature):
-    """Return kT, in kJ/mol, of a temperature in K."""
-    temperature = valueIn(temperature, unit.kelvin)
-    if not (math.isfinite(temperature) and temperature > 0):
-        raise ValueError(f"the temperature is {temperature} K; it must be positive")
-    return (unit.MOLAR_GAS_CONSTANT_R * temperature * unit.kelvin).value_in_unit(unit.kilojoules_per_mole)
-
-
-def valueIn(value, wanted):
-    """Return a Quantity, or a number that has this unit already, as a number."""
-    return value.value_in_unit(wanted) if unit.is_quantity(value) else value

@@ -5,15 +5,16 @@ is stopped and continued goes on as if it never had stopped.
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Callable, Sequence, Union
+from typing import TypeAlias
 
 import numpy as np
 from openmm import unit
 
-from .reporters import valueIn
+from ..units import valueIn
 
-Temperature = Union[float, unit.Quantity]
+Temperature: TypeAlias = float | unit.Quantity
 Schedule = Callable[[int], float]
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import openmm as mm
 from openmm import unit
 
-from ..sampling.adaptation import adaptStepSize
 from ..analysis import classifyShape, gyrationTensor, vertexDiffusion
-from ..geometry.mesh import Mesh
-from ..sampling.reporters import ENERGY_TERMS, thermalEnergy, valueIn
-from ..runs.scene import createForce, createSimulation, currentMesh, defaultStepSize, platformOf
+from ..runs.scene import Scene, currentMesh, defaultStepSize
+from ..sampling.adaptation import adaptStepSize
+from ..sampling.observables import ENERGY_TERMS
+from ..units import valueIn
 from .settings import apply
 from .statistics import Motion, Observable, observe, shapeSeries
 
@@ -162,7 +162,7 @@ def measure(
         shape = run.shape()
         time, timeError = timeOf(shape, run.motion(), *variances)
         surely = (1 - 2 * timeError) * time * run.evaluations / run.steps if timeError < 0.5 else 0.0
-        if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
+        if surely > hopeless or (shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy):
             break
         run.sample(min(run.evaluations / 2, limit - run.evaluations))
     return run.result(moduli or {})
@@ -172,9 +172,10 @@ class _Run:
     """A membrane at a setting, and the series that come of it."""
 
     def __init__(self, config, mesh):
-        self._config, self._kT = config, thermalEnergy(config.sampling.temperature)
-        self._force = createForce(config, mesh)
-        self._simulation = createSimulation(config, mesh, self._force)
+        scene = Scene.of(config, mesh)
+        self._config, self._kT = config, scene.kT
+        self._force = scene.createForce()
+        self._simulation = scene.createSimulation(self._force)
         self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
         sampling = config.sampling
         self._probabilities = {
@@ -331,15 +332,17 @@ class _Run:
 def forceError(config, mesh):
     """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the Reference platform: see :class:`Measurement`."""
 
+    scene = Scene.of(config, mesh)
+
     def forces(platform, properties):
         system = mesh.createSystem()
-        system.addForce(createForce(config, mesh))
+        system.addForce(scene.createForce())
         context = mm.Context(system, mm.VerletIntegrator(1e-3), platform, properties)
         context.setPositions(mesh.vertices)
         return context.getState(forces=True).getForces(asNumpy=True)._value
 
     reference = forces(mm.Platform.getPlatformByName("Reference"), {})
-    error = forces(*platformOf(config)) - reference
+    error = forces(scene.platform, scene.platformProperties) - reference
     if config.platform.precision != "double":
         error += _errorOfPrecision(config, mesh)
     return float(np.linalg.norm(error) / np.linalg.norm(reference))
@@ -360,7 +363,8 @@ def _errorOfPrecision(config, mesh):
                 "sampling.shear_wave_probability": 0.0,
             },
         )
-        simulation = createSimulation(changed, mesh, createForce(changed, mesh))
+        scene = Scene.of(changed, mesh)
+        simulation = scene.createSimulation(scene.createForce())
         simulation.integrator.step(1)
         if simulation.integrator.getNumAcceptedTrajectories() != 1:
             return np.full(mesh.vertices.shape, math.nan)

@@ -3,8 +3,8 @@
 import math
 from pathlib import Path
 
-from ..runs.configfile import configText
 from ..files import replacing
+from ..runs.configfile import configText
 from .search import AVERAGES
 from .settings import apply, describe, isExact
 

@@ -6,19 +6,19 @@ import time
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Optional
 
 import openmm as mm
 
-from ..runs.config import SampleStage, stagesOf
-from ..sampling.continuation import currentTargets
 from ..files import replacing
 from ..geometry.mesh import Mesh
-from ..runs.scene import createForce, createSimulation, currentMesh, loadMesh, resolve
+from ..runs.config import stagesOf
+from ..runs.scene import Scene, currentMesh, loadMesh, resolve
 from ..runs.stages import createStage
+from ..runs.stagesettings import SampleStage
 from ..runs.studies import versions
+from ..sampling.targets import currentTargets
 from .measure import Measurement, measure
-from .minimization import FACTORS, Minimum, minimise
+from .minimization import FACTORS, Minimum, minimumOf
 from .settings import (
     COARSER,
     MODULI,
@@ -48,7 +48,7 @@ class Point:
     choice: dict
     setting: dict
     effort: float
-    measurement: Optional[Measurement]
+    measurement: Measurement | None
     problem: str = ""
 
     def __post_init__(self):
@@ -107,7 +107,7 @@ class Search:
         best = self._descend(available)
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
-        self._minimise()
+        self._findMinima()
         return min(best, self.baseline, key=self.seconds)
 
     def time(self, point):
@@ -192,13 +192,13 @@ class Search:
         longer = self._measure("recommended", {}, best.setting, 2 * self._effort, accuracy=self.error / 4)
         return longer if longer.measurement else best
 
-    def _minimise(self):
-        if self._names is not None and "minimiser" not in self._names or self.scene.membrane.bending_modulus == 0:
+    def _findMinima(self):
+        if (self._names is not None and "minimiser" not in self._names) or self.scene.membrane.bending_modulus == 0:
             return
         iterations = int(self._effort / len(self._mesh.vertices) / 10)
         for factor in FACTORS[len(self.minima) :]:
             self._checkTime()
-            self.minima.append(minimise(self.scene, self._mesh, factor, max(1, iterations)))
+            self.minima.append(minimumOf(self.scene, self._mesh, factor, max(1, iterations)))
             self._save()
 
     def _checkTime(self):
@@ -264,7 +264,7 @@ class Search:
         scene = resolve(config, mesh)
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
-        if last.kind != "sample":
+        if not last.isSteady:
             raise ValueError(
                 f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'"
             )
@@ -352,17 +352,18 @@ def _moves(scene):
 def _isAlike(point):
     """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it, unless it is left out."""
     return not any(
-        name.startswith(("membrane.", "mesh.")) or name in MODULI.values() and value == 0
+        name.startswith(("membrane.", "mesh.")) or (name in MODULI.values() and value == 0)
         for name, value in point.setting.items()
     )
 
 
 def _advance(config, mesh, stages):
     """Do stages, and return the mesh and the targets that they lead to."""
-    force = createForce(config, mesh)
-    simulation = createSimulation(config, mesh, force)
+    scene = Scene.of(config, mesh)
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
     for settings in stages:
-        stage = createStage(settings, config, simulation, force)
+        stage = createStage(settings, scene, simulation, force)
         while not stage.isDone:
             stage.advance()
     return currentMesh(simulation, force), currentTargets(simulation.context, force)

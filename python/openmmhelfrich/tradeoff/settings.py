@@ -220,7 +220,7 @@ def _tethers(scene, edge):
         _naturalTether(edge, *tether)
         for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))
     ]
-    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}] + natural
+    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}, *natural]
 
 
 def _softer(scene):
