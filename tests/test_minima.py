@@ -10,7 +10,6 @@ from scipy.optimize import check_grad
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich.analysis import convergence as minima
 from openmmhelfrich.analysis.convergence import (
     REDUCED_VOLUMES,
     DiscreteMinimum,
@@ -20,6 +19,7 @@ from openmmhelfrich.analysis.convergence import (
 )
 from openmmhelfrich.cli import app
 from openmmhelfrich.geometry import axisymmetric
+from openmmhelfrich.pictures import sections
 
 POINTS = [(branch, v) for branch, volumes in REDUCED_VOLUMES.items() for v in volumes]
 
@@ -221,7 +221,7 @@ def test_command_refuses(arguments, problem):
 
 def test_section_of_a_sphere():
     """Every point of the section is in the plane, and nearly on the circle."""
-    lines = minima._section(mh.Mesh.icosphere(3))
+    lines = sections._section(mh.Mesh.icosphere(3))
     lengths = np.linalg.norm(lines[:, 0] - lines[:, 1], axis=1)
     assert np.linalg.norm(lines.reshape(-1, 2), axis=1) == pytest.approx(
         1, abs=0.01

@@ -19,7 +19,7 @@ from conftest import together
 from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.curvature import smoothMeanCurvature
 from openmmhelfrich.pictures.report import writeReport
-from test_mesh_trajectory import frames, simulate  # noqa: F401
+from test_mesh_trajectory import simulate
 
 pytest.importorskip("plotly")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

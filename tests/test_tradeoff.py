@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,17 +17,17 @@ from openmmhelfrich.runs.studies import run
 from openmmhelfrich.tradeoff import tradeoff
 from openmmhelfrich.tradeoff.measure import forceError, measure, timeOf
 from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
-from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
+from openmmhelfrich.tradeoff.statistics import Motion, shapeSeries, statisticsOf
 
 pytest.importorskip("emcee")
-SCENE = {
+SCENE: dict[str, Any] = {
     "mesh": {"icosphere": 1},
     "membrane": {"bending_modulus": 20, "area_modulus": 1e4, "volume_modulus": 1e4, "reduced_volume": 0.95},
     "tether": {"modulus": 737.3454528339315, "min_length": 0.4367126424657144, "max_length": 0.8151969326026669},
     "sampling": {"seed": 1, "step_size": 1e-4, "steps_per_trajectory": 20},
     "platform": {"threads": 1},
 }
-STIFF = {
+STIFF: dict[str, Any] = {
     **SCENE,
     "membrane": {**SCENE["membrane"], "bending_modulus": 60},
 }  # so few vertices fold more easily the softer they are, and all settings shall sample the same shape
@@ -56,7 +57,7 @@ def knownProcess(correlation, length, columns=5):
 
 def test_statistics_of_a_known_process():
     """The time of a series that is long enough, within the error that is stated."""
-    result = observe(knownProcess(0.9, 4000), interval=3)
+    result = statisticsOf(knownProcess(0.9, 4000), interval=3)
     assert result.time == pytest.approx(3 * 19, rel=3 * result.timeError) and result.timeError < 0.15
     assert result.deviation == pytest.approx(1, rel=0.05) and abs(result.mean) < 3 * result.error
 
@@ -74,7 +75,7 @@ def test_a_slow_creep_behind_a_fast_decay():
     """Where a run is too short to know its time, but knows that there is more than the first decay, this counts."""
     fast, slow = knownProcess(0.9, 20000, 10), knownProcess(0.999, 20000, 10)
     series = math.sqrt(0.7) * fast[:, :5] + math.sqrt(0.3) * slow[:, 5:]
-    shape, motion = observe(series), Motion.of(series)
+    shape, motion = statisticsOf(series), Motion.of(series)
     time, error = timeOf(shape, motion, [1.0] * 5, 0.0)
     assert shape.timeError > 0.3 and motion.time([1.0] * 5, 0.0)[0] < 0.3 * time
     assert time == pytest.approx(0.7 * 19 + 0.3 * 1999, rel=2.5 * error)
@@ -86,7 +87,7 @@ def test_what_does_not_move_has_no_time():
 
 def test_shape_of_a_sphere_is_its_modes_of_degree_2():
     """Of each mode, the amplitude comes out in one column alone; that of another degree in none."""
-    from openmmhelfrich.analysis import _realHarmonics
+    from openmmhelfrich.analysis.fluctuations import _realHarmonics
 
     mesh = mh.Mesh.icosphere(3)
     harmonics = _realHarmonics(mesh.vertices, 3)

@@ -107,11 +107,10 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         return _inPlainUnits(value.value_in_unit(_openmmUnit(kind)), kind, scales)
     if not isinstance(value, str):
         return value
-    match = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
-    try:
-        number, name = float(match[1]), match[2]
-    except (TypeError, ValueError):
-        raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}") from None
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
+    if match is None:
+        raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
+    number, name = float(match[1]), match[2]
     if kind == "energy" and name in ("kT", "kBT", "k_BT"):
         return number
     if kind == "temperature" and name in ("C", "°C"):

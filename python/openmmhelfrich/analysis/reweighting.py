@@ -7,14 +7,16 @@ J. Chem. Phys. 129, 124105, 2008) finds it from all samples at once.  If moves o
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from openmm import unit
 from scipy import stats
 from scipy.special import expit, logsumexp
 
-from ..analysis import autocorrelationTime
 from ..optional import dataFrame, require
 from ..units import thermalEnergy
+from .correlation import autocorrelationTime
 
 # Fewer counts than these are pooled with others of their bin: chi square needs numbers that are nearly Gaussian.
 _LEAST_COUNT = 10
@@ -83,7 +85,7 @@ class Reweighting:
         """The number of independent samples of each temperature."""
         return np.array([len(e) for e in self.energies])
 
-    def meanEnergy(self, temperature) -> float:
+    def meanEnergy(self, temperature: float | unit.Quantity) -> float:
         """Return the mean energy, in kJ/mol, at a temperature in K between those sampled."""
         weights = self._logWeights(np.concatenate(self.energies)) - np.concatenate(self.energies) / thermalEnergy(
             temperature
@@ -113,17 +115,11 @@ class Reweighting:
             own = logDensity + np.log(counts / expected)
             errors = 1 / np.sqrt(counts)
         chiSquared, degrees = _chiSquared(counts, expected)
-        blank = [np.where(seen, values, np.nan) for values in (own, errors, residuals)]
-        return DensityOfStates(
-            (edges[1:] + edges[:-1]) / 2,
-            logDensity,
-            *blank,
-            chiSquared,
-            degrees,
-            float(stats.chi2.sf(chiSquared, degrees)),
-        )
+        own, errors, residuals = (np.where(seen, values, np.nan) for values in (own, errors, residuals))
+        middles, pValue = (edges[1:] + edges[:-1]) / 2, float(stats.chi2.sf(chiSquared, degrees))
+        return DensityOfStates(middles, logDensity, own, errors, residuals, chiSquared, degrees, pValue)
 
-    def toDataFrame(self):
+    def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each temperature; overlap and ratio are those with the next one."""
         last = [math.nan]
         return dataFrame(

@@ -7,7 +7,8 @@ from typing import ParamSpec, TypeVar
 
 import typer
 
-Parameters, Result = ParamSpec("Parameters"), TypeVar("Result")
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
 
 def friendly(command: Callable[Parameters, Result]) -> Callable[Parameters, Result]:

@@ -38,22 +38,22 @@ def minima(
         Path | None, typer.Option(metavar="FILE", help="Draw the shapes of fewest vertices: .png, .pdf or .svg.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
-):
+) -> None:
     """Minimise vesicles, and compare bending energy and area difference with axisymmetric minima.
 
     Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error of the energy falls from one to the
     next, and the energy that the last two tell of infinitely many vertices.
     """
-    from ..analysis.convergence import discreteMinimum, plotSections
+    from ..analysis.convergence import discreteMinimum
     from ..io.conversion import requireNew
 
     requireNew([file for file in (out, picture) if file], Path(), overwrite)
     points, sizes, found = _points(branch, volume), sorted(set(vertices or [642])), []
     print(_HEADER)
-    for point in points:
+    for branchName, v in points:
         series = []
         for number in sizes:
-            series.append(discreteMinimum(*point, number, tolerance))
+            series.append(discreteMinimum(branchName, v, number, tolerance))
             print(_line(series[-1]), flush=True)
         if len(series) > 1:
             print(_convergence(series))
@@ -61,6 +61,8 @@ def minima(
         if out:  # after every series, so that what is known is not lost
             _write(out, found)
     if picture:
+        from ..pictures.sections import plotSections
+
         plotSections([series[0] for series in found], picture)
 
 

@@ -28,7 +28,7 @@ def run(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
     quiet: Quiet = False,
-):
+) -> None:
     """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
 
     Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the settings with all
@@ -57,7 +57,7 @@ def resume(
     platform: Platform = None,
     threads: Threads = None,
     quiet: Quiet = False,
-):
+) -> None:
     """Go on with a run that was stopped or killed, or make more steps.
 
     The files become what they would be if the run had never been stopped, to the last byte.
@@ -74,7 +74,7 @@ def config(
         Path | None,
         typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead."),
     ] = None,
-):
+) -> None:
     """Print a configuration file with every key, its default, and the reason for it."""
     from ..runs.configfile import defaultText
 

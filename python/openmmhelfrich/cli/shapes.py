@@ -25,7 +25,7 @@ def check(
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,
     length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm",
-):
+) -> None:
     """Describe a mesh, and say what to simulate it with.
 
     Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes through itself, area and volume, and the
@@ -60,7 +60,7 @@ def convert(
     every: Every = 1,
     topology: Topology = None,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Convert trajectories and meshes.
 
     VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with numbers in their names.
@@ -92,7 +92,7 @@ def plot(
         ),
     ] = None,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Plot energies by term, area, volume and acceptance against steps.
 
     Example: openmm-helfrich plot results/cell -o cell.pdf
@@ -137,7 +137,7 @@ def render(
         str | None, typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
     ] = None,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
 
     Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG is drawn with matplotlib.
@@ -150,15 +150,16 @@ def render(
 
     openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
     """
-    from ..io.conversion import openFrames, requireNew, selectFrames
+    from ..io.conversion import ChosenFrames, openFrames, requireNew, selectFrames
     from ..pictures.rendering import render as renderFrames, requireFormat
 
     output = output or source.with_suffix(".png")
     requireFormat(output)
     requireNew([output], source, overwrite)
     frames = openFrames(source, topology)
-    chosen = _Chosen(frames, selectFrames(source, frames, frame, every))
-    renderFrames(chosen, output, length_unit or getattr(frames, "lengthUnit", "nm"), elevation, azimuth, fps, cut)
+    chosen = ChosenFrames(frames, selectFrames(source, frames, frame, every))
+    lengthUnit = length_unit or str(getattr(frames, "lengthUnit", "nm"))
+    renderFrames(chosen, output, lengthUnit, elevation, azimuth, fps, cut)
     print(output)
 
 
@@ -173,7 +174,7 @@ def report(
         int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")
     ] = 101,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
     The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich\\[looking]'.
@@ -184,19 +185,6 @@ def report(
 
     page = writeReport(prefix, output, max_frames, overwrite)
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
-
-
-class _Chosen:
-    """Some of a sequence of frames, each read when it is asked for."""
-
-    def __init__(self, frames, indices):
-        self._frames, self._indices = frames, indices
-
-    def __len__(self):
-        return len(self._indices)
-
-    def __getitem__(self, i):
-        return self._frames[self._indices[i]]
 
 
 def _suggestions(mesh, scale, unit):

@@ -42,7 +42,7 @@ def tradeoff(
         bool, typer.Option("--overwrite", help="Begin anew instead of going on with an earlier search.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
-):
+) -> None:
     """Measure what a scene's settings cost and how accurate they are, and recommend the cheapest for an error.
 
     Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other around the best so far, and measures the
@@ -74,7 +74,7 @@ def tradeoff(
         return
     for label, text in (
         ("recommended", describe(best.setting)),
-        ("step size", f"{best.measurement.stepSize:.3g} ps, {best.measurement.acceptance:.0%} accepted"),
+        ("step size", f"{best.measured.stepSize:.3g} ps, {best.measured.acceptance:.0%} accepted"),
         (
             "cost",
             f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape",

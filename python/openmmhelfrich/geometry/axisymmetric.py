@@ -80,7 +80,7 @@ def axisymmetricMinimum(branch: str, reducedVolume: float) -> AxisymmetricShape:
     return series.shape(found.x)
 
 
-def requireBranch(branch, reducedVolume):
+def requireBranch(branch: str, reducedVolume: float) -> None:
     """Raise a ValueError if there is no such branch, or not at a reduced volume."""
     if branch not in BRANCHES:
         raise ValueError(f"axisymmetricMinimum: branch is '{branch}'; it must be one of {', '.join(BRANCHES)}")

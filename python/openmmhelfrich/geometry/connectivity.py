@@ -4,18 +4,23 @@ A halfedge h = 3*t+corner leads from that corner of triangle t to the next one. 
 halfedges that run in opposite directions.
 """
 
+from typing import TypeAlias
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+IndexArray: TypeAlias = NDArray[np.int64]
 
-def halfedges(triangles):
+
+def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
     """Return the origins and the targets of all halfedges, each of shape (3T,), as int64."""
     triangles = np.asarray(triangles, dtype=np.int64)
     return triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
 
 
-def groupHalfedges(triangles, numVertices):
+def groupHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
     """Sort the halfedges by the edge to which they belong.
 
     Returns
@@ -33,7 +38,7 @@ def groupHalfedges(triangles, numVertices):
     return order, start
 
 
-def pairHalfedges(triangles, numVertices):
+def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
     """Return the two halfedges of each edge of a closed surface, as two arrays of shape (E,).
 
     Raises ValueError if an edge has not exactly two.  :func:`check` says more.
@@ -44,14 +49,14 @@ def pairHalfedges(triangles, numVertices):
     return order[0::2], order[1::2]
 
 
-def labelComponents(triangles, numVertices):
+def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:
     """Return the number of connected membranes and the membrane of each vertex, numbered by first appearance."""
     count, labels = _connect(*halfedges(triangles), numVertices)
     _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
     return count, np.argsort(np.argsort(first))[labels]
 
 
-def trianglesFromEdges(edges, vertices):
+def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]) -> IndexArray:
     """Return the triangles of a set of closed membranes of which only the edges are known.
 
     Parameters
@@ -66,7 +71,7 @@ def trianglesFromEdges(edges, vertices):
     ValueError
         if an edge is not part of exactly two rings of three edges, so that the triangles are not certain
     """
-    neighbours = [set() for _ in range(len(vertices))]
+    neighbours: list[set[int]] = [set() for _ in range(len(vertices))]
     for i, j in edges.tolist():
         neighbours[i].add(j)
         neighbours[j].add(i)
@@ -83,11 +88,11 @@ def trianglesFromEdges(edges, vertices):
 
 def _turns(count, first, second, agree):
     """Return which triangles to turn so that all neighbours agree, if those in `first` and `second` share an edge and agree or not."""
-    beyond = [[] for _ in range(count)]
+    beyond: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
     for f, g, same in zip(first.tolist(), second.tolist(), agree.tolist()):
         beyond[f].append((g, same))
         beyond[g].append((f, same))
-    turned = [None] * count
+    turned: list[bool | None] = [None] * count
     for start in range(count):
         if turned[start] is not None:
             continue
@@ -115,7 +120,7 @@ def _orient(triangles, vertices):
     return triangles
 
 
-def check(vertices, triangles):
+def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None:
     """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed, oriented,
     manifold surfaces that enclose a positive volume.
 
@@ -239,7 +244,7 @@ def _checkVolumes(vertices, triangles):
             )
 
 
-def signedVolume(vertices, triangles):
+def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
     """Return the volume that the triangles enclose, positive if they are counter-clockwise seen from outside."""
     # The centre is subtracted so that a mesh far from the origin loses no digits.
     x = vertices[triangles] - vertices[triangles[:, 0]].mean(axis=0)

@@ -5,13 +5,18 @@ import io
 import math
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, TypeAlias
 from unittest import mock
 
 import numpy as np
 import openmm as mm
+from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
+from ..files import PathLike
+from ..units import valueIn
 from . import connectivity
 from .measures import reducedVolume
 
@@ -21,6 +26,9 @@ _HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
 _FORMAT = {".msh": "gmsh", ".stl": "stl"}
 _WITH_DATA = (".vtu", ".vtk", ".ply")
 _WRITE_OPTIONS = {".stl": {"binary": True}}
+
+
+Length: TypeAlias = unit.Unit | unit.Quantity | float
 
 
 class Mesh:
@@ -34,7 +42,7 @@ class Mesh:
         the vertices of each triangle, counter-clockwise seen from outside
     """
 
-    def __init__(self, vertices, triangles):
+    def __init__(self, vertices: Any, triangles: ArrayLike):
         """Create a Mesh from arrays, which are copied.
 
         Parameters
@@ -50,13 +58,11 @@ class Mesh:
             if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
             triangles form a closed surface is :meth:`check`'s question.
         """
-        if unit.is_quantity(vertices):
-            vertices = vertices.value_in_unit(unit.nanometer)
-        self.vertices = _floats(vertices)
+        self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
 
     @classmethod
-    def icosphere(cls, subdivisions=3, radius=1.0):
+    def icosphere(cls, subdivisions: int = 3, radius: float | unit.Quantity = 1.0) -> "Mesh":
         """Create a sphere by subdividing an icosahedron's triangles in four and projecting the new vertices.
 
         Parameters
@@ -78,7 +84,7 @@ class Mesh:
         return cls(radius * vertices, triangles)
 
     @classmethod
-    def read(cls, file, unit=unit.nanometer):
+    def read(cls, file: PathLike, unit: Length = unit.nanometer) -> "Mesh":
         """Read a mesh from a file.
 
         The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTK, GMSH (.msh) and every other that the meshio library
@@ -113,7 +119,7 @@ class Mesh:
         mesh.vertices *= _lengthOf(unit)
         return mesh._withoutLooseVertices()
 
-    def write(self, file, unit=unit.nanometer, data=None):
+    def write(self, file: PathLike, unit: Length = unit.nanometer, data: Mapping[str, ArrayLike] | None = None) -> None:
         """Write the mesh to a file, replacing one that exists.
 
         The suffix of its name tells the format, as in :meth:`read`.  STL holds single precision; the others hold double.
@@ -155,7 +161,7 @@ class Mesh:
         finally:
             part.unlink(missing_ok=True)
 
-    def check(self):
+    def check(self) -> None:
         """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
 
         Raises
@@ -167,7 +173,7 @@ class Mesh:
             raise ValueError(_notFinite(self.vertices))
         connectivity.check(self.vertices, self.triangles)
 
-    def topology(self):
+    def topology(self) -> app.Topology:
         """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for each edge.
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of their ids.
@@ -184,7 +190,7 @@ class Mesh:
             topology.addBond(atoms[i], atoms[j])
         return topology
 
-    def createSystem(self, mass=1.0):
+    def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
         """Create an openmm.System with a particle for each vertex and no forces.
 
         Parameters
@@ -199,7 +205,7 @@ class Mesh:
         return system
 
     @property
-    def edges(self):
+    def edges(self) -> NDArray[np.int32]:
         """The vertices of each edge, smaller index first, in ascending order: an (E, 2) int32 array."""
         order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
         origin, target = connectivity.halfedges(self.triangles)
@@ -207,38 +213,38 @@ class Mesh:
         return np.sort(np.column_stack((origin[h], target[h])), axis=1).astype(np.int32)
 
     @property
-    def edgeLengths(self):
+    def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
         a, b = self.edges.T
         return np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
 
     @property
-    def triangleAreas(self):
+    def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
         return np.linalg.norm(self._normals(), axis=1) / 2
 
     @property
-    def area(self):
+    def area(self) -> float:
         """The total area A, in nm^2."""
         return float(self.triangleAreas.sum())
 
     @property
-    def volume(self):
+    def volume(self) -> float:
         """The enclosed volume V, in nm^3; negative if the surface is inside out."""
         return connectivity.signedVolume(self.vertices, self.triangles)
 
     @property
-    def reducedVolume(self):
+    def reducedVolume(self) -> float:
         """The reduced volume v = 6 sqrt(pi) V / A^(3/2), 1 for a sphere."""
         return reducedVolume(self.area, self.volume)
 
     @property
-    def vertexAreas(self):
+    def vertexAreas(self) -> NDArray[np.float64]:
         """The area of each vertex, a third of that of its triangles, in nm^2."""
-        return np.bincount(self.triangles.ravel(), np.repeat(self.triangleAreas / 3, 3), len(self.vertices))
+        return _sums(self.triangles.ravel(), np.repeat(self.triangleAreas / 3, 3), len(self.vertices))
 
     @property
-    def vertexMeanCurvatures(self):
+    def vertexMeanCurvatures(self) -> NDArray[np.float64]:
         """The integrated mean curvature of each vertex, a quarter of the sum of length times dihedral angle over its edges, in nm.
 
         They add up to 4 pi R on a sphere; divided by :attr:`vertexAreas` they are the local mean curvature, 1/R.  The surface must be closed.
@@ -252,7 +258,7 @@ class Mesh:
         nf, ng = normals[first // 3], normals[second // 3]
         sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
         curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
-        return np.bincount(origin, curvature, len(self.vertices)) + np.bincount(target, curvature, len(self.vertices))
+        return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 
     def _normals(self):
         """Return the normal of each triangle, of twice its area."""
@@ -264,8 +270,13 @@ class Mesh:
         used[self.triangles] = True
         return Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles])
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
+
+
+def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the sums of the values at each of a number of places."""
+    return np.bincount(places, values, count).astype(np.float64, copy=False)
 
 
 def _floats(vertices):
@@ -307,7 +318,7 @@ def _indices(triangles, numVertices):
 
 
 def _inUnit(value, wanted):
-    return value.value_in_unit(wanted) if unit.is_quantity(value) else float(value)
+    return float(valueIn(value, wanted))
 
 
 def _lengthOf(length):
@@ -409,7 +420,7 @@ def _trianglesOf(data):
     return data.points, np.concatenate(blocks)
 
 
-def requireFormat(path, *others):
+def requireFormat(path: Path, *others: str) -> None:
     """Raise a ValueError if the suffix of a file is neither that of a mesh format nor one of some others."""
     import meshio
 

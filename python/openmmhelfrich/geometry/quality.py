@@ -88,9 +88,9 @@ def assess(mesh: Mesh) -> MeshQuality:
     MeshQuality
     """
     mesh.check()
-    return MeshQuality(
-        mesh, _genera(mesh), np.bincount(mesh.edges.ravel()), *_shapes(mesh), closestPair(mesh), crossings(mesh)
-    )
+    angles, aspectRatios = _shapes(mesh)
+    valences = np.bincount(mesh.edges.ravel())
+    return MeshQuality(mesh, _genera(mesh), valences, angles, aspectRatios, closestPair(mesh), crossings(mesh))
 
 
 def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import openmm as mm
+from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
@@ -13,7 +14,7 @@ from .measures import reducedVolume
 from .mesh import Mesh
 
 
-def surfaceOfRevolution(outline, numVertices: int, rounds: int = 100) -> Mesh:
+def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100) -> Mesh:
     """Create a closed surface of revolution about the z axis, of nearly equal edges.
 
     The vertices begin on a spiral of the golden angle, at equal areas.  Then every edge is a spring that pulls towards the mean length, edges flip where that
@@ -94,7 +95,7 @@ def spheroidAspectRatio(reducedVolume: float, kind: str) -> float:
     return 1.0 if reducedVolume == 1 else brentq(lambda a: _spheroidReducedVolume(a) - reducedVolume, low, high)
 
 
-def invaginatedSphere(inner: float, opening: float):
+def invaginatedSphere(inner: float, opening: float) -> NDArray[np.float64]:
     """Return the outline of a stomatocyte, for :func:`surfaceOfRevolution`: a sphere of radius 1 and one inside it, joined by a round rim.
 
     Parameters

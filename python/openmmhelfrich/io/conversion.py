@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import overload
 from xml.etree import ElementTree
 
 from ..files import PathLike
@@ -50,6 +51,28 @@ def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: int | None 
     if every < 1:
         raise ValueError(f"every is {every}; it must be 1 or more")
     return list(range(0, len(frames), every))
+
+
+class ChosenFrames(Sequence[MeshFrame]):
+    """Some of a sequence of frames, each read when it is asked for."""
+
+    def __init__(self, frames: Sequence[MeshFrame], indices: Sequence[int]):
+        """Create it from the indices of the frames."""
+        self._frames, self._indices = frames, indices
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, index: int) -> MeshFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "ChosenFrames": ...
+
+    def __getitem__(self, index: int | slice) -> "MeshFrame | ChosenFrames":
+        if isinstance(index, slice):
+            return ChosenFrames(self._frames, self._indices[index])
+        return self._frames[self._indices[index]]
 
 
 def convert(

@@ -2,7 +2,10 @@
 
 import struct
 
+import openmm as mm
 from openmm import app
+
+from ..files import PathLike
 
 # Where the header has the number of frames, the first step, the interval and the last step, its second title, and its end.
 _COUNTERS, _TITLE, _END = 8, 180, 276
@@ -21,12 +24,12 @@ class TrajectoryReporter(app.DCDReporter):
         the number of bytes of an existing file to keep and go on from, as :meth:`sync` returned it; 0 replaces the file
     """
 
-    def __init__(self, file, reportInterval, size=0):
+    def __init__(self, file: PathLike, reportInterval: int, size: int = 0):
         if size > 0:
             _cut(file, size)
         super().__init__(str(file), reportInterval, append=size > 0)
 
-    def report(self, simulation, state):
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Write a frame."""
         isNew = self._dcd is None and not self._append
         super().report(simulation, state)
@@ -35,12 +38,12 @@ class TrajectoryReporter(app.DCDReporter):
             self._out.write(struct.pack("<80s", b"Written by openmm-helfrich"))
             self._out.flush()
 
-    def sync(self):
+    def sync(self) -> int:
         """Return the size of the file so far, in bytes; they have left Python's buffers."""
         self._out.flush()
         return self._out.seek(0, 2)
 
-    def close(self):
+    def close(self) -> None:
         """Close the file."""
         self._out.close()
 

@@ -59,17 +59,23 @@ class DCDTrajectory(Frames):
 
 def _trianglesOf(topology, positions, dcd):
     """Return the triangles that a mesh file or a PSF file gives to these positions."""
-    isMesh = topology.suffix.lower() != ".psf"
-    mesh = Mesh.read(topology) if isMesh else None
-    bonds, size = (None, len(mesh.vertices)) if isMesh else _readBonds(topology)
+    if topology.suffix.lower() != ".psf":
+        mesh = Mesh.read(topology)
+        _requireSize(topology, len(mesh.vertices), dcd, positions)
+        return mesh.triangles
+    bonds, size = _readBonds(topology)
+    _requireSize(topology, size, dcd, positions)
+    try:
+        return trianglesFromEdges(bonds, positions)
+    except ValueError as error:
+        raise ValueError(f"{topology}: {error}") from None
+
+
+def _requireSize(topology, size, dcd, positions):
     if size != len(positions):
         raise ValueError(
             f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal"
         )
-    try:
-        return mesh.triangles if isMesh else trianglesFromEdges(bonds, positions)
-    except ValueError as error:
-        raise ValueError(f"{topology}: {error}") from None
 
 
 def _readBonds(file):

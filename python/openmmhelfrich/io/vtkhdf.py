@@ -10,12 +10,14 @@ import contextlib
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, overload
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
@@ -140,7 +142,8 @@ class MeshTrajectoryWriter:
         if self._kept == 0:
             self._path.unlink(missing_ok=True)
         self._surplus = existing > self._kept
-        self._waiting, self._nextFlush, self._closed = [], 0.0, False
+        self._nextFlush, self._closed = 0.0, False
+        self._waiting: list[MeshFrame] = []
 
     @property
     def numFrames(self) -> int:
@@ -172,7 +175,7 @@ class MeshTrajectoryWriter:
             self._closed = True
 
 
-class Frames:
+class Frames(ABC, Sequence[MeshFrame]):
     """A sequence of :class:`MeshFrame` in a file: its length, its items, its slices (lists) and its iterator; each frame is read when it is asked for.
 
     Indices may be negative; those out of range raise an IndexError.
@@ -185,11 +188,19 @@ class Frames:
         the name of the unit of length
     """
 
-    steps: np.ndarray
+    steps: NDArray[np.int64]
     lengthUnit: str
+    _path: Path
+    _file: Any
 
     def __len__(self) -> int:
         return len(self.steps)
+
+    @overload
+    def __getitem__(self, index: int) -> MeshFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[MeshFrame]: ...
 
     def __getitem__(self, index: int | slice) -> MeshFrame | list[MeshFrame]:
         if isinstance(index, slice):
@@ -202,13 +213,17 @@ class Frames:
         with self._complaint(f"is damaged at frame {index}"):
             return self._read(index)
 
+    @abstractmethod
+    def _read(self, i: int) -> MeshFrame:
+        """Return a frame."""
+
     def __iter__(self) -> Iterator[MeshFrame]:
         return (self[i] for i in range(len(self)))
 
-    def __enter__(self):
+    def __enter__(self) -> "Frames":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         self.close()
 
     def close(self) -> None:
@@ -223,7 +238,7 @@ class Frames:
         except (OSError, KeyError, ValueError, IndexError, RuntimeError) as error:
             raise ValueError(f"{self._path} {what}: {str(error).strip(chr(39))}") from None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<{type(self).__name__} of {len(self)} frames in {self._path}>"
 
 

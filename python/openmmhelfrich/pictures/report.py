@@ -76,7 +76,7 @@ def writeReport(
     file = _beside(prefix, "_report.html") if file is None else Path(file)
     plotly = require("plotly.offline", "writing a report").get_plotlyjs()
     requireNew([file], _beside(prefix, ".csv"), overwrite)
-    warnings = []
+    warnings: list[str] = []
     frames, (table, units), settings = (
         _readFrames(prefix, warnings),
         _readTable(prefix, warnings),

@@ -9,11 +9,12 @@ import json
 import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import openmm as mm
 from openmm import app
 
-from ..files import replacing
+from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
@@ -46,7 +47,7 @@ class RunState:
 
     config: dict
     stage: int
-    stageState: dict
+    stageState: dict[str, Any] | None
     sizes: dict
     notes: list
     versions: dict
@@ -54,7 +55,7 @@ class RunState:
     isComplete: bool
 
 
-def saveCheckpoint(file, simulation, runState):
+def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunState) -> None:
     """Write a checkpoint, replacing an earlier one in a single step.
 
     Raises OSError if that fails; the earlier one is whole then.
@@ -71,7 +72,7 @@ def saveCheckpoint(file, simulation, runState):
             archive.writestr(name, text)
 
 
-def loadRunState(file):
+def loadRunState(file: PathLike) -> RunState:
     """Return the RunState that a checkpoint holds.
 
     Raises FileNotFoundError if there is no such file, and ValueError if it is not a checkpoint.
@@ -82,7 +83,9 @@ def loadRunState(file):
     return state
 
 
-def loadSimulation(file, platform, properties):
+def loadSimulation(
+    file: PathLike, platform: mm.Platform, properties: dict[str, str]
+) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
     system, integrator, state = _read(file, ("system.xml", "integrator.xml", "state.xml"), mm.XmlSerializer.deserialize)
     force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))

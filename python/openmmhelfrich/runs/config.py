@@ -2,10 +2,14 @@
 
 import difflib
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
 
+from ..files import PathLike
 from ..units import Scales, lengthUnit, plainNumber, thermalEnergy
 from .sections import (
     MembraneSection,
@@ -38,7 +42,7 @@ class Config(Section):
     stages: list[AnyStage] = Field(default_factory=list)
 
 
-def stagesOf(config):
+def stagesOf(config: Config) -> list[Any]:
     """Return the stages of a Config: those it lists, or one that samples.
 
     Raises a ValueError if [sampling] has steps that no stage would make.
@@ -50,7 +54,7 @@ def stagesOf(config):
     return config.stages
 
 
-def readConfig(file):
+def readConfig(file: PathLike) -> Config:
     """Read and validate a configuration file.
 
     Returns a Config whose mesh file and output prefix are paths that can be opened from the working folder.
@@ -71,7 +75,7 @@ def readConfig(file):
     return config
 
 
-def readTOML(file):
+def readTOML(file: PathLike) -> dict[str, Any]:
     """Return the nested dict of a configuration file, or raise a FileNotFoundError or ValueError that names the file."""
     path = Path(file)
     if not path.exists():
@@ -82,7 +86,7 @@ def readTOML(file):
         raise ValueError(f"{path} is not TOML: {error}") from None
 
 
-def parseConfig(data, source="configuration"):
+def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
     """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
     try:
         return Config.model_validate(data, context=_scales(data))
@@ -90,15 +94,16 @@ def parseConfig(data, source="configuration"):
         raise ValueError("\n".join(f"{source}: {_explain(mistake)}" for mistake in error.errors())) from None
 
 
-def sections():
+def sections() -> dict[str, type[Section]]:
     """Return the sections of a configuration by name, in order; stages are none of them."""
-    return {name: field.annotation for name, field in Config.model_fields.items() if name != "stages"}
+    models = {name: field.annotation for name, field in Config.model_fields.items()}
+    return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
 
 
 def _scales(data):
     """Return the units of the plain numbers of a file, as far as they can be told before it is validated."""
     try:
-        kT = thermalEnergy(plainNumber(data["sampling"]["temperature"], "temperature", None))
+        kT = thermalEnergy(plainNumber(data["sampling"]["temperature"], "temperature", Scales(1.0)))
     except (KeyError, TypeError, ValueError, AttributeError):
         kT = thermalEnergy(SamplingSection.model_fields["temperature"].default)
     try:
@@ -128,7 +133,7 @@ def _explain(mistake):
     return f"{name} is {mistake['input']!r}; {message}"
 
 
-def requirement(mistake):
+def requirement(mistake: ErrorDetails) -> str:
     """Return what one of pydantic's errors says must be."""
     message = mistake["msg"].removeprefix("Value error, ")
     return (
@@ -158,7 +163,7 @@ def _explainUnknown(place):
     return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)
 
 
-def nearest(word, known, otherwise="it has"):
+def nearest(word: Any, known: Iterable[str], otherwise: str = "it has") -> str:
     """Return the end of a sentence about an unknown word: the known one that it resembles, or all of them."""
     match = difflib.get_close_matches(str(word).lower(), known, n=1)
     return f"; did you mean '{match[0]}'?" if match else f"; {otherwise} {', '.join(known)}"

@@ -1,11 +1,13 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
 
 import textwrap
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import tomli_w
 
-from ..files import replacing
-from .config import sections
+from ..files import PathLike, replacing
+from .config import Config, sections
 from .sections import Targets
 from .stagesettings import STAGES
 
@@ -16,7 +18,7 @@ _STAGES = """Stages, one after the other, each a table [[stages]] with its kind;
 Take away the first "# " of each line to use one.  All may also set targets, which stay: target_area, target_volume or reduced_volume, target_area_difference."""
 
 
-def defaultText():
+def defaultText() -> str:
     """Return the text of a configuration file with all keys, their defaults, and the reasons for these."""
     parts = [_comment(_HEAD)]
     for name, model in sections().items():
@@ -32,7 +34,7 @@ def defaultText():
     return "\n\n".join(parts) + "\n"
 
 
-def settingsText(config, comments=()):
+def settingsText(config: Config, comments: Iterable[str] = ()) -> str:
     """Return the text of a configuration file of a Config, after some comments."""
     values = config.model_dump(
         mode="json", exclude_none=True, exclude={"sampling": {"steps"}} if config.stages else None
@@ -40,14 +42,14 @@ def settingsText(config, comments=()):
     return configText(values, comments)
 
 
-def configText(data, comments=()):
+def configText(data: Mapping[str, Any], comments: Iterable[str] = ()) -> str:
     """Return the text of a configuration file of a nested dict, after some comments."""
     head = "".join(_comment(line) + "\n" for line in comments)
     sectionsText = tomli_w.dumps({name: values for name, values in data.items() if name != "stages"})
     return "\n".join([head, sectionsText, *map(_stageText, data.get("stages", ()))]).lstrip("\n")
 
 
-def writeSettings(file, config, comments=()):
+def writeSettings(file: PathLike, config: Config, comments: Iterable[str] = ()) -> None:
     """Write a configuration file of a Config, after some comments, replacing one that exists in a single step."""
     with replacing(file) as part:
         part.write_text(settingsText(config, comments), encoding="utf-8")

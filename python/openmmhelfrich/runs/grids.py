@@ -22,6 +22,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from ..files import PathLike
+from ..geometry.mesh import Mesh
 from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
 from .scene import loadMesh, platformOf, tetherOf
 from .sections import Section
@@ -64,7 +66,7 @@ class Range(Section):
             raise ValueError(f"has more than {MOST_POINTS} values")
         return self
 
-    def values(self):
+    def values(self) -> list[int | float]:
         """Return the values, without the rounding errors of sums."""
         count = math.floor((self.stop - self.start) / self.step * (1 + 1e-12) + 1e-9) + 1
         return [
@@ -148,7 +150,7 @@ class Grid(Section):
         return self
 
 
-def readGrid(file) -> list[Point]:
+def readGrid(file: PathLike) -> list[Point]:
     """Read and check a grid and return its points.
 
     Raises
@@ -161,8 +163,12 @@ def readGrid(file) -> list[Point]:
     path = Path(file)
     grid = _parse(readTOML(path), path)
     base = grid.base if isinstance(grid.base, dict) else _readBase(path.parent / grid.base)
-    mistakes, meshes = _Mistakes(), {}
-    points = [_createPoint(base, *place, path, mistakes, meshes) for place in _places(grid)]
+    mistakes = _Mistakes()
+    meshes: dict[str, Mesh] = {}
+    points = [
+        _createPoint(base, variant, values, parameters, path, mistakes, meshes)
+        for variant, values, parameters in _places(grid)
+    ]
     mistakes.raiseAny(len(points))
     return points
 

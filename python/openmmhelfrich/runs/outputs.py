@@ -38,25 +38,25 @@ class Outputs:
     @classmethod
     def of(cls, config: Config) -> "Outputs":
         """Return the names that a Config asks for, or raise a ValueError if its prefix is only a folder."""
-        if Path(config.output.prefix + "x").stem == "x":
+        prefix, output = config.output.prefix or "", config.output
+        if Path(prefix + "x").stem == "x":
             raise ValueError(
-                f"[output] prefix is '{config.output.prefix}'; the first part of the files' names must follow the folder"
+                f"[output] prefix is '{prefix}'; the first part of the files' names must follow the folder"
             )
-        meshes = ".vtkhdf" if config.output.mesh_trajectory else None
-        paths = ("_path.csv", "_path.png") if any(stage.hasPath for stage in config.stages) else (None, None)
-        endings = (
-            ".dcd",
-            meshes,
-            ".psf",
-            ".csv",
-            "." + config.output.mesh_format,
-            "_observables.png",
-            "_shape.png",
-            *paths,
-            ".resolved.toml",
-            ".checkpoint",
+        hasPath = any(stage.hasPath for stage in config.stages)
+        return cls(
+            trajectory=Path(prefix + ".dcd"),
+            meshTrajectory=Path(prefix + ".vtkhdf") if output.mesh_trajectory else None,
+            topology=Path(prefix + ".psf"),
+            table=Path(prefix + ".csv"),
+            mesh=Path(f"{prefix}.{output.mesh_format}"),
+            plot=Path(prefix + "_observables.png"),
+            picture=Path(prefix + "_shape.png"),
+            path=Path(prefix + "_path.csv") if hasPath else None,
+            pathPlot=Path(prefix + "_path.png") if hasPath else None,
+            settings=Path(prefix + ".resolved.toml"),
+            checkpoint=Path(prefix + ".checkpoint"),
         )
-        return cls(*(ending and Path(config.output.prefix + ending) for ending in endings))
 
     def paths(self) -> list[Path]:
         """Return the paths of all files that the run writes."""

@@ -14,11 +14,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidat
 from ..units import Scales, plainNumber, thermalEnergy
 
 
+def _scalesOf(info: ValidationInfo) -> Scales:
+    return info.context or Scales(thermalEnergy(300.0))
+
+
 def _quantity(kind: str) -> BeforeValidator:
     """Return what lets a number have a unit."""
-    return BeforeValidator(
-        lambda value, info: plainNumber(value, kind, info.context or Scales(thermalEnergy(300.0))),
-    )
+    return BeforeValidator(lambda value, info: plainNumber(value, kind, _scalesOf(info)))
 
 
 def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
@@ -27,7 +29,7 @@ def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
     def validate(value: Any, info: ValidationInfo) -> Any:
         if value is None or value == "auto":
             return value
-        number = plainNumber(value, kind, info.context)
+        number = plainNumber(value, kind, _scalesOf(info))
         isNumber = isinstance(number, (int, float)) and not isinstance(number, bool)
         if not isNumber or not (math.isfinite(number) and number > 0):
             raise ValueError(f"it must be a positive number, in {unitName}, or 'auto'")

@@ -7,7 +7,7 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from openmm import app
@@ -24,7 +24,8 @@ from .scene import Scene
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
-Adapter = StepSizeAdapter | StepSizeTracker
+Adapter: TypeAlias = StepSizeAdapter | StepSizeTracker
+WaveAdapter: TypeAlias = AmplitudeAdapter | AmplitudeTracker
 _TARGET_NAMES = {
     "target_area": "area",
     "target_volume": "volume",
@@ -59,7 +60,8 @@ class Stage(ABC):
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
         self._startCounters = self._counters()
-        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
+        self._adapter: Any = self._createAdapter()
+        self._waveAdapter: Any = self._createWaveAdapter()
 
     @classmethod
     def averages(cls, settings: Any, rows: Table) -> Table | None:
@@ -135,7 +137,7 @@ class Stage(ABC):
     def _createAdapter(self) -> Adapter | None:
         return None
 
-    def _createWaveAdapter(self) -> Adapter | None:
+    def _createWaveAdapter(self) -> WaveAdapter | None:
         return None
 
     @property
@@ -153,7 +155,8 @@ class Minimize(Stage):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self.steps, self._result, self._energy = self._settings.max_iterations, None, 0.0
+        self.steps, self._energy = self._settings.max_iterations, 0.0
+        self._result: list[str] | None = None
 
     @property
     def isDone(self) -> bool:
@@ -193,13 +196,13 @@ class Minimize(Stage):
         self._result = state["result"]
 
     def notes(self) -> list[str]:
-        return self._result
+        return self._result or []
 
 
 class MonteCarlo(Stage):
     """A number of Monte Carlo steps, whose conditions are functions of the step."""
 
-    WAVE_ADAPTER = AmplitudeTracker
+    WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
 
     def advance(self) -> None:
         """Make a Monte Carlo step."""

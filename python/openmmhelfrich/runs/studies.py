@@ -20,7 +20,7 @@ from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.psf import writePSF
 from ..pictures.plots import drawMesh, plotObservables, plotPath
-from ..sampling.observables import Place, readObservables
+from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
 from ..sampling.targets import currentTargets
 from ..tables import Table
 from ..version import __version__
@@ -152,8 +152,8 @@ class Study:
         )
         state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
         self.index, self.notes, self._versions = state.stage, list(state.notes), state.versions
-        self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self._recorder: Recorder | None = None
+        self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
             self.stage.setState(state.stageState)
@@ -166,13 +166,12 @@ class Study:
             self._writeSettings()
             with (
                 StopSignals() as stop,
-                Recorder(
-                    self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes
-                ) as self._recorder,
+                Recorder(self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes) as recorder,
             ):
+                self._recorder = recorder
                 if not self._sizes:
-                    self._recorder.table.report(self.simulation, None)  # the table begins with the start
-                self._advance(stop, progress)
+                    recorder.table.report(self.simulation, None)  # the table begins with the start
+                self._advance(recorder, stop, progress)
                 if self.stage.isDone or not self.stage.isWhole:
                     self.save()
             summary = self._summary(self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
@@ -204,13 +203,14 @@ class Study:
 
     def observe(self) -> dict[str, float]:
         """Return a row of the table, for the present, as a dict."""
-        return self._recorder.table.observe(self.simulation)
+        moment = Moment(self.simulation, self.force, self.scene.kT, self._place())
+        return observe(moment, OBSERVABLES, self.scene.lengthUnit, "kT")
 
     def status(self) -> str:
         """Return the energy and the rates of acceptance of the present stage, in a few words."""
         return self.stage.status(lambda: self.observe()["energy (kT)"])
 
-    def _advance(self, stop, progress):
+    def _advance(self, recorder, stop, progress):
         """Go through the stages, to the end or until asked to stop."""
         isInterrupted = False
 
@@ -230,7 +230,7 @@ class Study:
             while not self.stage.isDone:
                 self.stage.advance()
                 if self.stage.isWhole and self.stage.isDone:
-                    self._recorder.report()
+                    recorder.report()
                 if isToStop():
                     break
                 self._saveIfDue()
@@ -316,7 +316,7 @@ class Study:
             for settings, rows in zip(self.scene.stages, self._recordedRows(summary.table))
             if len(rows["step"]) and (averages := averagesOf(settings, rows)) is not None
         ]
-        if paths:
+        if paths and self.outputs.path is not None and self.outputs.pathPlot is not None:
             windows = Table.concatenate(paths)
             windows.write(self.outputs.path)
             plotPath(windows, self.outputs.pathPlot, lengthUnit)

@@ -20,7 +20,7 @@ from typing import Any
 
 import openmm as mm
 
-from ..analysis import describeShape
+from ..analysis.description import describeShape
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
@@ -36,7 +36,7 @@ from .studies import StopSignals, isFinished, resume, run
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
-_stopping = set()  # on a worker: the sweeps that were asked to stop
+_stopping: set[str] = set()  # on a worker: the sweeps that were asked to stop
 
 
 @dataclass
@@ -86,7 +86,7 @@ class SweepResult:
     table: Path
     signal: int | None = None
 
-    def count(self, status):
+    def count(self, status: str) -> int:
         """Return the number of points of a status."""
         return sum(point.status == status for point in self.points)
 
@@ -139,7 +139,7 @@ def sweep(
     return result
 
 
-def runPoint(config, name, sweepName):
+def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
     """Do what is left of a point, on a worker, and return a dict of its status, "done", "failed", "stopped" or "busy", and of what there is to say."""
     folder = _folder(config)
     try:

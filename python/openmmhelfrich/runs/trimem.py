@@ -9,6 +9,7 @@ import configparser
 import math
 from pathlib import Path
 
+from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..units import thermalEnergy
 from .config import parseConfig
@@ -28,7 +29,7 @@ _WITHOUT_COUNTERPART = {
 }
 
 
-def convertConfig(file):
+def convertConfig(file: PathLike) -> str:
     """Return the text of our configuration file for one of TriMem's.
 
     Parameters

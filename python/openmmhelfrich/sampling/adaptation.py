@@ -9,6 +9,7 @@ Averages taken while step sizes and amplitudes change are not those of a fixed d
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from openmm import app, unit
@@ -100,7 +101,7 @@ class StepSizeAdapter(_Adapter):
             if one of them is out of range
         """
         super().__init__(stepSize, acceptance)
-        self._direction = 0  # of the search, as a power of 2; None when it is over
+        self._direction: int | None = 0  # of the search, as a power of 2; None when it is over
         self._centre = self._logStepSize
         self._count, self._error, self._logAverage = 0, 0.0, 0.0
         self._isFrozen = False
@@ -204,7 +205,7 @@ class StepSizeTracker(_Adapter):
         return self.stepSize
 
 
-class _Amplitude:
+class _Amplitude(_Adapter):
     """Makes an adapter of step sizes one of amplitudes, in nm."""
 
     QUANTITY, UNIT = "amplitude", unit.nanometer
@@ -253,7 +254,7 @@ class AdaptationResult:
     probabilities: np.ndarray
     amplitude: float | None = None
 
-    def toDataFrame(self):
+    def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each trajectory."""
         return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
@@ -317,9 +318,9 @@ def adaptStepSize(
     integrator = simulation.integrator
     original = integrator.getStepSize()
     adapter = StepSizeAdapter(original, acceptance)
-    waves = integrator.getIntegrator(2) if integrator.getShearWaveProbability() > 0 else None
+    waves: Any = integrator.getIntegrator(2) if integrator.getShearWaveProbability() > 0 else None
     originalAmplitude = waves and waves.getAmplitude()
-    waveAdapter = waves and AmplitudeAdapter(originalAmplitude)
+    waveAdapter = None if waves is None else AmplitudeAdapter(originalAmplitude)
     stepSizes, probabilities = [], []
     for step in range(steps):
         stepSize = adapter.stepSize
@@ -331,7 +332,7 @@ def adaptStepSize(
             progress(step + 1, adapter.stepSize)
     try:
         integrator.setStepSize(adapter.freeze())
-        if waves:
+        if waveAdapter is not None:
             waves.setAmplitude(waveAdapter.freeze())
     except ValueError as error:
         integrator.setStepSize(original)
@@ -343,7 +344,7 @@ def adaptStepSize(
         float(np.mean(probabilities[len(probabilities) // 2 :])),
         np.array(stepSizes),
         np.array(probabilities),
-        waveAdapter and waveAdapter.amplitude,
+        None if waveAdapter is None else waveAdapter.amplitude,
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from openmm import app
@@ -32,7 +33,7 @@ class AnnealingResult:
     stepSizes: np.ndarray
     probabilities: np.ndarray
 
-    def toDataFrame(self):
+    def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each step."""
         return dataFrame(
             {
@@ -46,7 +47,7 @@ class AnnealingResult:
 
 def anneal(
     simulation: app.Simulation,
-    schedule,
+    schedule: Any,
     steps: int,
     tracker: StepSizeTracker | None = None,
     progress: Callable[[int, float], None] | None = None,

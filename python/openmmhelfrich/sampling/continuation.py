@@ -7,9 +7,10 @@ The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from openmm import app, unit
 
 from ..helfrich import HelfrichForce
@@ -21,7 +22,7 @@ from .targets import absoluteTargets, currentTargets, setTargets
 Number: TypeAlias = float | unit.Quantity
 
 
-def windowLambdas(windows, thereAndBack):
+def windowLambdas(windows: int, thereAndBack: bool) -> NDArray[np.float64]:
     """Return how far along a path each window is: from 0 to 1 and, there and back, to 0 again."""
     uniform = np.linspace(0, 1, int(windows) + 1)
     return np.concatenate((uniform, uniform[-2::-1])) if thereAndBack else uniform
@@ -115,7 +116,7 @@ class ContinuationResult:
     windows: Table
     rows: Table
 
-    def toDataFrame(self):
+    def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each window."""
         return self.windows.toDataFrame()
 

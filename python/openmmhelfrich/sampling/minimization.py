@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import openmm as mm
@@ -54,7 +55,7 @@ class MinimizationResult:
     history: np.ndarray
     warnings: tuple
 
-    def toDataFrame(self):
+    def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with the energy after each iteration, in kJ/mol."""
         return dataFrame({"iteration": np.arange(len(self.history)), "energy": self.history})
 
@@ -276,7 +277,7 @@ class _Recorder(mm.MinimizationReporter):
         return self.isStopped or float(np.mean(np.square(grad))) <= self._tolerance**2
 
 
-def defaultTolerance(simulation, force):
+def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
     """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by default: kappa_B l/(4A)."""
     modulus = valueIn(force.getBendingModulus(), _ENERGY)
     if modulus == 0:

@@ -4,7 +4,7 @@
 averaged and summed up as its entry says.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -389,7 +389,7 @@ def lateRows(table: Table) -> Table:
     return late.where(equilibrated) if np.any(equilibrated) else late
 
 
-def averageWindows(table: Table, lambdas: Sequence[float]) -> Table:
+def averageWindows(table: Table, lambdas: NDArray[np.float64]) -> Table:
     """Return the averages and standard deviations of a table's rows over each window, as a Table with a row for each."""
     labels = {observable.name for observable in OBSERVABLES if not observable.isAveraged}
     rows = []

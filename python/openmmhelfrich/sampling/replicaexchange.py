@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import openmm as mm
+from numpy.typing import NDArray
 from openmm import app, unit
 
 from ..files import PathLike, replacing
@@ -99,7 +100,8 @@ class ReplicaExchange:
         self._check(self.simulations, list(states))
         self.states = [_resolved(state, simulation) for state, simulation in zip(states, self.simulations)]
         self.replicaStates = np.arange(len(self.states))
-        self._history, self._energies = [], []
+        self._history: list[NDArray[np.int64]] = []
+        self._energies: list[NDArray[np.float64]] = []
         self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
         for replica in range(len(self.simulations)):
             self._enter(replica, replica)

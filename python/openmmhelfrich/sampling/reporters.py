@@ -68,11 +68,17 @@ class ObservablesReporter:
         self._energyUnitName, self._energyUnit = "kJ/mol", 1.0
         if temperature is not None:
             self._energyUnitName, self._energyUnit = "kT", thermalEnergy(temperature)
+        self._out: IO[str]
         self._describe, self._observables, self._place = describe or dict, tuple(observables), place
-        self._ownsFile = isinstance(file, (str, os.PathLike))
-        self._heads = readHeads(file) if append and self._ownsFile and Path(file).exists() else []
-        self._needsHeads = not self._heads and (self._ownsFile or not append)
-        self._out = open(file, "a" if append else "w", newline="") if self._ownsFile else file  # noqa: SIM115, for close()
+        self._heads: list[str] = []
+        self._needsHeads = not append
+        if isinstance(file, (str, os.PathLike)):
+            if append and Path(file).exists():
+                self._heads = readHeads(file)
+            self._needsHeads = not self._heads
+            self._ownsFile, self._out = True, open(file, "a" if append else "w", newline="")
+        else:
+            self._ownsFile, self._out = False, file
         self._writer = csv.writer(self._out, lineterminator="\n")
 
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
@@ -169,12 +175,12 @@ class MeshReporter:
         # A script that ends without close() has its last frames too.
         self._end = weakref.finalize(self, self._writer.close)
 
-    def describeNextReport(self, simulation):
+    def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         """Get information about the next report this object will generate."""
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
         return {"steps": steps, "periodic": False, "include": ["positions"]}
 
-    def report(self, simulation, state):
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Add a frame."""
         positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         geometry = self._force.getGeometryInContext(simulation.context)

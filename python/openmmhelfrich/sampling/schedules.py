@@ -7,7 +7,7 @@ is stopped and continued goes on as if it never had stopped.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from openmm import unit
@@ -44,7 +44,7 @@ class ExponentialSchedule:
     minimum: Temperature
     firstStep: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("start", "minimum"):
             object.__setattr__(self, name, _temperature(f"ExponentialSchedule: {name}", getattr(self, name)))
         if not (math.isfinite(self.rate) and self.rate >= 0):
@@ -90,7 +90,7 @@ class TableSchedule:
     steps: Sequence[float]
     temperatures: Sequence[float]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         steps = tuple(map(float, self.steps))
         temperatures = tuple(float(t) for t in valueIn(self.temperatures, unit.kelvin))
         if len(steps) != len(temperatures) or not steps:
@@ -109,7 +109,7 @@ class TableSchedule:
         return float(np.interp(step, self.steps, self.temperatures))
 
 
-def createSchedule(schedule) -> Schedule:
+def createSchedule(schedule: Any) -> Schedule:
     """Return a schedule whose every temperature is checked.
 
     Parameters

@@ -3,19 +3,23 @@
 import math
 import time
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import openmm as mm
 from openmm import unit
 
-from ..analysis import classifyShape, gyrationTensor, vertexDiffusion
+from ..analysis.description import classifyShape, gyrationTensor
+from ..analysis.diffusion import vertexDiffusion
+from ..geometry.mesh import Mesh
+from ..runs.config import Config
 from ..runs.scene import Scene, currentMesh, defaultStepSize
 from ..sampling.adaptation import adaptStepSize
 from ..sampling.observables import ENERGY_TERMS
 from ..units import valueIn
 from .settings import apply
-from .statistics import Motion, Observable, observe, shapeSeries
+from .statistics import Motion, SeriesStatistics, shapeSeries, statisticsOf
 
 OBSERVABLES = ("shape", "bending", "area", "volume")
 RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
@@ -47,7 +51,7 @@ class Measurement:
         mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the volume of phase space, for then those that win energy
         come as often as their reverse.  Unlike the mean of exp(-dH/kT), which is 1, it does not hang on rare events
     observables : dict
-        an :class:`Observable` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
+        an :class:`SeriesStatistics` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
     motion : Motion
         of the shape
     reweighted : dict
@@ -80,14 +84,14 @@ class Measurement:
     forceError: float = math.nan
     numVertices: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.observables = {
-            name: values if isinstance(values, Observable) else Observable(**values)
+            name: values if isinstance(values, SeriesStatistics) else SeriesStatistics(**values)
             for name, values in self.observables.items()
         }
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
-    def shapeTime(self, variances=None, error=0.0):
+    def shapeTime(self, variances: Sequence[float] | None = None, error: float = 0.0) -> tuple[float, float]:
         """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.  Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
 
         Parameters
@@ -100,18 +104,20 @@ class Measurement:
         return timeOf(self.observables["shape"], self.motion, variances, error)
 
     @property
-    def isShort(self):
+    def isShort(self) -> bool:
         """Whether the run is too short to know the shape's correlation time by itself."""
         return self.observables["shape"].timeError >= TOO_SHORT
 
     @property
-    def evaluationsPerStep(self):
+    def evaluationsPerStep(self) -> float:
         """The mean number of force evaluations in a Monte Carlo step."""
         return self.evaluations / self.steps
 
 
-def timeOf(shape, motion, variances, error):
-    """Return the integrated autocorrelation time of the Observable and the Motion of a shape, and its relative standard error: see :meth:`Measurement.shapeTime`."""
+def timeOf(
+    shape: SeriesStatistics, motion: Motion, variances: Sequence[float] | None, error: float
+) -> tuple[float, float]:
+    """Return the integrated autocorrelation time of the SeriesStatistics and the Motion of a shape, and its relative standard error: see :meth:`Measurement.shapeTime`."""
     own = shape.time, shape.timeError
     if variances is None or shape.timeError < TOO_SHORT:
         return own
@@ -121,8 +127,15 @@ def timeOf(shape, motion, variances, error):
 
 
 def measure(
-    config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)
-):
+    config: Config,
+    mesh: Mesh,
+    effort: float,
+    hopeless: float = math.inf,
+    moduli: Mapping[str, float] | None = None,
+    accuracy: float = math.inf,
+    isEquilibrated: bool = True,
+    variances: tuple[Sequence[float] | None, float] = (None, 0.0),
+) -> Measurement:
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
     The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
@@ -196,11 +209,8 @@ class _Run:
         self._interval = max(1, round(EVALUATIONS_PER_ROW / perStep))
         self._diffusion = _DiffusionProbe(mesh)
         self._rows, self._tensors, self._changes = [], [], []
-        self._kinds = {
-            "trajectory": [],
-            "flips": [],
-            "waves": [],
-        }  # for each step of a kind, its seconds and evaluations
+        # For each step of a kind, its seconds and evaluations.
+        self._kinds: dict[str, list[tuple[float, int]]] = {"trajectory": [], "flips": [], "waves": []}
         self._forceError = forceError(config, mesh)
 
     @property
@@ -272,8 +282,8 @@ class _Run:
         return int(BURN_IN * len(self._rows))
 
     def shape(self):
-        """Return the Observable of the shape."""
-        return observe(self._shapeSeries(), self._interval)
+        """Return the SeriesStatistics of the shape."""
+        return statisticsOf(self._shapeSeries(), self._interval)
 
     def motion(self):
         """Return the Motion of the shape."""
@@ -284,7 +294,7 @@ class _Run:
 
     def relativeError(self):
         """Return that of the mean bending energy."""
-        bending = observe(self._series()["bending"])
+        bending = statisticsOf(self._series()["bending"])
         return bending.error / abs(bending.mean) if bending.mean else 0.0
 
     def result(self, moduli):
@@ -292,7 +302,7 @@ class _Run:
         series, integrator = self._series(), self._integrator
         observables = {
             "shape": self.shape(),
-            **{name: observe(series[name], self._interval) for name in ("bending", "area", "volume", "tether")},
+            **{name: statisticsOf(series[name], self._interval) for name in ("bending", "area", "volume", "tether")},
         }
         changes = np.array(self._changes)
         diverged = float(np.mean(~np.isfinite(changes)))
@@ -329,7 +339,7 @@ class _Run:
         )
 
 
-def forceError(config, mesh):
+def forceError(config: Config, mesh: Mesh) -> float:
     """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the Reference platform: see :class:`Measurement`."""
 
     scene = Scene.of(config, mesh)
@@ -401,7 +411,8 @@ class _DiffusionProbe:
 
     def __init__(self, mesh):
         self.mesh, self._square = mesh, float(mesh.edgeLengths.mean()) ** 2
-        self._frames, self._spacing, self._count = deque(maxlen=FRAMES), 1, 0
+        self._frames: deque[Mesh] = deque(maxlen=FRAMES)
+        self._spacing, self._count = 1, 0
 
     def add(self, mesh):
         if self._count % self._spacing == 0:

@@ -3,15 +3,15 @@
 import math
 from pathlib import Path
 
-from ..files import replacing
+from ..files import PathLike, replacing
 from ..runs.configfile import configText
-from .search import AVERAGES
+from .search import AVERAGES, Point, Search
 from .settings import apply, describe, isExact
 
 SHAPE_SAMPLES = 20  # independent ones that a recommended run has at least
 
 
-def writeReport(search, prefix, recommended=None):
+def writeReport(search: Search, prefix: PathLike, recommended: Point | None = None) -> list[str]:
     """Write PREFIX.md, PREFIX.png and, if there is a Point to recommend, PREFIX.toml, and return their names."""
     files = [f"{prefix}.md", f"{prefix}.png"]
     with replacing(files[0]) as part:
@@ -24,7 +24,7 @@ def writeReport(search, prefix, recommended=None):
     return files
 
 
-def tableText(search, recommended=None):
+def tableText(search: Search, recommended: Point | None = None) -> str:
     """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimisations."""
     tables = []
     for columns in (_costs, _accuracies):
@@ -61,7 +61,7 @@ def _head(search, point, recommended):
 
 
 def _costs(search, point):
-    m = point.measurement
+    m = point.measured
     bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep * m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
     return {
@@ -79,7 +79,7 @@ def _costs(search, point):
 
 
 def _accuracies(search, point):
-    m, reference = point.measurement, search.reference.measurement.observables["bending"]
+    m, reference = point.measured, search.reference.measured.observables["bending"]
     corrected = ""
     if m.reweighted:
         mean, error = m.reweighted["bending"]
@@ -98,9 +98,9 @@ def _accuracies(search, point):
     }
 
 
-def stepsFor(search, point):
+def stepsFor(search: Search, point: Point) -> int:
     """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of the search's error, and the shape has been sampled."""
-    observables = point.measurement.observables
+    observables = point.measured.observables
     needed = [
         (observables[name].deviation / (observables[name].mean * search.error / 2)) ** 2 * observables[name].time
         for name in AVERAGES
@@ -108,9 +108,9 @@ def stepsFor(search, point):
     return math.ceil(max(*needed, SHAPE_SAMPLES * search.time(point)[0]))
 
 
-def recommendationText(search, point):
+def recommendationText(search: Search, point: Point) -> str:
     """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
-    measurement, steps = point.measurement, 2 * stepsFor(search, point)
+    measurement, steps = point.measured, 2 * stepsFor(search, point)
     setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
     if setting.get("sampling.step_size") == "auto":
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
@@ -132,14 +132,14 @@ def recommendationText(search, point):
     return configText(data, comments)
 
 
-def plot(search, file, recommended=None):
+def plot(search: Search, file: PathLike, recommended: Point | None = None) -> None:
     """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     points = [point for point in search.points if point.measurement is not None]
     axes = list(dict.fromkeys(point.axis for point in points))
-    colours = dict(zip(axes, colormaps["tab20"].colors))
+    colours = {axis: colormaps["tab20"](i) for i, axis in enumerate(axes)}
     figure = Figure(figsize=(13, 2 + 0.2 * len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
     _plotCosts(costs, search, points, colours)

@@ -4,14 +4,15 @@ import json
 import math
 import time
 import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import openmm as mm
 
-from ..files import replacing
+from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..runs.config import stagesOf
+from ..runs.config import Config, stagesOf
 from ..runs.scene import Scene, currentMesh, loadMesh, resolve
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
@@ -51,9 +52,16 @@ class Point:
     measurement: Measurement | None
     problem: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if isinstance(self.measurement, dict):
             self.measurement = Measurement(**self.measurement)
+
+    @property
+    def measured(self) -> Measurement:
+        """The measurement of a setting that could be measured; a ValueError is raised for others."""
+        if self.measurement is None:
+            raise ValueError(f"{self.axis} was not measured: {self.problem}")
+        return self.measurement
 
 
 class OutOfTime(Exception):
@@ -75,28 +83,41 @@ class Search:
         the relative error of averages that is allowed
     """
 
-    def __init__(self, config, prefix, error=1e-3, effort=3e8, minutes=None, names=None, progress=None):
+    def __init__(
+        self,
+        config: Config,
+        prefix: PathLike,
+        error: float = 1e-3,
+        effort: float = 3e8,
+        minutes: float | None = None,
+        names: Sequence[str] | None = None,
+        progress: Callable[[Point], None] | None = None,
+    ):
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
         self._names, self._progress = names, progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time() + 60 * minutes
-        self._file, self.points, self.minima = Path(f"{prefix}.json"), [], []
-        self._seen = []  # those that the search has come to: what it knows, so that one that goes on decides as before
+        self._file = Path(f"{prefix}.json")
+        self.points: list[Point] = []
+        self.minima: list[Minimum] = []
+        self._seen: list[
+            Point
+        ] = []  # those that the search has come to: what it knows, so that one that goes on decides as before
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
         self._coarse = None
 
     @property
-    def baseline(self):
+    def baseline(self) -> Point:
         """The scene as it stands."""
         return self.points[0]
 
     @property
-    def reference(self):
+    def reference(self) -> Point:
         """The scene with short steps, in a long run."""
         return self.points[1]
 
-    def run(self):
+    def run(self) -> Point:
         """Measure what has not been measured, and return the Point to recommend.
 
         Raises OutOfTime when the time is spent.
@@ -110,20 +131,20 @@ class Search:
         self._findMinima()
         return min(best, self.baseline, key=self.seconds)
 
-    def time(self, point):
+    def time(self, point: Point) -> tuple[float, float]:
         """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard error.
 
         Points that sample about the same distribution share the variance of the shape, which the best of them knows best.
         """
-        return point.measurement.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
+        return point.measured.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
 
-    def seconds(self, point):
+    def seconds(self, point: Point) -> float:
         """Return the cost of an independent sample of the shape in seconds of one processor."""
-        return point.measurement.secondsPerStep * self.time(point)[0]
+        return point.measured.secondsPerStep * self.time(point)[0]
 
-    def evaluations(self, point):
+    def evaluations(self, point: Point) -> float:
         """Return the number of force evaluations to an independent sample of the shape."""
-        return point.measurement.evaluationsPerStep * self.time(point)[0]
+        return point.measured.evaluationsPerStep * self.time(point)[0]
 
     def _variances(self):
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
@@ -141,11 +162,11 @@ class Search:
             best.observables["shape"].time / (motion.interval * motion.length * len(motion.variances))
         )
 
-    def deviations(self, point):
+    def deviations(self, point: Point) -> dict[str, tuple[float, float]]:
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
         result = {}
         for name in AVERAGES:
-            own, true = point.measurement.observables[name], self.reference.measurement.observables[name]
+            own, true = point.measured.observables[name], self.reference.measured.observables[name]
             result[name] = (
                 (own.mean / true.mean - 1, math.hypot(own.error, true.error) / abs(true.mean))
                 if point is not self.reference
@@ -153,13 +174,13 @@ class Search:
             )
         return result
 
-    def bias(self, point):
+    def bias(self, point: Point) -> float:
         """Return the largest relative deviation of an average from the reference's that is certain: more than twice its standard error; 0 where the distribution is the same."""
         if isExact(point.setting):
             return 0.0
         return max(max(0.0, abs(deviation) - 2 * error) for deviation, error in self.deviations(point).values())
 
-    def gain(self, point):
+    def gain(self, point: Point) -> float:
         """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
         return self.seconds(self.baseline) / self.seconds(point)
 

@@ -5,10 +5,11 @@ A setting is a dict of configuration keys, like "sampling.flip_fraction", and th
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, TypeAlias, get_args
 
-from ..runs.config import parseConfig, sections
+from ..runs.config import Config, parseConfig, sections
 
 COARSER = "mesh.icosphere"
 MODULI = {
@@ -30,6 +31,9 @@ TOGETHER = {
 }
 
 
+Setting: TypeAlias = Mapping[str, Any]
+
+
 @dataclass(frozen=True)
 class Axis:
     """Something that can be traded.
@@ -49,12 +53,12 @@ class Axis:
     isOffered: bool = True
 
     @property
-    def isExact(self):
+    def isExact(self) -> bool:
         """Whether all choices sample the same distribution."""
         return all(map(isExact, self.choices))
 
 
-def axes(config, scene, edge):
+def axes(config: Config, scene: Config, edge: float) -> list[Axis]:
     """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes first.
 
     Parameters
@@ -96,7 +100,7 @@ def axes(config, scene, edge):
     ]
 
 
-def apply(config, setting, asWritten=False):
+def apply(config: Config, setting: Setting, asWritten: bool = False) -> Config:
     """Return a Config changed by a setting, or raise a ValueError if this has a value that is not allowed.
 
     Parameters
@@ -115,34 +119,34 @@ def apply(config, setting, asWritten=False):
     return parseConfig(data, "setting")
 
 
-def changes(scene, setting, choice):
+def changes(scene: Config, setting: Setting, choice: Setting) -> bool:
     """Return whether a choice is anything new beside a setting."""
     return any(
         setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items()
     )
 
 
-def tetherOf(scene):
+def tetherOf(scene: Config) -> dict[str, Any]:
     """Return the tether of a scene with every default filled in, as a setting."""
     return {name: valueOf(scene, name) for name in ("tether.modulus", *TETHER_LENGTHS)}
 
 
-def forEdges(setting, ratio):
+def forEdges(setting: Setting, ratio: float) -> dict[str, Any]:
     """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
     return {name: value * ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
 
 
-def isExact(setting):
+def isExact(setting: Setting) -> bool:
     """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors alone."""
     return all(name.split(".")[0] in ("sampling", "platform") for name in setting)
 
 
-def keyOf(setting):
+def keyOf(setting: Setting) -> str:
     """Return a string that is the same for equal settings."""
     return json.dumps(setting, sort_keys=True)
 
 
-def describe(setting):
+def describe(setting: Setting) -> str:
     """Return a setting in a few words."""
     return (
         ", ".join(
@@ -153,7 +157,7 @@ def describe(setting):
     )
 
 
-def moduliRatios(scene, setting):
+def moduliRatios(scene: Config, setting: Setting) -> dict[str, float]:
     """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
     if (
@@ -166,7 +170,7 @@ def moduliRatios(scene, setting):
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
 
 
-def valueOf(config, name):
+def valueOf(config: Config, name: str) -> Any:
     """Return the value of a key of a Config by its name, like "tether.modulus"."""
     section, key = name.split(".")
     return getattr(getattr(config, section), key)
@@ -177,7 +181,7 @@ def _title(name):
     return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
 
 
-def tetherPath(scene, edge, stages=6):
+def tetherPath(scene: Config, edge: float, stages: int = 6) -> list[dict[str, Any]]:
     """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own: an abruptly stiffer one would set free what bends the membrane out of shape.
 
     The easy one costs 20 kT for an edge of 1.45 mean lengths: a softer one lets needle-shaped triangles in.
