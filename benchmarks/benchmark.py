@@ -1,12 +1,14 @@
-"""Time the plugin on icospheres: the table of the method's paper (Siggel et al., J. Chem. Phys. 157, 174801 (2022)), and more.
+"""Time the plugin on icospheres: the table of the method's paper (Siggel et al., J.
+
+Chem. Phys. 157, 174801 (2022)), and more.
 
     python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
     python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
     python benchmarks/benchmark.py --precision mixed  # forces in trajectories in single precision
 
-Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
-importable, it is timed on the same meshes and parameters, and the ratio is printed.
+Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is
+its own.  Where TriMem is importable, it is timed on the same meshes and parameters, and the ratio is printed.
 """
 
 import argparse
@@ -102,7 +104,9 @@ def stepSize(size):
 
 
 def timeGradient(mesh, force, platform, threads, precision="double"):
-    """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its spread."""
+    """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its
+    spread.
+    """
     import openmmhelfrich as mh
 
     integrator = mh.HamiltonianTrajectoryIntegrator(300, 1e-9, 10)

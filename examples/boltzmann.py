@@ -1,7 +1,9 @@
-"""Do a vesicle's energies follow one Boltzmann distribution at all temperatures?  Nine of them, 300 K to 900 K, with flips and trajectories at the temperature of each.  Writes boltzmann.png.
+"""Do a vesicle's energies follow one Boltzmann distribution at all temperatures?  Nine of them, 300 K to 900 K, with
+flips and trajectories at the temperature of each.  Writes boltzmann.png.
 
-Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which makes 642 vertices), and how many replicas run at a time (1).
-It goes on where boltzmann.zip ends, if there is one, so that a larger number of rounds continues the run.
+Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which
+makes 642 vertices), and how many replicas run at a time (1). It goes on where boltzmann.zip ends, if there is one, so
+that a larger number of rounds continues the run.
 """
 
 import sys
@@ -59,7 +61,8 @@ print("exchanges accepted: " + ", ".join(f"{rate:.2f}" for rate in exchange.acce
 print(f"flips accepted: {np.mean([simulation.integrator.getFlipAcceptanceRate() for simulation in simulations]):.3f}")
 print(
     f"chi^2 = {density.chiSquared:.0f} for {density.degreesOfFreedom} degrees of freedom, p = {density.pValue:.2f}; "
-    f"residuals of {np.nanstd(density.residuals):.2f} standard errors, at most {np.nanmax(np.abs(density.residuals)):.1f}"
+    f"residuals of {np.nanstd(density.residuals):.2f} standard errors, at most "
+    f"{np.nanmax(np.abs(density.residuals)):.1f}"
 )
 
 figure = Figure(figsize=(9, 5.5), layout="constrained")

@@ -1,9 +1,11 @@
 """Plots and pictures of the two phase diagrams, from the results of their sweeps.
 
-    python phase_diagrams.py volume results/volume                     # writes volume_energies.png and volume_shapes.png
-    python phase_diagrams.py area-difference results/area_difference   # writes area_difference_shapes.png
+    python phase_diagrams.py volume results/volume                     # writes volume_energies.png and
+    volume_shapes.png python phase_diagrams.py area-difference results/area_difference   # writes
+    area_difference_shapes.png
 
-Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and where they cross.
+Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and
+where they cross.
 """
 
 import sys
@@ -48,7 +50,8 @@ def compareBranches(table):
         points, exact = branchOf(table, name), PchipInterpolator(*zip(*sorted(reference.items())), extrapolate=False)
         low, high = min(reference) - 0.002, max(reference) + 0.002  # volumes are not quite those that were asked for
         print(
-            f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       E/8 pi kappa   reference   error   delta a"
+            f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       "
+            "E/8 pi kappa   reference   error   delta a"
         )
         for _, p in points.sort_values("reducedVolume").iterrows():
             e = exact(np.clip(p.reducedVolume, min(reference), max(reference)))

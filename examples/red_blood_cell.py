@@ -1,8 +1,8 @@
 """Make red_blood_cell.stl, the outline of a resting human red blood cell as a closed mesh in micrometres.
 
-The outline is the average one of E. Evans and Y. C. Fung, "Improved measurements of the erythrocyte geometry", Microvascular
-Research 4, 335 (1972): a body of revolution of diameter D whose half-thickness at distance r from the axis is, with s = 2r/D,
-z = sqrt(1-s^2) (C0 + C1 s^2 + C2 s^4) / 2.
+The outline is the average one of E. Evans and Y. C. Fung, "Improved measurements of the erythrocyte geometry",
+Microvascular Research 4, 335 (1972): a body of revolution of diameter D whose half-thickness at distance r from the
+axis is, with s = 2r/D, z = sqrt(1-s^2) (C0 + C1 s^2 + C2 s^4) / 2.
 """
 
 import sys
@@ -42,7 +42,9 @@ def areaOf(outline):
 
 
 def relax(x, edges, outline, steps=200):
-    """Even out the triangles: every edge is a spring that pulls towards the mean length, and vertices stay on the surface."""
+    """Even out the triangles: every edge is a spring that pulls towards the mean length, and vertices stay on the
+    surface.
+    """
     tree = KDTree(outline)
     a, b = edges.T
     for _ in range(steps):

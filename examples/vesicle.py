@@ -1,4 +1,7 @@
-"""A fluid vesicle, deflated from a sphere to reduced volume 0.8 while it fluctuates.  Writes vesicle.dcd and vesicle.psf."""
+"""A fluid vesicle, deflated from a sphere to reduced volume 0.8 while it fluctuates.
+
+Writes vesicle.dcd and vesicle.psf.
+"""
 
 import sys
 

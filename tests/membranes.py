@@ -24,7 +24,9 @@ def createBlob(subdivisions=2, noise=0.1, seed=1):
 
 
 def createForce(mesh, terms=TERMS, exclusionLevel=1):
-    """Return a force on a mesh with some terms, each far from its minimum, in an energy landscape of some hundred kJ/mol."""
+    """Return a force on a mesh with some terms, each far from its minimum, in an energy landscape of some hundred
+    kJ/mol.
+    """
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     edge = mesh.edgeLengths.mean()

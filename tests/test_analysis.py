@@ -106,7 +106,9 @@ def test_an_imposed_harmonic(l, m):
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_spectrum_of_known_fluctuations(seed):
-    """Amplitudes drawn from theory, up to degrees that are not fitted, on vertices out of order: what comes out are the amplitudes that were drawn, and their modulus and tension."""
+    """Amplitudes drawn from theory, up to degrees that are not fitted, on vertices out of order: what comes out are the
+    amplitudes that were drawn, and their modulus and tension.
+    """
     random, mesh, kappa, sigma = np.random.default_rng(seed), mh.Mesh.icosphere(2), 20.0, 5.0
     l = np.array([l for l in range(10) for _ in range(2 * l + 1)])
     width = np.sqrt(1 / (kappa * np.maximum((l - 1) * (l + 2) * (l * (l + 1) + sigma), 1))) * (l >= 2)
@@ -156,7 +158,9 @@ def test_stiffness_of_a_mesh(subdivisions, deviation):
 
 
 def test_modulus_of_a_simulated_membrane():
-    """The bending modulus that a fluid membrane was given comes out of its fluctuations, within 10% and within the errors."""
+    """The bending modulus that a fluid membrane was given comes out of its fluctuations, within 10% and within the
+    errors.
+    """
     kT, kappa, mesh = 2.5, 50, mh.Mesh.icosphere(2)
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()

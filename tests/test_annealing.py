@@ -23,7 +23,9 @@ def createSimulation(mesh, force, integrator, mass):
 
 
 def testFlipsObeyTheCooledTemperature():
-    """The enumerated triangulations of frozen vertices are visited as the Boltzmann weights of the temperature at the end say, not of that at the start."""
+    """The enumerated triangulations of frozen vertices are visited as the Boltzmann weights of the temperature at the
+    end say, not of that at the start.
+    """
     mesh = octahedron()
     states = enumerateStates(stateOf(mesh.triangles))
     energies, force = energiesOf(mesh, states, True), softForce(mesh, True)

@@ -221,7 +221,9 @@ def test_positions(platform, terms, bad):
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_collapsed_positions(platform):
-    """Energies where vertices or triangles collapse are finite or an error that says so, never a number that is not one."""
+    """Energies where vertices or triangles collapse are finite or an error that says so, never a number that is not
+    one.
+    """
     mesh = createBlob(1)
     context = createContext(mesh, createForce(mesh), platform)
     energy = energyOf(context)

@@ -110,7 +110,8 @@ def testBarsOnATerminal(folder):
         [
             sys.executable,
             "-c",
-            "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', 'run.toml'])",
+            "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', "
+            "'run.toml'])",
         ],
         read,
     )

@@ -123,7 +123,9 @@ def test_two_membranes_of_one_name():
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_two_components_in_one_force(platform):
-    """One HelfrichForce may hold several closed surfaces: its area and volume are their sums, and they repel each other."""
+    """One HelfrichForce may hold several closed surfaces: its area and volume are their sums, and they repel each
+    other.
+    """
     first, second = createBlob(1, seed=1), createBlob(1, seed=2)
     apart, near = (
         together(first, mh.Mesh(second.vertices + np.array([0, 0, distance]), second.triangles)) for distance in (10, 1)
@@ -153,7 +155,7 @@ def ellipsoid(reducedVolume, subdivisions):
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("v", [0.9, 0.8])
 def test_minimiser_finds_the_prolate(platform, v):
-    """LocalEnergyMinimizer brings an ellipsoid to the axisymmetric minimum of the bending energy at its reduced volume."""
+    """LocalEnergyMinimizer brings an ellipsoid to the axisymmetric minimum of bending energy at its reduced volume."""
     with open(Path(__file__).parent / "data" / "axisymmetric_minima.csv") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     (row,) = (row for row in rows if row["branch"] == "prolate" and float(row["v"]) == v)

@@ -155,7 +155,8 @@ def testWrongNumbers(sections, message):
         ),
         (
             {"kind": "continue"},
-            "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, target_area_difference",
+            "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, "
+            "target_area_difference",
         ),
         ({"kind": "continue", "target_area": 9.0, "windows": 0}, "stage 1 (continue) windows is 0"),
         (
@@ -182,7 +183,9 @@ def testStepsAndStages():
 
 
 def tetherOf(scale, **tether):
-    """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its defaults filled in."""
+    """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its
+    defaults filled in.
+    """
     config = parseConfig(
         {
             "mesh": {"icosphere": 2, "scale": scale},
@@ -196,7 +199,9 @@ def tetherOf(scale, **tether):
 
 @pytest.mark.parametrize("tether", [{}, {"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
 def testTetherHasNoUnit(tether):
-    """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
+    """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what
+    is written out says the same.
+    """
 
     def scaled(factor):
         lengths = {
@@ -226,7 +231,9 @@ def testTetherWithAModulusMeansWhatItMeant():
 
 
 def testUnevenMeshesStart(tmp_path):
-    """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories that are accepted."""
+    """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories
+    that are accepted.
+    """
     mesh = mh.Mesh.icosphere(2)
     vertices = mesh.vertices + 0.18 * mesh.edgeLengths.mean() * np.random.default_rng(1).normal(
         size=mesh.vertices.shape

@@ -143,7 +143,9 @@ def testThereAndBackInPython():
 
 
 def testProlateBranchThereAndBack(tmp_path):
-    """A prolate vesicle that is deflated from a reduced volume of 0.9 to 0.75 and inflated again has its energy back, within 1%."""
+    """A prolate vesicle that is deflated from a reduced volume of 0.9 to 0.75 and inflated again has its energy back,
+    within 1%.
+    """
     stages = [
         {"kind": "sample", "steps": 800, "reduced_volume": 0.9},
         {"kind": "anneal", "steps": 800, "end_temperature": 100.0},

@@ -112,7 +112,10 @@ def testFluctuations(tmp_path, examples):
 
 
 def testBoltzmann(tmp_path, examples):
-    """The same run, done in one go and in two, prints the same table.  It is too short for its numbers to mean much; test_reweighting.py has the known answers."""
+    """The same run, done in one go and in two, prints the same table.
+
+    It is too short for its numbers to mean much; test_reweighting.py has the known answers.
+    """
     (tmp_path / "parts").mkdir()
     whole = execute(tmp_path, examples / "boltzmann.py", 20, 1, 2)
     execute(tmp_path / "parts", examples / "boltzmann.py", 12, 1)

@@ -77,7 +77,9 @@ def testSerialisation():
 
 @pytest.mark.parametrize("driver", ["flips", "hybrid"])
 def testRing(driver):
-    """A ring of fixed edges is still there after a hot run that leaves little of the rest, also when triangles are set and after a restart."""
+    """A ring of fixed edges is still there after a hot run that leaves little of the rest, also when triangles are set
+    and after a restart.
+    """
     mesh = createBlob(2)
     ring = equatorOf(mesh)
     assert len(ring) > 10 and set(np.bincount(ring.ravel())) <= {0, 2}

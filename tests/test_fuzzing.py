@@ -1,4 +1,7 @@
-"""Files and texts that are damaged: errors, never a crash, a hang or a simulation that cannot go on.  The C++ side of this is tests/fuzz."""
+"""Files and texts that are damaged: errors, never a crash, a hang or a simulation that cannot go on.
+
+The C++ side of this is tests/fuzz.
+"""
 
 import contextlib
 import math

@@ -48,7 +48,7 @@ def energyChangeOf(integrator):
 
 
 def assertMean(samples, expected):
-    """Assert that the mean of correlated samples is within three standard errors, by batches, and that these are small."""
+    """Assert that the mean of correlated samples is within three standard errors, by batches, which are small."""
     batches = np.array(samples).reshape(25, -1).mean(axis=1)
     error = batches.std(ddof=1) / 5
     assert error < 0.03 * abs(expected)
@@ -91,7 +91,9 @@ def test_acceptance_probability(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("flipProbability", [0, 0.5])
 def test_virial(engine, flipProbability):
-    """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with flips and without."""
+    """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with
+    flips and without.
+    """
     mesh, _force, integrator, context = createRun(engine, flipProbability=flipProbability)
     integrator.step(500)
     virial = []

@@ -218,7 +218,9 @@ for step in itertools.count(writer.numFrames):
 
 
 def testKilledAtAnyMoment(tmp_path):
-    """After SIGKILL the file is complete: it has every frame that was flushed, each once, and the writer goes on from it."""
+    """After SIGKILL the file is complete: it has every frame that was flushed, each once, and the writer goes on from
+    it.
+    """
     generator, written = random.Random(3), 0
     for _ in range(5):
         process = subprocess.Popen([sys.executable, "-c", WRITER, tmp_path / "a"], stdout=subprocess.PIPE, text=True)
@@ -258,7 +260,9 @@ writer.close()
 
 
 def testNoRoom(tmp_path):
-    """Where a file cannot grow, flush() says so, the last complete file stays, and no frame is lost if there is room later."""
+    """Where a file cannot grow, flush() says so, the last complete file stays, and no frame is lost if there is room
+    later.
+    """
     done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "a cannot be written" in done.stdout

@@ -130,7 +130,9 @@ def test_minimum_of_642_vertices(branch, v):
 
 
 def test_thin_tube():
-    """What limits a narrow tube is the volume that its triangles cut off: the energy is that of the reduced volume with this added."""
+    """What limits a narrow tube is the volume that its triangles cut off: the energy is that of the reduced volume with
+    this added.
+    """
     minimum = discreteMinimum("prolate", 0.5, 642)
     assert minimum.result.converged and -0.02 < minimum.energyError < -0.01
     standsFor = mh.axisymmetricMinimum("prolate", 0.5 + (0.5 - minimum.inscribedVolume))

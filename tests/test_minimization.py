@@ -1,4 +1,6 @@
-"""Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the way."""
+"""Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the
+way.
+"""
 
 import csv
 import math
@@ -46,7 +48,9 @@ def axisymmetricMinima():
 
 @pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.8), ("oblate", 0.7)])
 def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
-    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the axisymmetric shapes."""
+    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the
+    axisymmetric shapes.
+    """
     force, simulation = createSimulation(mh.spheroid(642, mh.spheroidAspectRatio(reducedVolume, kind)), reducedVolume)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and not result.warnings
@@ -83,7 +87,9 @@ def test_a_sphere_without_symmetry_falls():
 
 
 def test_stiff_penalties_from_far():
-    """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple the membrane."""
+    """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple
+    the membrane.
+    """
     force, simulation = createSimulation(mh.spheroid(642, 1.3), 0.85)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and result.flips > 0

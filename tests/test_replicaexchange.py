@@ -178,7 +178,9 @@ def everythingIn(exchange):
 
 
 def test_restart(tmp_path):
-    """A run that is saved and loaded goes on as one that was not interrupted, with its step sizes, and so does one with two workers."""
+    """A run that is saved and loaded goes on as one that was not interrupted, with its step sizes, and so does one with
+    two workers.
+    """
     whole, first, second, threaded = vesicles(), vesicles(), vesicles(stepSize=0.003), vesicles(workers=2)
     whole.run(9, 4)
     threaded.run(9, 4)

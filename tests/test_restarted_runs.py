@@ -282,7 +282,9 @@ def command(*arguments):
 
 
 def testKilledAtRandomMoments(inFolder):
-    """SIGKILL, 20 times, at any moment from the start of the interpreter on: some before there is anything, some while the run goes on."""
+    """SIGKILL, 20 times, at any moment from the start of the interpreter on: some before there is anything, some while
+    the run goes on.
+    """
     Path("run.toml").write_text(LONG)
     start = time.monotonic()
     reference = command("run", "run.toml", "--output", "reference")

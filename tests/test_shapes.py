@@ -93,7 +93,9 @@ def testSheetsThatComeClose():
 
 @pytest.mark.parametrize("other", [mh.Mesh.icosphere(1), mh.Mesh.icosphere(0, radius=7)])
 def testCrossingsAreThoseOfAllPairs(other):
-    """Two spheres that meet, of similar or different triangles: as many crossings as trying every edge with every triangle finds."""
+    """Two spheres that meet, of similar or different triangles: as many crossings as trying every edge with every
+    triangle finds.
+    """
     mesh = together(mh.Mesh.icosphere(1), other)
     mesh.vertices[42:] += np.array([0.68, 0.45, 0.26]) * np.linalg.norm(other.vertices[0])
     found = {tuple(row) for row in crossings(mesh, block=50).tolist()}

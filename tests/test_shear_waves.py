@@ -69,7 +69,9 @@ def test_jacobian_is_1():
 
 
 def test_waves():
-    """u(x) = a d sin(k.x+phi): d is perpendicular to k, |k| uniform between its bounds, a Gaussian with the standard deviation that is asked for at the least |k|."""
+    """u(x) = a d sin(k.x+phi): d is perpendicular to k, |k| uniform between its bounds, a Gaussian with the standard
+    deviation that is asked for at the least |k|.
+    """
     h, least, greatest = 0.001, 2.0, 6.0
     x = np.concatenate(
         [np.zeros((1, 3)), h * np.eye(3), -h * np.eye(3), np.random.default_rng(3).uniform(-10, 10, (400, 3))]
@@ -118,7 +120,10 @@ def test_harmonic_wells(platform):
 
 
 def test_membrane():
-    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.  With flips so few vertices fold now and then, and stay so for long."""
+    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.
+
+    With flips so few vertices fold now and then, and stay so for long.
+    """
     means, errors = [], []
     for probability in (0.4, 0):
         mesh, _force, integrator, context = createRun(0, probability)
@@ -329,6 +334,7 @@ def test_configuration(amplitude, tmp_path):
 def test_probabilities_of_a_configuration(tmp_path):
     with pytest.raises(
         ValueError,
-        match=r"\[sampling\] flip_probability is 0.2 and shear_wave_probability 0.9; they must not add up to more than 1",
+        match=r"\[sampling\] flip_probability is 0.2 and shear_wave_probability 0.9; they must not add up to more than "
+        r"1",
     ):
         configure(tmp_path / "run", shear_wave_probability=0.9)

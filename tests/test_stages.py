@@ -76,7 +76,9 @@ def testConditionsOfEachStage(tmp_path):
 
 
 def testAutomaticStepSize(tmp_path):
-    """It changes in the burn-in, whose rows are marked, and not after; trajectories are then accepted as often as they should be."""
+    """It changes in the burn-in, whose rows are marked, and not after; trajectories are then accepted as often as they
+    should be.
+    """
     summary = runStages(
         tmp_path / "a",
         [{"kind": "sample", "steps": 2400, "step_size": "auto"}],

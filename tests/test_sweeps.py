@@ -1,4 +1,4 @@
-"""Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself, on the way."""
+"""Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself."""
 
 import csv
 import fcntl
@@ -205,7 +205,10 @@ def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
 
 
 def testLockOfAKilledProcess(tmp_path):
-    program = "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', flush=True); time.sleep(60)"
+    program = (
+        "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', "
+        "flush=True); time.sleep(60)"
+    )
     holder = subprocess.Popen([sys.executable, "-c", program, tmp_path / "lock"], stdout=subprocess.PIPE)
     holder.stdout.readline()
     with open(tmp_path / "lock") as file, pytest.raises(BlockingIOError):
@@ -339,7 +342,8 @@ def testExamples(examples):
         (
             "0.95]",
             "1.95]",
-            r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point reduced_volume=1.95,seed=1 and 1 more\)",
+            r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point "
+            r"reduced_volume=1.95,seed=1 and 1 more\)",
         ),
         (
             "[0.8, 0.95]",
@@ -411,7 +415,8 @@ def testOtherSettingsThanBefore(grid, tmp_path):
     other.write_text(GRID.replace("end_temperature = 30", "end_temperature = 3"))
     with pytest.raises(
         ValueError,
-        match=r"point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another",
+        match=r"point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was "
+        r"30.0; choose another",
     ):
         sweeps.sweep(other, tmp_path / "results")
 

@@ -47,7 +47,9 @@ def searched(tmp_path_factory):
 
 
 def knownProcess(correlation, length, columns=5):
-    """x_n = a x_(n-1) + noise, from its stationary distribution: an integrated autocorrelation time of (1+a)/(1-a), and a variance of 1."""
+    """x_n = a x_(n-1) + noise, from its stationary distribution: an integrated autocorrelation time of (1+a)/(1-a), and
+    a variance of 1.
+    """
     random = np.random.default_rng(1)
     x = [random.normal(size=columns)]
     for noise in random.normal(scale=math.sqrt(1 - correlation**2), size=(length - 1, columns)):
@@ -106,7 +108,9 @@ def test_shape_of_a_sphere_is_its_modes_of_degree_2():
 
 @pytest.mark.parametrize("sampling", [{"step_size": "auto"}, {"trajectory_jitter": 0.5, "flip_probability": 0.2}])
 def test_exact_settings_agree(sampling):
-    """Mean energy, area and volume do not depend on how they are sampled, and trajectories up in energy are accepted as often as those down."""
+    """Mean energy, area and volume do not depend on how they are sampled, and trajectories up in energy are accepted as
+    often as those down.
+    """
     results = []
     for settings in ({"steps_per_trajectory": 10, "step_size": 3e-4}, {"step_size": 2e-4, **sampling}):
         config, mesh = resolved(**settings)
@@ -157,7 +161,7 @@ def test_tether_of_a_coarser_mesh():
 
 
 def test_search(searched):
-    """All axes are measured, the recommendation keeps within the error and costs no more than what it is chosen from."""
+    """All axes are measured, and what is recommended keeps within the error and costs no more than any other."""
     search, best, prefix = searched
     assert [point.axis for point in search.points[:3]] == ["scene", "reference", "step size"]
     assert {
@@ -196,7 +200,9 @@ def test_what_lacks_a_term_has_a_shape_of_its_own(searched):
 
 
 def test_recommendation_runs(searched, tmp_path):
-    """The configuration that is written is one that runs, and its averages are those of the reference, as far as so short a search can tell."""
+    """The configuration that is written is one that runs, and its averages are those of the reference, as far as so
+    short a search can tell.
+    """
     search, best, prefix = searched
     config = readConfig(f"{prefix}.toml")
     assert config.sampling.step_size == pytest.approx(best.measurement.stepSize, rel=1e-3)
@@ -214,7 +220,9 @@ def test_recommendation_runs(searched, tmp_path):
 
 
 def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
-    """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a recommendation."""
+    """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a
+    recommendation.
+    """
     for folder in ("scenes", "meshes", "results"):
         (tmp_path / folder).mkdir()
     mh.Mesh.icosphere(1).write(tmp_path / "meshes" / "a.ply")

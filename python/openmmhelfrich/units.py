@@ -1,4 +1,5 @@
-"""Units: kT, Quantities as numbers, and what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5 um" or "37 C".
+"""Units: kT, Quantities as numbers, and what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5
+um" or "37 C".
 
 Nothing here imports OpenMM, unless it is given one of its Quantities: a configuration can be read without.
 """
@@ -91,8 +92,8 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
     value : str, Quantity or anything else
         what to convert; what is neither a string nor a Quantity is returned as it is
     kind : str
-        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "time" (ps), "mass" (Da) or
-        "temperature" (K)
+        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "time" (ps),
+        "mass" (Da) or "temperature" (K)
     scales : Scales
         the units of plain numbers
 
@@ -150,7 +151,8 @@ def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
     if kind in _POWERS:
         if scales.length is None:
             raise ValueError(
-                f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain number, or a length_unit like 'nm' or 'um'"
+                f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain "
+                "number, or a length_unit like 'nm' or 'um'"
             )
         return value / scales.length ** _POWERS[kind]
     return value

@@ -1,8 +1,8 @@
 """What shapes and trajectories of membranes say: size and form, fluctuations, correlation in time, diffusion.
 
-Trajectories are arrays of positions of shape (frames, N, 3), in nm, wherever they come from: ``mdtraj.load_dcd(...).xyz``
-is one.  Functions that need triangles take one set for all frames or one for each; a DCD file has none, so that those of
-a fluid membrane come from a MeshReporter's file.
+Trajectories are arrays of positions of shape (frames, N, 3), in nm, wherever they come from:
+``mdtraj.load_dcd(...).xyz`` is one.  Functions that need triangles take one set for all frames or one for each; a DCD
+file has none, so that those of a fluid membrane come from a MeshReporter's file.
 """
 
 from .correlation import autocorrelationTime, meanAndError

@@ -43,7 +43,8 @@ class DiscreteMinimum:
     continuum : AxisymmetricShape
         the axisymmetric minimum
     inscribedVolume : float
-        the reduced volume of the mesh at the start, whose vertices are on the axisymmetric shape: it has to swell to its target by the rest
+        the reduced volume of the mesh at the start, whose vertices are on the axisymmetric shape: it has to swell to
+        its target by the rest
     mesh : Mesh
         the triangles at the end
     result : MinimizationResult
@@ -97,8 +98,9 @@ class DiscreteMinimum:
 def discreteMinimum(branch: str, reducedVolume: float, numVertices: int, tolerance: float = 1.0) -> DiscreteMinimum:
     """Minimise the bending energy of a fluid mesh at a reduced volume, from the axisymmetric minimum.
 
-    The mesh is an even one with its vertices on the axisymmetric shape; on prolates it is 1.3 times as long along the axis.  Moduli of 1e6 kappa_B keep its area and its reduced volume, a tether of
-    100 kappa_B (where a length of 1 is the radius of a sphere of this area) its edges within 0.88 to 1.17 times their mean.
+    The mesh is an even one with its vertices on the axisymmetric shape; on prolates it is 1.3 times as long along the
+    axis.  Moduli of 1e6 kappa_B keep its area and its reduced volume, a tether of 100 kappa_B (where a length of 1 is
+    the radius of a sphere of this area) its edges within 0.88 to 1.17 times their mean.
 
     Parameters
     ----------
@@ -143,13 +145,17 @@ def discreteMinimum(branch: str, reducedVolume: float, numVertices: int, toleran
 
 
 def orderOfConvergence(coarse: DiscreteMinimum, fine: DiscreteMinimum) -> float:
-    """Return the p with which the error of the energy falls as (1/N)^p between two numbers of vertices; NaN if it changes its sign."""
+    """Return the p with which the error of the energy falls as (1/N)^p between two numbers of vertices; NaN if it
+    changes its sign.
+    """
     ratio = coarse.energyError / fine.energyError
     return math.log(ratio) / math.log(fine.numVertices / coarse.numVertices) if ratio > 0 else math.nan
 
 
 def extrapolatedEnergy(coarse: DiscreteMinimum, fine: DiscreteMinimum) -> float:
-    """Return the bending energy over 8 pi kappa_B that two numbers of vertices tell of infinitely many, if the error is of first order in 1/N (Richardson)."""
+    """Return the bending energy over 8 pi kappa_B that two numbers of vertices tell of infinitely many, if the error is
+    of first order in 1/N (Richardson).
+    """
     return (fine.numVertices * fine.energy - coarse.numVertices * coarse.energy) / (
         fine.numVertices - coarse.numVertices
     )

@@ -9,10 +9,12 @@ from ..optional import require
 
 
 def autocorrelationTime(series: ArrayLike) -> float:
-    """Return the integrated autocorrelation time 1 + 2 sum_t rho(t) of a series, in its steps: 1 if its values are independent.
+    """Return the integrated autocorrelation time 1 + 2 sum_t rho(t) of a series, in its steps: 1 if its values are
+    independent.
 
-    emcee computes it, with A. Sokal's automatic window.  Below some fifty times as many values as the result it is an underestimate.  Of the columns of an (n, k) array,
-    which must be alike, the autocorrelation functions are averaged first.
+    emcee computes it, with A. Sokal's automatic window.  Below some fifty times as many values as the result it is an
+    underestimate.  Of the columns of an (n, k) array, which must be alike, the autocorrelation functions are averaged
+    first.
 
     Raises
     ------
@@ -22,7 +24,8 @@ def autocorrelationTime(series: ArrayLike) -> float:
     series = np.asarray(series, dtype=float)
     if series.ndim not in (1, 2) or len(series) < 2 or not np.all(np.isfinite(series)):
         raise ValueError(
-            f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a row"
+            f"autocorrelationTime: the series has the shape {series.shape}; it must be two or more finite numbers in a "
+            "row"
         )
     if np.any(np.ptp(series, axis=0) == 0):
         return 1.0
@@ -31,7 +34,9 @@ def autocorrelationTime(series: ArrayLike) -> float:
 
 
 def meanAndError(series: ArrayLike) -> tuple:
-    """Return the mean of a correlated series and its standard error, s sqrt(tau/n) with the integrated autocorrelation time tau."""
+    """Return the mean of a correlated series and its standard error, s sqrt(tau/n) with the integrated autocorrelation
+    time tau.
+    """
     return meanErrorTime(series)[:2]
 
 

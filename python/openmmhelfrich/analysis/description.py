@@ -25,13 +25,15 @@ class ShapeDescription:
     reducedVolume : float
         v = 6 sqrt(pi) V/A^(3/2), 1 for a sphere
     reducedAreaDifference : float
-        M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi): 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991)
+        M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi): 1 for a sphere (Seifert, Berndl and
+        Lipowsky, Phys. Rev. A 44, 1182, 1991)
     gyrationTensor : (3, 3) array of float
         S = 1/A int (x-c)(x-c)^T dA over the triangles, with their centre of area c, in nm^2
     radiusOfGyration : float
         sqrt(tr S), in nm
     asphericity : float
-        l_1-(l_2+l_3)/2 with the eigenvalues l_1 >= l_2 >= l_3 of S, in nm^2 (Theodorou and Suter, Macromolecules 18, 1206, 1985)
+        l_1-(l_2+l_3)/2 with the eigenvalues l_1 >= l_2 >= l_3 of S, in nm^2 (Theodorou and Suter, Macromolecules 18,
+        1206, 1985)
     relativeShapeAnisotropy : float
         1-3 (l_1 l_2+l_2 l_3+l_3 l_1)/(tr S)^2: 0 for a sphere, 1 for points on a line (the same source)
     shapeClass : str
@@ -94,7 +96,10 @@ def reducedAreaDifference(mesh: Mesh) -> float:
 
 
 def gyrationTensor(mesh: Mesh) -> np.ndarray:
-    """Return the gyration tensor of a surface, (3, 3) in nm^2: the integral over its flat triangles is exact.  See :class:`ShapeDescription`."""
+    """Return the gyration tensor of a surface, (3, 3) in nm^2: the integral over its flat triangles is exact.
+
+    See :class:`ShapeDescription`.
+    """
     corners, areas = mesh.vertices[mesh.triangles], mesh.triangleAreas
     corners = corners - np.average(corners.mean(axis=1), axis=0, weights=areas)
     sums = corners.sum(axis=1)
@@ -107,9 +112,10 @@ def classifyShape(mesh: Mesh) -> str:
 
     With the square roots a >= b >= c of the gyration tensor's eigenvalues, the first of these that applies:
 
-    - "stomatocyte": the reduced area difference is below 0.8.  Along the axisymmetric branches it is at most 0.51 for stomatocytes, and above 1.02 for oblates and prolates
-    - "budded": along the longest axis there is a neck, a place at which the mean distance of the surface from the axis is less than half of its greatest
-      value on either side
+    - "stomatocyte": the reduced area difference is below 0.8.  Along the axisymmetric branches it is at most 0.51 for
+      stomatocytes, and above 1.02 for oblates and prolates
+    - "budded": along the longest axis there is a neck, a place at which the mean distance of the surface from the axis
+      is less than half of its greatest value on either side
     - "sphere": c > 0.9 a
     - "prolate": a-b > b-c
     - "oblate": otherwise
@@ -126,7 +132,9 @@ def classifyShape(mesh: Mesh) -> str:
 
 
 def _hasNeck(mesh, axis):
-    """Return whether the distance from an axis through the centre has a minimum below half of the maxima on either side."""
+    """Return whether the distance from an axis through the centre has a minimum below half of the maxima on either
+    side.
+    """
     x = mesh.vertices - np.average(mesh.vertices, axis=0, weights=mesh.vertexAreas)
     height = x @ axis
     distance = np.linalg.norm(x - np.outer(height, axis), axis=1)

@@ -13,7 +13,9 @@ from .frames import checkedFrames, trianglesOfEach
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """Mean squared displacement of vertices along the surface, in nm^2, against the lag, in frames: 4D times the lag where they diffuse."""
+    """Mean squared displacement of vertices along the surface, in nm^2, against the lag, in frames: 4D times the lag
+    where they diffuse.
+    """
 
     lags: np.ndarray
     meanSquaredDisplacements: np.ndarray
@@ -26,8 +28,9 @@ class Diffusion:
 def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None = None) -> Diffusion:
     """Compute how far vertices move along the surface.
 
-    Displacements are those that remain when the translation and rotation of the whole surface between two frames is taken out, projected to the tangent plane at the
-    earlier position.  They must be small against the radius of the surface.
+    Displacements are those that remain when the translation and rotation of the whole surface between two frames is
+    taken out, projected to the tangent plane at the earlier position.  They must be small against the radius of the
+    surface.
 
     Parameters
     ----------

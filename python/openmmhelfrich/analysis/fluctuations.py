@@ -62,9 +62,11 @@ class FluctuationSpectrum:
         Parameters
         ----------
         minDegree, maxDegree : int
-            the degrees to use; at least two of them.  The high ones see the mesh: stay where l is small against pi R over the edge length
+            the degrees to use; at least two of them.  The high ones see the mesh: stay where l is small against pi R
+            over the edge length
         edgeLength : float or Quantity
-            mean of the mesh's edge lengths, in nm, with which kappa is multiplied by :func:`meshStiffness`; 0 (the default) takes the membrane for continuous
+            mean of the mesh's edge lengths, in nm, with which kappa is multiplied by :func:`meshStiffness`; 0 (the
+            default) takes the membrane for continuous
 
         Raises
         ------
@@ -75,7 +77,8 @@ class FluctuationSpectrum:
         chosen = (self.degrees >= minDegree) & (self.degrees <= maxDegree)
         if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
             raise ValueError(
-                f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors that are not 0"
+                f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors "
+                "that are not 0"
             )
         l, power, error = self.degrees[chosen], self.powers[chosen], self.errors[chosen]
         y = 1 / ((l - 1) * (l + 2) * power * meshStiffness(l, float(valueIn(edgeLength, unit.nanometer)) / self.radius))
@@ -93,21 +96,24 @@ class FluctuationSpectrum:
 def meshStiffness(degrees: ArrayLike, edgeLength: float) -> np.ndarray:
     """Return by which factor a mesh is softer than a continuous membrane against undulations of a degree.
 
-    The mean curvature of a vertex sees its six neighbours at the distance a: against a wave of the number k it is 4 [1-J_0(ka)]/a^2 instead of k^2, averaged over directions, and
-    the bending energy the square of that.  On a sphere k^2 = (l-1)(l+2)/R^2.  Up to l = 8 the energies of undulated icospheres of 162, 642 and 2,562
-    vertices follow it to 3%, 0.8% and 0.3%.
+    The mean curvature of a vertex sees its six neighbours at the distance a: against a wave of the number k it is 4
+    [1-J_0(ka)]/a^2 instead of k^2, averaged over directions, and the bending energy the square of that.  On a sphere
+    k^2 = (l-1)(l+2)/R^2.  Up to l = 8 the energies of undulated icospheres of 162, 642 and 2,562 vertices follow it to
+    3%, 0.8% and 0.3%.
 
     Parameters
     ----------
     degrees : array of int
         l
     edgeLength : float
-        a/R, at most 3.8 over the root of (l-1)(l+2), where the wave is as short as the mesh can have; 0 for a continuous membrane
+        a/R, at most 3.8 over the root of (l-1)(l+2), where the wave is as short as the mesh can have; 0 for a
+        continuous membrane
     """
     k = np.sqrt((np.asarray(degrees) - 1) * (np.asarray(degrees) + 2.0))
     if not 0 <= edgeLength <= 3.8 / k.max():
         raise ValueError(
-            f"meshStiffness: the edge length over the radius is {edgeLength}; it must be from 0 to {3.8 / k.max():.3g} for these degrees"
+            f"meshStiffness: the edge length over the radius is {edgeLength}; it must be from 0 to {3.8 / k.max():.3g} "
+            "for these degrees"
         )
     x = np.maximum(k * edgeLength, 1e-3)  # below which the factor is 1, and the formula 0/0
     return (4 * (1 - j0(x)) / x**2) ** 2
@@ -126,8 +132,9 @@ class SpectrumFit:
 def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSpectrum:
     """Compute the spectrum of a quasi-spherical vesicle's fluctuations on spherical harmonics.
 
-    In each frame the radii of the vertices, seen from the centre of volume, are fitted by spherical harmonics up to a degree, by least squares weighted with
-    the solid angle of each vertex.  The triangles are those of the directions' convex hull, so that none are needed.
+    In each frame the radii of the vertices, seen from the centre of volume, are fitted by spherical harmonics up to a
+    degree, by least squares weighted with the solid angle of each vertex.  The triangles are those of the directions'
+    convex hull, so that none are needed.
 
     Parameters
     ----------
@@ -144,7 +151,8 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
     frames = checkedFrames(frames)
     if maxDegree < 2 or (maxDegree + 1) ** 2 >= frames.shape[1]:
         raise ValueError(
-            f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree + 1) ** 2} coefficients fewer than the {frames.shape[1]} vertices"
+            f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree + 1) ** 2} "
+            f"coefficients fewer than the {frames.shape[1]} vertices"
         )
     degrees = np.arange(2, maxDegree + 1)
     expansions = [_expand(x, maxDegree) for x in frames]
@@ -154,10 +162,12 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
 
 
 def sphericalHarmonicCoefficients(vertices: ArrayLike, maxDegree: int) -> np.ndarray:
-    """Return the coefficients u_lm of r = R (1 + sum_lm u_lm Y_lm) for real, orthonormal spherical harmonics, an array in the order l^2+l+m.
+    """Return the coefficients u_lm of r = R (1 + sum_lm u_lm Y_lm) for real, orthonormal spherical harmonics, an array
+    in the order l^2+l+m.
 
-    See :func:`fluctuationSpectrum` for the method.  Sums over m of their squares are those of the complex coefficients.  R is the mean radius, so that u_00 is 0: the radius
-    of the sphere of the same volume differs from it in second order, and the volume of a mesh would be too small.
+    See :func:`fluctuationSpectrum` for the method.  Sums over m of their squares are those of the complex coefficients.
+    R is the mean radius, so that u_00 is 0: the radius of the sphere of the same volume differs from it in second
+    order, and the volume of a mesh would be too small.
     """
     return _expand(vertices, maxDegree)[1]
 
@@ -193,7 +203,10 @@ def _starTriangles(x):
 
 
 def _solidAngles(directions, triangles):
-    """Return the solid angle of each vertex, a third of that of its triangles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 125, 1983)."""
+    """Return the solid angle of each vertex, a third of that of its triangles (van Oosterom and Strackee, IEEE Trans.
+
+    Biomed. Eng. 30, 125, 1983).
+    """
     a, b, c = (directions[triangles[:, i]] for i in range(3))
     triple = np.einsum("ti,ti->t", a, np.cross(b, c))
     angles = 2 * np.arctan2(triple, 1 + np.sum(a * b + b * c + c * a, axis=1))

@@ -1,7 +1,9 @@
-"""Reweighting: what simulations at several temperatures say together, and whether one Boltzmann distribution fits them all.
+"""Reweighting: what simulations at several temperatures say together, and whether one Boltzmann distribution fits them
+all.
 
-The energies of a System at the temperature T have the density Omega(E) exp(-E/kT)/Z(T), with one density of states Omega for all T.  MBAR (M. R. Shirts and J. D. Chodera,
-J. Chem. Phys. 129, 124105, 2008) finds it from all samples at once.  If moves of any kind were accepted at a wrong temperature, no Omega would fit.
+The energies of a System at the temperature T have the density Omega(E) exp(-E/kT)/Z(T), with one density of states
+Omega for all T.  MBAR (M. R. Shirts and J. D. Chodera, J. Chem. Phys. 129, 124105, 2008) finds it from all samples at
+once.  If moves of any kind were accepted at a wrong temperature, no Omega would fit.
 """
 
 import math
@@ -65,10 +67,11 @@ class Reweighting:
     freeEnergies, freeEnergyErrors : (K,) arrays of float
         -ln Z relative to the lowest temperature, with standard errors
     overlap : (K, K) array of float
-        the overlap matrix: how probably a sample of one temperature could be one of another.  Neighbours should have 0.03 or more (P. V. Klimovich, M. R. Shirts and D. L. Mobley,
-        J. Comput.-Aided Mol. Des. 29, 397, 2015)
+        the overlap matrix: how probably a sample of one temperature could be one of another.  Neighbours should have
+        0.03 or more (P. V. Klimovich, M. R. Shirts and D. L. Mobley, J. Comput.-Aided Mol. Des. 29, 397, 2015)
     ratios, ratioErrors : (K-1,) arrays of float
-        what the energies at each temperature and the next say of 1/kT_i-1/kT_j, divided by what it is, with standard errors: 1 if both are Boltzmann distributed
+        what the energies at each temperature and the next say of 1/kT_i-1/kT_j, divided by what it is, with standard
+        errors: 1 if both are Boltzmann distributed
     """
 
     temperatures: np.ndarray
@@ -137,7 +140,7 @@ class Reweighting:
         )
 
     def _logWeights(self, energies):
-        """Return the logarithm of the weight of samples in the density of states: the denominator of MBAR's equations."""
+        """Return the logarithm of the weight of samples in the density of states: MBAR's denominator."""
         terms = [
             math.log(n) + f - energies / thermalEnergy(t)
             for n, f, t in zip(self.numSamples, self.freeEnergies, self.temperatures)
@@ -151,8 +154,9 @@ def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
     Parameters
     ----------
     energies : sequence of arrays of float
-        for each temperature, the potential energy of successive samples, in kJ/mol, without those from before equilibrium.  It must be the whole energy that the
-        simulation knows, with its tether and its constraints on area and volume
+        for each temperature, the potential energy of successive samples, in kJ/mol, without those from before
+        equilibrium.  It must be the whole energy that the simulation knows, with its tether and its constraints on area
+        and volume
     temperatures : sequence of float or Quantity
         in K, ascending
 
@@ -190,8 +194,8 @@ def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
 def _betaDifference(cold, hot, index):
     """Return what two sets of energies say of 1/kT_cold-1/kT_hot, and its standard error, in mol/kJ.
 
-    The probability that an energy is one of the hot ones is logistic in E, and that difference its slope, whatever the density of states is: the maximum likelihood of
-    M. R. Shirts, J. Chem. Theory Comput. 9, 909 (2013).
+    The probability that an energy is one of the hot ones is logistic in E, and that difference its slope, whatever the
+    density of states is: the maximum likelihood of M. R. Shirts, J. Chem. Theory Comput. 9, 909 (2013).
     """
     pooled = np.concatenate((cold, hot))
     centre, scale = pooled.mean(), pooled.std()
@@ -199,7 +203,8 @@ def _betaDifference(cold, hot, index):
     design = np.column_stack((np.ones(len(pooled)), (pooled - centre) / scale))
     if cold.max() < hot.min():
         raise ValueError(
-            f"reweight: the energies at temperatures {index} and {index + 1} do not overlap; there must be temperatures between them, or more samples"
+            f"reweight: the energies at temperatures {index} and {index + 1} do not overlap; there must be "
+            "temperatures between them, or more samples"
         )
     parameters = np.zeros(2)
     for _ in range(50):  # Newton's method
@@ -213,7 +218,9 @@ def _betaDifference(cold, hot, index):
 
 
 def _chiSquared(counts, expected):
-    """Return chi square and its degrees of freedom for the histograms, with the small numbers of each bin taken together."""
+    """Return chi square and its degrees of freedom for the histograms, with the small numbers of each bin taken
+    together.
+    """
     chiSquared, cells, bins = 0.0, 0, 0
     for n, e in zip(counts.T, expected.T):
         large = e >= _LEAST_COUNT
@@ -230,12 +237,14 @@ def _checked(energies, temperatures):
     kT = np.array([thermalEnergy(t) for t in temperatures])
     if len(energies) != len(kT) or len(kT) < 2 or not np.all(np.diff(kT) > 0):
         raise ValueError(
-            f"reweight: there are energies of {len(energies)} temperatures, and the temperatures {list(temperatures)}; there must be as many, two or more, ascending"
+            f"reweight: there are energies of {len(energies)} temperatures, and the temperatures {list(temperatures)}; "
+            "there must be as many, two or more, ascending"
         )
     energies = [np.asarray(e, dtype=float) for e in energies]
     for k, e in enumerate(energies):
         if e.ndim != 1 or len(e) < 2 or not np.all(np.isfinite(e)):
             raise ValueError(
-                f"reweight: the energies at temperature {k} have the shape {e.shape}; they must be two or more finite numbers in a row"
+                f"reweight: the energies at temperature {k} have the shape {e.shape}; they must be two or more finite "
+                "numbers in a row"
             )
     return energies, kT

@@ -1,4 +1,7 @@
-"""The command openmm-helfrich.  Each module of this package holds related commands, in a typer application of its own."""
+"""The command openmm-helfrich.
+
+Each module of this package holds related commands, in a typer application of its own.
+"""
 
 from typing import Annotated
 

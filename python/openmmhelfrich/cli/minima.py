@@ -41,8 +41,8 @@ def minima(
 ) -> None:
     """Minimise vesicles, and compare bending energy and area difference with axisymmetric minima.
 
-    Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error of the energy falls from one to the
-    next, and the energy that the last two tell of infinitely many vertices.
+    Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error
+    of the energy falls from one to the next, and the energy that the last two tell of infinitely many vertices.
     """
     from ..analysis.convergence import discreteMinimum
     from ..io.conversion import requireNew
@@ -85,7 +85,8 @@ def _points(branches, volumes):
 def _line(m):
     row = m.row()
     return (
-        f"{m.branch:12} {m.reducedVolume:4g} {m.numVertices:9}  {m.energy:7.5f}   {m.continuum.energy:7.5f}  {m.energyError:+7.2%}  {m.areaDifference:7.4f}  {m.continuum.areaDifference:7.4f}"
+        f"{m.branch:12} {m.reducedVolume:4g} {m.numVertices:9}  {m.energy:7.5f}   {m.continuum.energy:7.5f}  "
+        f"{m.energyError:+7.2%}  {m.areaDifference:7.4f}  {m.continuum.areaDifference:7.4f}"
         f"  {m.inscribedVolume:11.5f}  {row['tether']:7.1e}  {m.seconds:2.0f}  {m.result.reason}"
     )
 

@@ -51,7 +51,9 @@ class Bars:
 
 
 class Progress(Bars):
-    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often; nothing when quiet.  Called with the Study."""
+    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often;
+    nothing when quiet.  Called with the Study.
+    """
 
     def __init__(self, quiet: bool):
         super().__init__(quiet, TimeRemainingColumn())

@@ -31,9 +31,9 @@ def run(
 ) -> None:
     """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
 
-    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the settings with all
-    defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped the run.  Options take the place of the
-    configuration's values.
+    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the
+    settings with all defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped
+    the run.  Options take the place of the configuration's values.
     """
     from ..runs.config import readConfig
     from ..runs.studies import run as runConfig
@@ -93,7 +93,10 @@ def _override(section, **values):
 
 
 def _report(work, quiet):
-    """Do a run with its progress shown, and print its summary.  A run that was stopped ends the command as the signal would have."""
+    """Do a run with its progress shown, and print its summary.
+
+    A run that was stopped ends the command as the signal would have.
+    """
     from .progress import Progress
 
     with Progress(quiet) as progress:

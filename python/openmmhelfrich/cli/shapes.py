@@ -28,8 +28,9 @@ def check(
 ) -> None:
     """Describe a mesh, and say what to simulate it with.
 
-    Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes through itself, area and volume, and the
-    tether's bounds and the step size that a run takes by default.  Ends with exit code 1 if the mesh cannot be simulated, and says why.
+    Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes
+    through itself, area and volume, and the tether's bounds and the step size that a run takes by default.  Ends with
+    exit code 1 if the mesh cannot be simulated, and says why.
 
     Example: openmm-helfrich check cell.stl --scale 0.001
     """
@@ -63,7 +64,8 @@ def convert(
 ) -> None:
     """Convert trajectories and meshes.
 
-    VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with numbers in their names.
+    VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with
+    numbers in their names.
 
     Examples:
 
@@ -140,7 +142,8 @@ def render(
 ) -> None:
     """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
 
-    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG is drawn with matplotlib.
+    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG
+    is drawn with matplotlib.
 
     Examples:
 
@@ -177,7 +180,8 @@ def report(
 ) -> None:
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
-    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich\\[looking]'.
+    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install
+    'openmm-helfrich\\[looking]'.
 
     Example: openmm-helfrich report results/cell
     """

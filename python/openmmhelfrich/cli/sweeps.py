@@ -40,10 +40,12 @@ def sweep(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a configuration.
+    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a
+    configuration.
 
-    Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is finished stays, and what had begun goes on
-    from its last checkpoint.  A table, summary.csv, has a row for each point.
+    Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is
+    finished stays, and what had begun goes on from its last checkpoint.  A table, summary.csv, has a row for each
+    point.
     """
     from ..runs.sweeps import sweep as runSweep
 
@@ -67,7 +69,10 @@ def sweep(
 
 
 class _SweepProgress(Bars):
-    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.  Called with the states of the points."""
+    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.
+
+    Called with the states of the points.
+    """
 
     def __init__(self, quiet: bool):
         super().__init__(quiet)

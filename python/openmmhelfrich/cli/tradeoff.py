@@ -12,7 +12,8 @@ app = typer.Typer()
 
 
 @app.command(
-    epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output results/cell"
+    epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output "
+    "results/cell"
 )
 @friendly
 def tradeoff(
@@ -45,9 +46,10 @@ def tradeoff(
 ) -> None:
     """Measure what a scene's settings cost and how accurate they are, and recommend the cheapest for an error.
 
-    Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other around the best so far, and measures the
-    processor time to an independent sample of the shape.  Writes a table (PREFIX.md), a picture (PREFIX.png), and a configuration for openmm-helfrich run (PREFIX.toml).
-    Every measurement is kept in PREFIX.json: after whatever stopped the command, calling it again goes on.
+    Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other
+    around the best so far, and measures the processor time to an independent sample of the shape.  Writes a table
+    (PREFIX.md), a picture (PREFIX.png), and a configuration for openmm-helfrich run (PREFIX.toml). Every measurement is
+    kept in PREFIX.json: after whatever stopped the command, calling it again goes on.
     """
     from ..tradeoff import tradeoff as measureSettings
     from ..tradeoff.settings import describe
@@ -66,7 +68,8 @@ def tradeoff(
         )
     if best is None:
         print(
-            f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is spent, call the command again to go on",
+            f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is "
+            "spent, call the command again to go on",
             file=sys.stderr,
         )
         raise typer.Exit(3)
@@ -77,7 +80,8 @@ def tradeoff(
         ("step size", f"{best.measured.stepSize:.3g} ps, {best.measured.acceptance:.0%} accepted"),
         (
             "cost",
-            f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape",
+            f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of "
+            "the shape",
         ),
         ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
         ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json"),

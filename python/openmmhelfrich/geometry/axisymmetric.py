@@ -1,7 +1,9 @@
-"""Vesicles of least bending energy among surfaces of revolution: the numbers to compare minimum shapes of triangles with.
+"""Vesicles of least bending energy among surfaces of revolution: the numbers to compare minimum shapes of triangles
+with.
 
-Nothing here uses triangles.  The outline is its tangent angle psi(s), a sine series in the arc length s, and the bending energy of the surface that it sweeps
-is minimised at fixed reduced volume (U. Seifert, K. Berndl and R. Lipowsky, Phys. Rev. A 44, 1182 (1991), solve the Euler-Lagrange equations of the same energy).
+Nothing here uses triangles.  The outline is its tangent angle psi(s), a sine series in the arc length s, and the
+bending energy of the surface that it sweeps is minimised at fixed reduced volume (U. Seifert, K. Berndl and R.
+Lipowsky, Phys. Rev. A 44, 1182 (1991), solve the Euler-Lagrange equations of the same energy).
 """
 
 import math
@@ -31,8 +33,9 @@ class AxisymmetricShape:
     areaDifference : float
         the reduced area difference: the integral of the mean curvature over 4 pi; 1 for a sphere
     outline : (n, 2) array
-        distance from the axis and height of points of the outline, from one pole to the other, as :func:`surfaceOfRevolution` takes it.  The two poles of a
-        thin oblate may have passed through each other (below v = 0.503): nothing here keeps a membrane from that
+        distance from the axis and height of points of the outline, from one pole to the other, as
+        :func:`surfaceOfRevolution` takes it.  The two poles of a thin oblate may have passed through each other (below
+        v = 0.503): nothing here keeps a membrane from that
     """
 
     energy: float
@@ -86,16 +89,19 @@ def requireBranch(branch: str, reducedVolume: float) -> None:
         raise ValueError(f"axisymmetricMinimum: branch is '{branch}'; it must be one of {', '.join(BRANCHES)}")
     if not _LEAST <= reducedVolume <= _MOST[branch]:
         raise ValueError(
-            f"axisymmetricMinimum: reducedVolume is {reducedVolume}; for the branch {branch} it must be from {_LEAST} to {_MOST[branch]}"
+            f"axisymmetricMinimum: reducedVolume is {reducedVolume}; for the branch {branch} it must be from {_LEAST} "
+            f"to {_MOST[branch]}"
         )
 
 
 class _TangentAngle:
-    """The outlines psi(s) = pi s + sum_k c_k sin(k pi s)/k of length 1, and their energy and constraints with derivatives with respect to c.
+    """The outlines psi(s) = pi s + sum_k c_k sin(k pi s)/k of length 1, and their energy and constraints with
+    derivatives with respect to c.
 
-    The energy does not depend on the scale.  With the factor 1/k it is about as steep in every coefficient.  Integrals over s are sums over the nodes of a
-    Gauss-Legendre rule, which leaves out the poles, where 0 is divided by 0.  The second pole is on the axis only if the constraints hold; until then a small
-    part of its distance is taken off everywhere, so that the energy is finite.
+    The energy does not depend on the scale.  With the factor 1/k it is about as steep in every coefficient.  Integrals
+    over s are sums over the nodes of a Gauss-Legendre rule, which leaves out the poles, where 0 is divided by 0.  The
+    second pole is on the axis only if the constraints hold; until then a small part of its distance is taken off
+    everywhere, so that the energy is finite.
     """
 
     def __init__(self, symmetric):
@@ -130,7 +136,9 @@ class _TangentAngle:
         return self._w @ (curvature**2 * x) / 8, gradient / 8
 
     def constraints(self, c, reducedVolume):
-        """Return the excess of the reduced volume, and, where symmetry does not see to it, how far the second pole is from the axis."""
+        """Return the excess of the reduced volume, and, where symmetry does not see to it, how far the second pole is
+        from the axis.
+        """
         psi, _, x, dx = self._curve(c)
         area, dArea = (
             2 * np.pi * max(self._w @ x, 1e-3),
@@ -177,7 +185,7 @@ class _TangentAngle:
 
 
 def _integrals(t, weights):
-    """Return the matrix that takes values at the nodes of a Gauss-Legendre rule to the integral from -1 to each node."""
+    """Return the matrix that takes values at the nodes of a Gauss-Legendre rule to integrals from -1 to each node."""
     legendre = np.polynomial.legendre
     degrees = np.arange(len(t))
     toSeries = (legendre.legvander(t, len(t) - 1) * weights[:, np.newaxis]).T * (degrees + 0.5)[:, np.newaxis]

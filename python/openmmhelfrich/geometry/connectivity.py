@@ -1,7 +1,7 @@
 """The connectivity of a triangulated surface, in numpy: who is whose neighbour, and whether it is a membrane.
 
-A halfedge h = 3*t+corner leads from that corner of triangle t to the next one.  An edge of a closed surface is a pair of
-halfedges that run in opposite directions.
+A halfedge h = 3*t+corner leads from that corner of triangle t to the next one.  An edge of a closed surface is a pair
+of halfedges that run in opposite directions.
 """
 
 from typing import TypeAlias
@@ -79,7 +79,8 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
     for edge, corners in rings.items():
         if len(corners) != 2:
             raise ValueError(
-                f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell the triangles; "
+                f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell "
+                "the triangles; "
                 "give a mesh file"
             )
     triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
@@ -87,7 +88,9 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
 
 
 def _turns(count, first, second, agree):
-    """Return which triangles to turn so that all neighbours agree, if those in `first` and `second` share an edge and agree or not."""
+    """Return which triangles to turn so that all neighbours agree, if those in `first` and `second` share an edge and
+    agree or not.
+    """
     beyond: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
     for f, g, same in zip(first.tolist(), second.tolist(), agree.tolist()):
         beyond[f].append((g, same))
@@ -121,8 +124,8 @@ def _orient(triangles, vertices):
 
 
 def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None:
-    """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed, oriented,
-    manifold surfaces that enclose a positive volume.
+    """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed,
+    oriented, manifold surfaces that enclose a positive volume.
 
     Parameters
     ----------
@@ -158,7 +161,8 @@ def _checkTriangles(vertices, triangles):
     huge = np.flatnonzero(~np.isfinite(doubleArea))
     if len(huge):
         raise ValueError(
-            f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not those of a membrane"
+            f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not "
+            "those of a membrane"
         )
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
     flat = np.flatnonzero(doubleArea <= 1e-12 * np.einsum("sti,sti->st", sides, sides).max(axis=0))
@@ -180,7 +184,8 @@ def _checkEdges(triangles, order, start):
                 "an edge must belong to exactly two"
             )
         raise ValueError(
-            f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle {order[start[wrong[0]]] // 3} only "
+            f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle "
+            f"{order[start[wrong[0]]] // 3} only "
             f"({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane must be closed"
         )
     origin, _ = halfedges(triangles)

@@ -87,10 +87,10 @@ class Mesh:
     def read(cls, file: PathLike, unit: Length = unit.nanometer) -> "Mesh":
         """Read a mesh from a file.
 
-        The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTK, GMSH (.msh) and every other that the meshio library
-        reads.  The corners of an STL file's triangles are one vertex where their coordinates are equal, to the last bit; vertices are in
-        order of first appearance.  Vertices that belong to no triangle are left out.  Points and lines in the file are ignored; cells other than
-        triangles are an error.
+        The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTK, GMSH (.msh) and every other that the
+        meshio library reads.  The corners of an STL file's triangles are one vertex where their coordinates are equal,
+        to the last bit; vertices are in order of first appearance.  Vertices that belong to no triangle are left out.
+        Points and lines in the file are ignored; cells other than triangles are an error.
 
         Parameters
         ----------
@@ -122,7 +122,8 @@ class Mesh:
     def write(self, file: PathLike, unit: Length = unit.nanometer, data: Mapping[str, ArrayLike] | None = None) -> None:
         """Write the mesh to a file, replacing one that exists.
 
-        The suffix of its name tells the format, as in :meth:`read`.  STL holds single precision; the others hold double.
+        The suffix of its name tells the format, as in :meth:`read`.  STL holds single precision; the others hold
+        double.
 
         Parameters
         ----------
@@ -131,7 +132,8 @@ class Mesh:
         unit : Unit, Quantity or float
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
         data : dict, optional
-            arrays of shape (N,) by name, a value for each vertex; VTU, VTK and PLY files hold them, others leave them out
+            arrays of shape (N,) by name, a value for each vertex; VTU, VTK and PLY files hold them, others leave them
+            out
 
         Raises
         ------
@@ -174,9 +176,11 @@ class Mesh:
         connectivity.check(self.vertices, self.triangles)
 
     def topology(self) -> app.Topology:
-        """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for each edge.
+        """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for
+        each edge.
 
-        A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of their ids.
+        A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
+        their ids.
         """
         topology = app.Topology()
         chain = topology.addChain("M")
@@ -245,9 +249,11 @@ class Mesh:
 
     @property
     def vertexMeanCurvatures(self) -> NDArray[np.float64]:
-        """The integrated mean curvature of each vertex, a quarter of the sum of length times dihedral angle over its edges, in nm.
+        """The integrated mean curvature of each vertex, a quarter of the sum of length times dihedral angle over its
+        edges, in nm.
 
-        They add up to 4 pi R on a sphere; divided by :attr:`vertexAreas` they are the local mean curvature, 1/R.  The surface must be closed.
+        They add up to 4 pi R on a sphere; divided by :attr:`vertexAreas` they are the local mean curvature, 1/R.  The
+        surface must be closed.
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
@@ -428,12 +434,15 @@ def requireFormat(path: Path, *others: str) -> None:
     if suffix not in meshio.extension_to_filetypes and suffix not in others:
         kind = "format" if others else "mesh format"
         raise ValueError(
-            f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}"
+            f"{path}: no {kind} has the suffix '{suffix}'; use one of "
+            f"{', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}"
         )
 
 
 def _refuseNumbersOfNodes(above):
-    """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
+    """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of
+    64 bits.
+    """
     from meshio.gmsh import _gmsh41
 
     read = _gmsh41._read_nodes

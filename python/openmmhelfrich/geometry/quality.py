@@ -1,4 +1,4 @@
-"""What a mesh is like: its topology, the shape of its triangles, whether it meets itself, and what to simulate it with."""
+"""What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,8 @@ class MeshQuality:
     aspectRatios : (T,) array
         circumradius over twice the inradius of each triangle: 1 if it is equilateral, more if not
     closestPair : tuple or None
-        two vertices that are close in space, though at least three edges apart on the surface, and their distance in nm.  None if there are none
-        within two mean edge lengths
+        two vertices that are close in space, though at least three edges apart on the surface, and their distance in
+        nm.  None if there are none within two mean edge lengths
     crossings : (K, 3) array
         the vertices of an edge and the number of a triangle through which it passes, for each such pair
     """
@@ -72,7 +72,10 @@ class MeshQuality:
         if self.closestPair is None:
             return "no vertices that are three or more edges apart come within two mean edge lengths of each other"
         a, b, distance = self.closestPair
-        return f"vertices {a} and {b}, three or more edges apart, are {distance:.4g} {u} from each other: {distance / mean:.2f} mean edge lengths"
+        return (
+            f"vertices {a} and {b}, three or more edges apart, are {distance:.4g} {u} from each other: "
+            f"{distance / mean:.2f} mean edge lengths"
+        )
 
 
 def assess(mesh: Mesh) -> MeshQuality:
@@ -94,7 +97,9 @@ def assess(mesh: Mesh) -> MeshQuality:
 
 
 def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
-    """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther than two mean edge lengths."""
+    """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther
+    than two mean edge lengths.
+    """
     pairs = cKDTree(mesh.vertices).query_pairs(2 * mesh.edgeLengths.mean(), output_type="ndarray")
     a, b = mesh.edges.T
     n = len(mesh.vertices)
@@ -111,9 +116,11 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
 
 
 def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
-    """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a (K, 3) array.
+    """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a
+    (K, 3) array.
 
-    Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch without passing through are not found.
+    Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch
+    without passing through are not found.
     """
     corners = mesh.vertices[mesh.triangles]
     middles = corners.mean(axis=1)
@@ -139,7 +146,8 @@ def _passing(mesh, edges, triangles):
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
     apart = np.all(edges[:, :, np.newaxis] != mesh.triangles[triangles][:, np.newaxis, :], axis=(1, 2))
     edges, triangles = edges[apart], triangles[apart]
-    # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21 (1997)).
+    # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
+    # (1997)).
     a, d = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
     x = mesh.vertices[mesh.triangles[triangles]]
     side, other, offset = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], a - x[:, 0]

@@ -17,15 +17,16 @@ from .mesh import Mesh
 def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100) -> Mesh:
     """Create a closed surface of revolution about the z axis, of nearly equal edges.
 
-    The vertices begin on a spiral of the golden angle, at equal areas.  Then every edge is a spring that pulls towards the mean length, edges flip where that
-    makes them shorter, and vertices slide on the surface, each on its own sheet where two come close to each other.  The flips are annealed: a temperature
-    that falls to 0 lets defects move, without which the spiral's strain would stay in a lattice that has none.
+    The vertices begin on a spiral of the golden angle, at equal areas.  Then every edge is a spring that pulls towards
+    the mean length, edges flip where that makes them shorter, and vertices slide on the surface, each on its own sheet
+    where two come close to each other.  The flips are annealed: a temperature that falls to 0 lets defects move,
+    without which the spiral's strain would stay in a lattice that has none.
 
     Parameters
     ----------
     outline : (n, 2) array
-        distance from the axis and height of points of the outline, in nm, close together, from one pole to the other; both poles are on the axis, and
-        z falls at the first, whose outside is up
+        distance from the axis and height of points of the outline, in nm, close together, from one pole to the other;
+        both poles are on the axis, and z falls at the first, whose outside is up
     numVertices : int
         the number of vertices, at least 12
     rounds : int
@@ -39,7 +40,8 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
     outline = np.array(outline, dtype=float)
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.all(np.isfinite(outline)):
         raise ValueError(
-            f"surfaceOfRevolution: the outline has the shape {outline.shape}; it must be finite and of shape (n, 2), with at least 3 points"
+            f"surfaceOfRevolution: the outline has the shape {outline.shape}; it must be finite and of shape (n, 2), "
+            "with at least 3 points"
         )
     if np.any(outline[1:-1, 0] <= 0) or np.any(np.abs(outline[[0, -1], 0]) > 1e-9 * outline[:, 0].max()):
         raise ValueError("surfaceOfRevolution: the outline must begin and end on the axis, and touch it nowhere else")
@@ -62,7 +64,8 @@ def spheroid(numVertices: int, aspectRatio: float, area: float = 4 * math.pi) ->
     numVertices : int
         the number of vertices, at least 12
     aspectRatio : float
-        length along the axis over width: above 1 the spheroid is prolate, below 1 oblate; see :func:`spheroidAspectRatio`
+        length along the axis over width: above 1 the spheroid is prolate, below 1 oblate; see
+        :func:`spheroidAspectRatio`
     area : float
         the area of the triangles, in nm^2; by default that of a unit sphere
 
@@ -96,7 +99,8 @@ def spheroidAspectRatio(reducedVolume: float, kind: str) -> float:
 
 
 def invaginatedSphere(inner: float, opening: float) -> NDArray[np.float64]:
-    """Return the outline of a stomatocyte, for :func:`surfaceOfRevolution`: a sphere of radius 1 and one inside it, joined by a round rim.
+    """Return the outline of a stomatocyte, for :func:`surfaceOfRevolution`: a sphere of radius 1 and one inside it,
+    joined by a round rim.
 
     Parameters
     ----------
@@ -144,7 +148,9 @@ class _Revolution:
         return np.column_stack((r * np.cos(self._angle), r * np.sin(self._angle), z))
 
     def evenOut(self, edges):
-        """Slide the points along the surface as springs at the edges, which pull towards the mean length, would move them."""
+        """Slide the points along the surface as springs at the edges, which pull towards the mean length, would move
+        them.
+        """
         a, b = edges.T
         x = self.points()
         edge = x[b] - x[a]

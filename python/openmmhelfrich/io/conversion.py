@@ -39,7 +39,10 @@ def openFrames(file: PathLike, topology: PathLike | None = None) -> Sequence[Mes
 
 
 def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: int | None = None, every: int = 1) -> list[int]:
-    """Return the indices that a choice of one frame, or of every so many, means.  Raises a ValueError if there is no such frame."""
+    """Return the indices that a choice of one frame, or of every so many, means.
+
+    Raises a ValueError if there is no such frame.
+    """
     if frame is not None:
         if every != 1:
             raise ValueError(f"frame {frame} and every {every} are both given; give one of them")
@@ -85,9 +88,9 @@ def convert(
 ) -> list[Path]:
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
-    .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates are in angstroms.
-    The mesh formats hold one mesh: with several frames, as many files are written, with the number of the frame in each name.  VTU, VTK and
-    PLY files have the values at the vertices too.
+    .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates
+    are in angstroms. The mesh formats hold one mesh: with several frames, as many files are written, with the number of
+    the frame in each name.  VTU, VTK and PLY files have the values at the vertices too.
 
     Parameters
     ----------
@@ -135,7 +138,7 @@ def convert(
 
 
 def requireNew(files: Iterable[PathLike], source: PathLike, overwrite: bool) -> None:
-    """Raise a FileExistsError if one of the files to write exists and may not be replaced, or is the one to read from."""
+    """Raise a FileExistsError if a file to write exists and may not be replaced, or is the one to read from."""
     existing = [Path(file) for file in files if Path(file).exists()]
     if any(file.samefile(source) for file in existing):
         raise FileExistsError(f"the result would replace {source}; choose another name")

@@ -1,4 +1,4 @@
-"""DCD trajectories whose bytes are those of their frames alone, and which can go on after a frame that was cut short."""
+"""DCD trajectories whose bytes are those of their frames alone, and which go on after a frame that was cut short."""
 
 import struct
 
@@ -7,7 +7,8 @@ from openmm import app
 
 from ..files import PathLike
 
-# Where the header has the number of frames, the first step, the interval and the last step, its second title, and its end.
+# Where the header has the number of frames, the first step, the interval and the last step, its second title, and its
+# end.
 _COUNTERS, _TITLE, _END = 8, 180, 276
 
 

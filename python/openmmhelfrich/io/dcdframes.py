@@ -1,4 +1,7 @@
-"""DCD trajectories as sequences of meshes.  DCD has positions alone: the triangles come from a topology, and stay as they are there."""
+"""DCD trajectories as sequences of meshes.
+
+DCD has positions alone: the triangles come from a topology, and stay as they are there.
+"""
 
 from pathlib import Path
 
@@ -31,7 +34,8 @@ class DCDTrajectory(Frames):
         FileNotFoundError
             if there is no such file
         ValueError
-            if a file is damaged, the topology is missing or has another number of vertices, or its bonds do not tell triangles
+            if a file is damaged, the topology is missing or has another number of vertices, or its bonds do not tell
+            triangles
         """
         formats = require("mdtraj", "reading DCD files").formats
         self._path = Path(file)

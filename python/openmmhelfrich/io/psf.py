@@ -4,16 +4,16 @@ from openmm import app
 
 from ..files import PathLike, replacing
 
-# Columns of the extended format (CHARMM's EXT).  Ten digits an index leave room for any mesh, and blanks between all fields let readers
-# that split at blanks (mdtraj, MDAnalysis, NAMD) and readers that count columns (VMD, OpenMM) agree.
+# Columns of the extended format (CHARMM's EXT).  Ten digits an index leave room for any mesh, and blanks between all
+# fields let readers that split at blanks (mdtraj, MDAnalysis, NAMD) and readers that count columns (VMD, OpenMM) agree.
 _ATOM = "{:10d} {:<8.8s} {:<8.8s} {:<8.8s} {:<8.8s} {:<4.4s} {:>13s} {:>13s}{:8d}\n"
 
 
 def writePSF(file: PathLike, topology: app.Topology, mass: float = 1.0) -> None:
     """Write the atoms and bonds of a Topology to a PSF file, replacing one that exists.
 
-    VMD, mdtraj and MDAnalysis read it as the partner of a DCD trajectory, for any number of atoms.  The bonds are those that the
-    Topology has: for a membrane whose edges flip, those at its creation.
+    VMD, mdtraj and MDAnalysis read it as the partner of a DCD trajectory, for any number of atoms.  The bonds are those
+    that the Topology has: for a membrane whose edges flip, those at its creation.
 
     Parameters
     ----------

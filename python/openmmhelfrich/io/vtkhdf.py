@@ -1,9 +1,11 @@
 """Mesh trajectories: positions, live triangles and values at the vertices, frame by frame, in one VTKHDF file.
 
-VTKHDF is VTK's own HDF5 layout, which ParaView and pyvista play as a time series.  A file of ours is a PolyData with Steps, version 2.0 of the
-specification (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html).  The numbers of vertices and of
-triangles are those of the first frame, so that the sizes of the one part and the Offsets of its triangles are stored once, and each frame is a
-chunk of every other array: what a frame costs does not depend on how many there are, and the last ones can be dropped.
+VTKHDF is VTK's own HDF5 layout, which ParaView and pyvista play as a time series.  A file of ours is a PolyData with
+Steps, version 2.0 of the specification
+(https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html).  The numbers of
+vertices and of triangles are those of the first frame, so that the sizes of the one part and the Offsets of its
+triangles are stored once, and each frame is a chunk of every other array: what a frame costs does not depend on how
+many there are, and the last ones can be dropped.
 """
 
 import contextlib
@@ -23,8 +25,8 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 
 VERSION = (2, 0)
-# Chosen by measurement (docs/looking.md): higher levels take longer for a percent or less.  Shuffled bytes of 64-bit indices, which is what
-# VTK reads into, compress as well as those of shorter ones.
+# Chosen by measurement (docs/looking.md): higher levels take longer for a percent or less.  Shuffled bytes of 64-bit
+# indices, which is what VTK reads into, compress as well as those of shorter ones.
 COMPRESSION = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 # VTK wants all four kinds of cells, in this order.
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
@@ -40,7 +42,8 @@ class MeshFrame(NamedTuple):
     mesh : Mesh
         positions, in nm, and the triangles at that step
     data : dict
-        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature", in 1/nm, and "Area", in nm^2, from a MeshReporter
+        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature", in 1/nm, and "Area", in nm^2, from a
+        MeshReporter
     """
 
     step: int
@@ -57,7 +60,8 @@ def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
 def writeMeshTrajectory(
     file: PathLike, frames: Iterable[MeshFrame], keep: int = 0, precision: str = "double", lengthUnit: str = "nm"
 ) -> None:
-    """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one, never half of one.
+    """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one,
+    never half of one.
 
     Parameters
     ----------
@@ -116,9 +120,10 @@ def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
 class MeshTrajectoryWriter:
     """Adds frames to a mesh trajectory as they come.
 
-    New frames wait in memory until :meth:`flush` makes the file complete with them, as :func:`writeMeshTrajectory` does.  That copies the file,
-    and so :meth:`add` flushes at most a fiftieth of the time: when a minute has passed since the last time, or 50 times as long as that took,
-    or earlier when 64 MB wait.  The first frame is written at once.
+    New frames wait in memory until :meth:`flush` makes the file complete with them, as :func:`writeMeshTrajectory`
+    does.  That copies the file, and so :meth:`add` flushes at most a fiftieth of the time: when a minute has passed
+    since the last time, or 50 times as long as that took, or earlier when 64 MB wait.  The first frame is written at
+    once.
     """
 
     def __init__(self, file: PathLike, numFrames: int | None = 0, precision: str = "double", lengthUnit: str = "nm"):
@@ -160,7 +165,10 @@ class MeshTrajectoryWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Make the file complete with all frames so far.  If this fails, the file is as it was and the frames go on waiting."""
+        """Make the file complete with all frames so far.
+
+        If this fails, the file is as it was and the frames go on waiting.
+        """
         start = time.monotonic()
         if self._waiting or self._surplus:
             writeMeshTrajectory(self._path, self._waiting, self._kept, **self._options)
@@ -176,7 +184,8 @@ class MeshTrajectoryWriter:
 
 
 class Frames(ABC, Sequence[MeshFrame]):
-    """A sequence of :class:`MeshFrame` in a file: its length, its items, its slices (lists) and its iterator; each frame is read when it is asked for.
+    """A sequence of :class:`MeshFrame` in a file: its length, its items, its slices (lists) and its iterator; each
+    frame is read when it is asked for.
 
     Indices may be negative; those out of range raise an IndexError.
 
@@ -418,7 +427,9 @@ def _append(root, frame):
 
 
 def _requireRoom(part, frames):
-    """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program with it."""
+    """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program
+    with it.
+    """
     if not hasattr(os, "posix_fallocate"):
         return
     raw = sum(_sizeOf(frame) + 1024 for frame in frames)

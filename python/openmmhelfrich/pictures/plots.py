@@ -13,8 +13,8 @@ from .curvature import smoothMeanCurvature
 
 _drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
 
-# matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so that no display
-# is needed and no setting of the caller's is touched.
+# matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so
+# that no display is needed and no setting of the caller's is touched.
 
 
 def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
@@ -113,7 +113,8 @@ def _plotBranches(axes, windows, name, prefix):
 
 
 def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: float = 30, azimuth: float = -60) -> None:
-    """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is convex.
+    """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is
+    convex.
 
     Parameters
     ----------

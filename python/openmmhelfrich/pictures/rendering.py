@@ -46,7 +46,8 @@ def render(
     frames : sequence of MeshFrame
         what to show.  A still picture shows the last; an animation all.  They are read more than once
     file : path
-        the picture to write: .png or .jpg, or .gif or .mp4 for an animation.  Without pyvista or OpenGL a .png is drawn with matplotlib instead
+        the picture to write: .png or .jpg, or .gif or .mp4 for an animation.  Without pyvista or OpenGL a .png is drawn
+        with matplotlib instead
     lengthUnit : str
         the name of the unit of length
     elevation, azimuth : float
@@ -156,7 +157,9 @@ def _images(frames, lengthUnit, elevation, azimuth, cut):
 
 
 def _bounds(frames):
-    """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost hundredth."""
+    """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost
+    hundredth.
+    """
     low, high, bound = np.full(3, np.inf), np.full(3, -np.inf), 1e-12
     for i in range(len(frames)):
         mesh = frames[i].mesh

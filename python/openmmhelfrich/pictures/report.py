@@ -1,4 +1,6 @@
-"""A page to look at: a run's shape in 3D with its frames, its observables, settings and warnings, in one HTML file that needs nothing else."""
+"""A page to look at: a run's shape in 3D with its frames, its observables, settings and warnings, in one HTML file that
+needs nothing else.
+"""
 
 import base64
 import html
@@ -39,11 +41,12 @@ def writeReport(
 ) -> Path:
     """Write a page about the results of a run.
 
-    It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none, the final mesh; the observables against
-    steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages, versions and warnings.  What is missing is left out and listed among the
-    warnings.  The page is self-contained and stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances;
-    a shape of which not even one frame fits is left out.
-    Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of their range.
+    It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none,
+    the final mesh; the observables against steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages,
+    versions and warnings.  What is missing is left out and listed among the warnings.  The page is self-contained and
+    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances; a shape of
+    which not even one frame fits is left out. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
+    their range.
 
     Parameters
     ----------

@@ -39,7 +39,8 @@ def plotSections(minima: Sequence[DiscreteMinimum], file: PathLike, columns: int
         axes.add_collection(LineCollection(list(section), color="black", lw=0.7))
         axes.set(aspect="equal", xlim=(-1.6, 1.6), ylim=(-3, 3) if minimum.branch == "prolate" else (-1.6, 1.6))
         axes.set_title(
-            f"{minimum.branch}, v = {minimum.reducedVolume:g}\nE/8πκ = {minimum.energy:.3f} ({minimum.energyError:+.1%})",
+            f"{minimum.branch}, v = {minimum.reducedVolume:g}\nE/8πκ = {minimum.energy:.3f} "
+            f"({minimum.energyError:+.1%})",
             fontsize="small",
         )
     figure.savefig(file, dpi=120)

@@ -1,8 +1,9 @@
 """Checkpoints: everything that a run needs to go on, in one file that is always complete.
 
-The file is a ZIP archive of texts: the System, the Integrator and the State as OpenMM's XML, which holds every number to the last bit and is the same on
-each platform, and a JSON file with the configuration, the stage, and the sizes of the files that the run appends to.  Live triangles, random
-numbers' counters and the order of the vertices are part of the State, as parameters of the Integrator.
+The file is a ZIP archive of texts: the System, the Integrator and the State as OpenMM's XML, which holds every number
+to the last bit and is the same on each platform, and a JSON file with the configuration, the stage, and the sizes of
+the files that the run appends to.  Live triangles, random numbers' counters and the order of the vertices are part of
+the State, as parameters of the Integrator.
 """
 
 import json

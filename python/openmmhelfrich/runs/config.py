@@ -64,7 +64,8 @@ def readConfig(file: PathLike) -> Config:
     FileNotFoundError
         if there is no such file
     ValueError
-        if it is not TOML, or has an unknown key or a value out of range; the message names section, key and what is allowed
+        if it is not TOML, or has an unknown key or a value out of range; the message names section, key and what is
+        allowed
     """
     path = Path(file)
     config = parseConfig(readTOML(path), str(path))
@@ -76,7 +77,7 @@ def readConfig(file: PathLike) -> Config:
 
 
 def readTOML(file: PathLike) -> dict[str, Any]:
-    """Return the nested dict of a configuration file, or raise a FileNotFoundError or ValueError that names the file."""
+    """Return the nested dict of a configuration file; raise a FileNotFoundError or ValueError that names the file."""
     path = Path(file)
     if not path.exists():
         raise FileNotFoundError(f"there is no configuration file {path}")
@@ -125,7 +126,10 @@ def _explain(mistake):
     if kind == "union_tag_not_found":
         return f"{name} has no kind; it must be one of {', '.join(STAGES)}"
     if kind == "union_tag_invalid":
-        return f"{name} has the kind {mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+        return (
+            f"{name} has the kind "
+            f"{mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+        )
     if kind == "value_error" and isinstance(mistake["input"], dict):
         return f"{name} {message}"  # a key of this table
     if kind == "model_type":

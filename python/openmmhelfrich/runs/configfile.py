@@ -1,5 +1,6 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
 
+import inspect
 import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,25 +12,27 @@ from .config import Config, sections
 from .sections import Targets
 from .stagesettings import STAGES
 
-_HEAD = """Configuration of openmm-helfrich run.  Keys that are left out have the values shown here; a mesh is all that must be given.
+_HEAD = """\
+Configuration of openmm-helfrich run.  Keys that are left out have the values shown here; a mesh is all that must be \
+given.
 Numbers without a unit: lengths in the mesh's length_unit, energies in kT, temperatures in K, times in ps, masses in Da.
 A number with a unit in quotes may stand for each of them: "80 kJ/mol", "0.5 um", "12 um^2", "90 fL", "37 C", "1 fs"."""
-_STAGES = """Stages, one after the other, each a table [[stages]] with its kind; without any, [sampling] steps is one that samples.
-Take away the first "# " of each line to use one.  All may also set targets, which stay: target_area, target_volume or reduced_volume, target_area_difference."""
+_STAGES = """\
+Stages, one after the other, each a table [[stages]] with its kind; without any, [sampling] steps is one that samples.
+Take away the first "# " of each line to use one.  All may also set targets, which stay: target_area, target_volume or \
+reduced_volume, target_area_difference."""
 
 
 def defaultText() -> str:
     """Return the text of a configuration file with all keys, their defaults, and the reasons for these."""
     parts = [_comment(_HEAD)]
     for name, model in sections().items():
-        parts.append(f"{_comment(model.__doc__)}\n[{name}]\n{_keys(model)}")
+        parts.append(f"{_purpose(model)}\n[{name}]\n{_keys(model)}")
     parts.append(_comment(_STAGES))
     for kind, model in STAGES.items():
         keys = _keys(model, leaveOut={"kind", *Targets.model_fields})
         parts.append(
-            "\n".join(
-                "# " + line for line in f'{_comment(model.__doc__)}\n[[stages]]\nkind = "{kind}"\n{keys}'.splitlines()
-            )
+            "\n".join("# " + line for line in f'{_purpose(model)}\n[[stages]]\nkind = "{kind}"\n{keys}'.splitlines())
         )
     return "\n\n".join(parts) + "\n"
 
@@ -72,6 +75,10 @@ def _keys(model, leaveOut=()):
         hasValue = field.default is not None and not field.is_required() and field.default != {}
         lines.append(tomli_w.dumps({name: field.default}).strip() if hasValue else f"# {name} =")
     return "\n".join(lines)
+
+
+def _purpose(model):
+    return _comment(" ".join(inspect.getdoc(model).split("\n")))
 
 
 def _comment(text):

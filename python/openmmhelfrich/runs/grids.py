@@ -1,6 +1,7 @@
 """Grids of runs: a configuration, and the values that some of its keys take, each with each.
 
-A grid is a TOML file with a configuration, ``base``, which is a file's name or a table, and lists of values by the names of keys::
+A grid is a TOML file with a configuration, ``base``, which is a file's name or a table, and lists of values by the
+names of keys::
 
     base = "vesicle.toml"
     seeds = 2
@@ -8,7 +9,8 @@ A grid is a TOML file with a configuration, ``base``, which is a file's name or 
     membrane.reduced_volume = {start = 0.5, stop = 0.9, step = 0.1}
     stages.cool.end_temperature = [3, 30]
 
-Tables ``[variants.NAME]`` are one more axis: each is a part of a configuration, which takes the place of the base's keys.
+Tables ``[variants.NAME]`` are one more axis: each is a part of a configuration, which takes the place of the base's
+keys.
 """
 
 import copy
@@ -43,7 +45,8 @@ class Point:
     parameters : dict
         its place in the grid: values by the short names of the axes
     config : Config
-        what to do.  Its seed follows from the point's name, so that neither the order of points nor their number matters
+        what to do.  Its seed follows from the point's name, so that neither the order of points nor their number
+        matters
     """
 
     name: str
@@ -158,7 +161,8 @@ def readGrid(file: PathLike) -> list[Point]:
     FileNotFoundError
         if the file, or that of its base, does not exist
     ValueError
-        if a key is unknown, or a value is not allowed or no simulation can begin with it: a line for each mistake, which names the points that have it
+        if a key is unknown, or a value is not allowed or no simulation can begin with it: a line for each mistake,
+        which names the points that have it
     """
     path = Path(file)
     grid = _parse(readTOML(path), path)
@@ -183,7 +187,9 @@ def _parse(data, path):
 def _explain(mistake):
     place, kind = ".".join(map(str, mistake["loc"])), mistake["type"]
     if kind == "extra_forbidden":
-        return f"there is no key '{place}'{f'; a configuration goes into [base]: [base.{place}]' if place in Config.model_fields else nearest(place, Grid.model_fields)}"
+        isSection = place in Config.model_fields
+        hint = f"; a configuration goes into [base]: [base.{place}]" if isSection else nearest(place, Grid.model_fields)
+        return f"there is no key '{place}'{hint}"
     if kind == "missing":
         return f"{place} is missing; it must be the name of a configuration file, or a table"
     if kind == "value_error":
@@ -201,7 +207,9 @@ def _readBase(file):
 
 
 def _places(grid):
-    """Yield the part of a configuration, the values by key, the short names of the keys, and the number of the repeat, for each point."""
+    """Yield the part of a configuration, the values by key, the short names of the keys, and the number of the repeat,
+    for each point.
+    """
     names = _shortNames(grid.grid)
     for variant in grid.variants or [None]:
         for values in itertools.product(*grid.grid.values()):
@@ -284,7 +292,8 @@ def _set(data, key, value, path):
         data = _stage(data, name, key, path) if isinstance(data, list) else data.setdefault(name, {})
     if not isinstance(data, dict):
         raise ValueError(
-            f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the stage's name, kind or number"
+            f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the "
+            "stage's name, kind or number"
         )
     data[last] = copy.deepcopy(value)
 
@@ -301,7 +310,8 @@ def _stage(stages, name, key, path):
             return stages[which.index(name)]
     titles = [str(stage.get("name") or stage.get("kind")) for stage in stages]
     raise ValueError(
-        f"{path}: '{key}' does not name one stage; the stages are {', '.join(f'{i + 1} ({title})' for i, title in enumerate(titles)) or 'none'}"
+        f"{path}: '{key}' does not name one stage; the stages are "
+        f"{', '.join(f'{i + 1} ({title})' for i, title in enumerate(titles)) or 'none'}"
     )
 
 

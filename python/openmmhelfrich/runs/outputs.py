@@ -65,8 +65,8 @@ class Outputs:
     def prepare(self, source: PathLike | None, overwrite: bool = False) -> None:
         """Make sure that every file can be written, and create their folder, before the first is opened.
 
-        Raises FileExistsError if one exists already and is not to be overwritten, or is the mesh file that the run reads (None if there is none),
-        and another OSError if their folder does not take files.
+        Raises FileExistsError if one exists already and is not to be overwritten, or is the mesh file that the run
+        reads (None if there is none), and another OSError if their folder does not take files.
         """
         if source is not None and any(path.exists() and path.samefile(source) for path in self.paths()):
             raise FileExistsError(
@@ -98,7 +98,8 @@ class Outputs:
 class Recorder:
     """The files to which a run appends, and the reporters that do so.
 
-    What a file held at the last checkpoint stays when a run goes on; what came later is dropped, since it will be made again.
+    What a file held at the last checkpoint stays when a run goes on; what came later is dropped, since it will be made
+    again.
     """
 
     def __init__(
@@ -181,7 +182,9 @@ class Recorder:
             reporter.report(self._simulation, state)
 
     def sync(self) -> dict[str, int]:
-        """Wait until everything is on the disk, and return how much each file holds: bytes, and frames of the mesh trajectory."""
+        """Wait until everything is on the disk, and return how much each file holds: bytes, and frames of the mesh
+        trajectory.
+        """
         sizes = {"table": self.table.sync(), "trajectory": self._trajectory.sync()}
         for file in self._files.values():
             sync(file)
@@ -198,5 +201,6 @@ def _checkLength(file, size):
     length = file.stat().st_size if file.exists() else 0
     if length < size:
         raise ValueError(
-            f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that the run cannot go on"
+            f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that "
+            "the run cannot go on"
         )

@@ -21,7 +21,7 @@ LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
 
 
 class Tether(NamedTuple):
-    """A tether: its modulus, in kT, the least and the greatest length of an edge, and the unit of length in its energy."""
+    """A tether: its modulus, in kT, the least and greatest length of an edge, and the length scale of its energy."""
 
     modulus: float
     minLength: float
@@ -168,7 +168,7 @@ class Scene:
         return simulation
 
     def _createShearWaves(self):
-        """Create the integrator of shear waves: the longest has the wave number 1/R of a sphere with the target area."""
+        """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area."""
         sampling, radius = self.config.sampling, _radius(self.targets["area"])
         return ShearWaveIntegrator(
             self.temperature,
@@ -221,13 +221,15 @@ def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
         raise ValueError(f"[platform] threads is {threads}; only the CPU platform has threads, not {name}")
     if config.platform.precision != "double" and name != "CPU":
         raise ValueError(
-            f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', not {name}"
+            f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', "
+            f"not {name}"
         )
     return mm.Platform.getPlatformByName(name), {} if threads is None else {"Threads": str(threads)}
 
 
 def resolve(config: Config, mesh: Mesh) -> Config:
-    """Return a copy of a Config in which every default is a number, also those that follow from the mesh, and the stages are listed.
+    """Return a copy of a Config in which every default is a number, also those that follow from the mesh, and the
+    stages are listed.
 
     Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
     """
@@ -255,8 +257,9 @@ def resolve(config: Config, mesh: Mesh) -> Config:
 def tetherOf(config: Config, mesh: Mesh) -> Tether:
     """Return the Tether that a Config asks for.
 
-    The defaults are soft where edges are short, so that steps are long, and their pull and push on the area of a fluid membrane cancel, entropy included.
-    Edges beyond them at the start cost no more than a few hundred kT, and soon come back.
+    The defaults are soft where edges are short, so that steps are long, and their pull and push on the area of a fluid
+    membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
+    back.
     """
     tether, mean = config.tether, mesh.edgeLengths.mean()
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
@@ -274,9 +277,10 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
 def defaultStepSize(config: Config, mesh: Mesh) -> float:
     """Return the size of a leapfrog step, in ps, for a Config that names none.
 
-    Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a trajectory falls with the number
-    of vertices, they shrink as its fourth root.  The factor was found by trial on spheres of 162 to 2562 vertices and on the red blood cell, to accept about
-    three trajectories in four and to let none of two thousand diverge.
+    Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
+    trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on
+    spheres of 162 to 2562 vertices and on the red blood cell, to accept about three trajectories in four and to let
+    none of two thousand diverge.
     """
     sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
     return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
@@ -285,8 +289,9 @@ def defaultStepSize(config: Config, mesh: Mesh) -> float:
 def _stiffness(config, mesh):
     """Estimate the largest second derivative of the energy, in kT per squared length unit.
 
-    The estimates are those for a vertex of a flat sheet of equilateral triangles (bending, with thermal roughness: area), for all vertices moving
-    along the normal (volume), for an edge so short that the tether's exponential branch holds 1 kT, and for a vertex some of whose edges are as much too long.
+    The estimates are those for a vertex of a flat sheet of equilateral triangles (bending, with thermal roughness:
+    area), for all vertices moving along the normal (volume), for an edge so short that the tether's exponential branch
+    holds 1 kT, and for a vertex some of whose edges are as much too long.
     """
     membrane, number, length = config.membrane, len(mesh.vertices), mesh.edgeLengths.mean()
     area, volume, _ = _targets(config, mesh)

@@ -50,7 +50,10 @@ Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
 
 
 class Section(BaseModel):
-    """A table of the file.  Unknown keys, NaN and infinity are errors, and so are numbers in quotes that have no unit."""
+    """A table of the file.
+
+    Unknown keys, NaN and infinity are errors, and so are numbers in quotes that have no unit.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -173,20 +176,23 @@ class SamplingSection(Section):
     steps: int = Field(
         1000,
         ge=1,
-        description="number of Monte Carlo steps, each a trajectory or a sweep of flips; stages have steps of their own",
+        description="number of Monte Carlo steps, each a trajectory or a sweep of flips; stages have steps of their "
+        "own",
     )
     temperature: Temperature = Field(
         300.0, gt=0, description="in K; energies in kT are at this temperature, whatever a stage does"
     )
     step_size: StepSize = Field(
         None,
-        description='of a leapfrog step, in ps; the default is a rule of thumb for three trajectories in four accepted; "auto" finds, '
+        description="of a leapfrog step, in ps; the default is a rule of thumb for three trajectories in four "
+        'accepted; "auto" finds, '
         "during the burn-in, the one that is accepted as often as target_acceptance says, and keeps it",
     )
     burn_in: int | None = Field(
         None,
         ge=1,
-        description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a fifth of the '
+        description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a '
+        "fifth of the "
         "stage, but no more than 1000, which determine it to a few percent",
     )
     target_acceptance: float = Field(
@@ -207,7 +213,8 @@ class SamplingSection(Section):
     tether_substeps: int = Field(
         1,
         ge=1,
-        description="how often the tether acts for each time that everything else does; with more than 1 the step_size, of everything else, "
+        description="how often the tether acts for each time that everything else does; with more than 1 the "
+        "step_size, of everything else, "
         "can be longer",
     )
     trajectory_jitter: float = Field(
@@ -221,13 +228,15 @@ class SamplingSection(Section):
         1.0,
         gt=0,
         le=1,
-        description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one trajectory to the next, which "
+        description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
+        "trajectory to the next, which "
         "takes a target_acceptance of 0.9; 1 is the plain method",
     )
     flip_fraction: float = Field(
         0.3,
         ge=0,
-        description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside trajectories, and 0.1 "
+        description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside "
+        "trajectories, and 0.1 "
         "makes the membrane half as fluid",
     )
     flip_probability: float = Field(
@@ -246,7 +255,8 @@ class SamplingSection(Section):
     shear_wave_cutoff: float = Field(
         3.0,
         ge=1,
-        description="largest wave number, in units of 1/R, for a sphere of radius R with the area A_0; the smallest is 1",
+        description="largest wave number, in units of 1/R, for a sphere of radius R with the area A_0; the smallest is "
+        "1",
     )
     shear_wave_amplitude: Amplitude = Field(
         "auto",
@@ -262,7 +272,8 @@ class SamplingSection(Section):
     def _probabilities(self) -> "SamplingSection":
         if self.flip_probability + self.shear_wave_probability > 1:
             raise ValueError(
-                f"flip_probability is {self.flip_probability:g} and shear_wave_probability {self.shear_wave_probability:g}; "
+                f"flip_probability is {self.flip_probability:g} and shear_wave_probability "
+                f"{self.shear_wave_probability:g}; "
                 "they must not add up to more than 1"
             )
         return self

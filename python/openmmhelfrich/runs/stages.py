@@ -1,4 +1,5 @@
-"""The stages of a run: what each does in one Monte Carlo step, as a function of how many it has made, and what it must remember.
+"""The stages of a run: what each does in one Monte Carlo step, as a function of how many it has made, and what it must
+remember.
 
 All conditions of a step (temperature, targets, length of the trajectory) follow from its number alone.  What a stage
 remembers beside its number is what was found at its start and the state of the step size's adapter: a few numbers,
@@ -82,7 +83,7 @@ class Stage(ABC):
         """Return how the stage does, in a few words, given a function that returns the energy, in kT."""
 
     def window(self) -> tuple[int, bool]:
-        """Return the window of a path that the present step belongs to, and whether that is equilibrated: no burn-in."""
+        """Return the window of a path that the present step belongs to, and whether it is equilibrated: no burn-in."""
         return 0, not self._isAdapting(self.position)
 
     def acceptance(self) -> tuple[float, float]:
@@ -116,7 +117,8 @@ class Stage(ABC):
         if diverged <= 0.01 * trajectories:  # they were rejected, as they should be
             return []
         return [
-            f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size avoids this"
+            f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size "
+            "avoids this"
         ]
 
     def _counters(self):
@@ -149,7 +151,10 @@ class Stage(ABC):
 
 
 class Minimize(Stage):
-    """A minimum of the energy.  It is found as a whole: a run that is stopped meanwhile begins it anew, from the checkpoint at its beginning."""
+    """A minimum of the energy.
+
+    It is found as a whole: a run that is stopped meanwhile begins it anew, from the checkpoint at its beginning.
+    """
 
     unit, isWhole = "iteration", True
 
@@ -180,7 +185,8 @@ class Minimize(Stage):
         if not isStopped:
             simulation.context.setStepCount(simulation.currentStep + 1)
             self._result = [
-                f"{self.title}: {result.reason}, after {result.iterations} iterations{f' and {result.flips} flips' if settings.fluid else ''}",
+                f"{self.title}: {result.reason}, after {result.iterations} "
+                f"iterations{f' and {result.flips} flips' if settings.fluid else ''}",
                 *(f"{self.title}: {warning}" for warning in result.warnings),
             ]
 
@@ -269,7 +275,10 @@ class Sample(MonteCarlo):
             notes.append(
                 f"{self.title}: {adapter.QUANTITY} {value}, chosen for an acceptance of {adapter.acceptance:.0%}"
                 if adapter.isFrozen
-                else f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been chosen; it is {value}"
+                else (
+                    f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been "
+                    f"chosen; it is {value}"
+                )
             )
         return [*notes, *super().notes()]
 

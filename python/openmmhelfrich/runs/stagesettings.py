@@ -1,4 +1,5 @@
-"""The kinds of stages, as a configuration describes them: the keys of each, their checks, and what the rest of a run asks it.
+"""The kinds of stages, as a configuration describes them: the keys of each, their checks, and what the rest of a run
+asks it.
 
 What a stage does is in :mod:`.stages`, where each of these has its counterpart.
 """
@@ -57,14 +58,18 @@ class StageSettings(Targets):
 
 
 class MinimizeStage(StageSettings):
-    """Finds a minimum of the energy near by, for its targets: L-BFGS takes turns with flips at zero temperature.  It counts as one step."""
+    """Finds a minimum of the energy near by, for its targets: L-BFGS takes turns with flips at zero temperature.
+
+    It counts as one step.
+    """
 
     isMonteCarlo = False
 
     kind: Literal["minimize"] = Field(description="which kind of stage")
     fluid: bool = Field(
         True,
-        description="flip edges where this lowers the energy, and soften penalties that are far from their targets for a while; false keeps "
+        description="flip edges where this lowers the energy, and soften penalties that are far from their targets for "
+        "a while; false keeps "
         "the triangles as they are",
     )
     max_iterations: int = Field(
@@ -76,7 +81,8 @@ class MinimizeStage(StageSettings):
     tolerance: float | None = Field(
         None,
         gt=0,
-        description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B l/(4A), "
+        description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
+        "l/(4A), "
         "with the mean edge length l and the area A, below which long waves hardly move",
     )
 
@@ -104,7 +110,9 @@ class SampleStage(StageSettings):
 
 
 class AnnealStage(StageSettings):
-    """Cools: T(n) = max(T_0 exp(-rate (n-n_0)), T_min) at the stage's step n, for trajectories and flips alike; the step size follows."""
+    """Cools: T(n) = max(T_0 exp(-rate (n-n_0)), T_min) at the stage's step n, for trajectories and flips alike; the
+    step size follows.
+    """
 
     kind: Literal["anneal"] = Field(description="which kind of stage")
     steps: int = Field(1000, ge=1, description="number of Monte Carlo steps")
@@ -142,7 +150,9 @@ class AnnealStage(StageSettings):
 
 
 class ContinueStage(StageSettings):
-    """Goes to its targets along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its start, window by window."""
+    """Goes to its targets along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its start, window by
+    window.
+    """
 
     hasPath = True
 

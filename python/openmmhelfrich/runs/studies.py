@@ -48,8 +48,8 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     Raises
     ------
     ValueError, OSError, openmm.OpenMMException
-        if the mesh, the configuration, the platform or the place for the results will not do; no file has been touched then.  Later an
-        OSError, if the disk is full; the last checkpoint is whole then
+        if the mesh, the configuration, the platform or the place for the results will not do; no file has been touched
+        then.  Later an OSError, if the disk is full; the last checkpoint is whole then
     """
     config = _asConfig(config)
     scene, outputs = Scene.of(config), Outputs.of(config)
@@ -69,7 +69,8 @@ def resume(
 ) -> Summary:
     """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
 
-    What the run would have written had it never been stopped is what it writes: the files are the same to the last byte.
+    What the run would have written had it never been stopped is what it writes: the files are the same to the last
+    byte.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ def resume(
     file = Path(f"{prefix}.checkpoint")
     if not file.exists():
         raise FileNotFoundError(
-            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has begun: start one with run"
+            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has "
+            "begun: start one with run"
         )
     state = loadRunState(file)
     config = parseConfig(state.config, str(file))
@@ -280,7 +282,8 @@ class Study:
         except OSError as error:
             what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
             raise OSError(
-                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step {self._savedAt[1]} is safe: "
+                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step "
+                f"{self._savedAt[1]} is safe: "
                 f"openmm-helfrich resume {self.config.output.prefix} goes on from there"
             ) from None
 
@@ -339,7 +342,8 @@ def versions() -> dict[str, str]:
 
 
 class StopSignals:
-    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop it.
+    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop
+    it.
 
     Attributes
     ----------
@@ -391,7 +395,8 @@ def _changePlatform(config, state, platform, threads):
     """Use another platform, or other versions, than before: not without saying so."""
     if platform is not None and platform != config.platform.name:
         state.notes.append(
-            f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one platform but for rounding errors"
+            f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one "
+            "platform but for rounding errors"
         )
         config.platform.name, config.platform.threads = platform, None
     if threads is not None:
@@ -403,6 +408,7 @@ def _changePlatform(config, state, platform, threads):
     ]
     if changed:
         state.notes.append(
-            f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run that was never stopped"
+            f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run "
+            "that was never stopped"
         )
         state.versions = versions()

@@ -59,7 +59,9 @@ class Summary:
     signal: int | None
 
     def drift(self, name: str) -> float:
-        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while :meth:`mean` averages."""
+        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while
+        :meth:`mean` averages.
+        """
         target = next(observable.target for observable in OBSERVABLES if observable.name == name)
         return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
 

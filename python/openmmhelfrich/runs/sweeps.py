@@ -1,8 +1,9 @@
 """Sweeps: the points of a grid as tasks of dask.distributed.
 
-A point is a run in a folder of its own, and its checkpoint is all that a worker needs to go on with it, so that a task may die and be made again
-anywhere.  A lock on a file in the folder keeps two workers from one point; the operating system takes it from a worker that dies.  When the run has
-ended, ``result.json`` says what came of it, and a point that has one is finished.
+A point is a run in a folder of its own, and its checkpoint is all that a worker needs to go on with it, so that a task
+may die and be made again anywhere.  A lock on a file in the folder keeps two workers from one point; the operating
+system takes it from a worker that dies.  When the run has ended, ``result.json`` says what came of it, and a point that
+has one is finished.
 """
 
 import contextlib
@@ -107,7 +108,8 @@ def sweep(
     output : path, optional
         the folder for the results; by default the grid's name without suffix
     scheduler : str, optional
-        the address of a Dask scheduler, whose workers see the same files; by default there is one for this sweep alone, on this machine
+        the address of a Dask scheduler, whose workers see the same files; by default there is one for this sweep alone,
+        on this machine
     workers : int, optional
         the number of processes of the latter, one for each core by default.  No result depends on it
     progress : callable, optional
@@ -118,7 +120,8 @@ def sweep(
     Raises
     ------
     ValueError, OSError
-        if the grid will not do, a point has been begun with other settings, or the scheduler cannot be reached; no point has been touched then
+        if the grid will not do, a point has been begun with other settings, or the scheduler cannot be reached; no
+        point has been touched then
     """
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
@@ -140,7 +143,9 @@ def sweep(
 
 
 def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
-    """Do what is left of a point, on a worker, and return a dict of its status, "done", "failed", "stopped" or "busy", and of what there is to say."""
+    """Do what is left of a point, on a worker, and return a dict of its status, "done", "failed", "stopped" or "busy",
+    and of what there is to say.
+    """
     folder = _folder(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -175,7 +180,8 @@ def _place(point, folder):
         ]
         if changed:
             raise ValueError(
-                f"point {point.name} was begun with other settings: {changed[0]}; choose another output folder, or delete {folder / point.name}"
+                f"point {point.name} was begun with other settings: {changed[0]}; choose another output folder, or "
+                f"delete {folder / point.name}"
             )
 
 
@@ -247,7 +253,10 @@ def _isStopped(summary):
 
 
 class _Messenger:
-    """Tells the sweep how far a point is, and the point to stop if the sweep is to.  Called with the Study after each step."""
+    """Tells the sweep how far a point is, and the point to stop if the sweep is to.
+
+    Called with the Study after each step.
+    """
 
     def __init__(self, name, sweepName):
         from distributed import get_worker
@@ -282,7 +291,8 @@ def _readResult(config):
 
 
 def observe(config: Config) -> dict[str, Any]:
-    """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the final shape.
+    """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the
+    final shape.
 
     Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`.  Acceptance
     rates are those of the whole run.
@@ -411,7 +421,10 @@ class _Dispatcher:
         if type(error).__name__ == "KilledWorker":
             return {
                 "status": "failed",
-                "reason": f"{error.allowed_failures + 1} workers died while they ran it; the next sweep goes on from its checkpoint",
+                "reason": (
+                    f"{error.allowed_failures + 1} workers died while they ran it; the next sweep goes on from "
+                    "its checkpoint"
+                ),
             }
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 

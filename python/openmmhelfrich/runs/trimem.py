@@ -1,8 +1,8 @@
 """Configurations of TriMem (https://github.com/bio-phys/trimem) converted to ours.
 
-TriMem's energies are multiples of a unit in which its initial temperature is a number, 1 as a rule; ours are multiples of kT at that temperature, which
-is called 300 K here.  Its targets are fractions of the mesh's own area, volume and mean curvature; ours are areas and volumes.  Terms
-and their exponents are the same.
+TriMem's energies are multiples of a unit in which its initial temperature is a number, 1 as a rule; ours are multiples
+of kT at that temperature, which is called 300 K here.  Its targets are fractions of the mesh's own area, volume and
+mean curvature; ours are areas and volumes.  Terms and their exponents are the same.
 """
 
 import configparser
@@ -97,12 +97,15 @@ class _Source:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(
-                f"{self._path}: [{section}] {key} is {text!r}; it must be {'a whole number' if isinstance(default, int) else 'a number'}"
+                f"{self._path}: [{section}] {key} is {text!r}; it must be "
+                f"{'a whole number' if isinstance(default, int) else 'a number'}"
             )
         return value
 
     def meshForAnyFolder(self):
-        """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless TriMem's is in the present one."""
+        """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless
+        TriMem's is in the present one.
+        """
         return self.mesh if self._path.parent == Path() else self.mesh.resolve()
 
     def leftOut(self):

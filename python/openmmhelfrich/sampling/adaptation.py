@@ -1,9 +1,12 @@
-"""Step sizes of Hybrid Monte Carlo, and amplitudes of shear waves: found during a burn-in, or followed while the temperature falls.
+"""Step sizes of Hybrid Monte Carlo, and amplitudes of shear waves: found during a burn-in, or followed while the
+temperature falls.
 
-An adapter is told the acceptance probability of each trajectory and says with which step size to make the next one.  Its state is a handful of
-numbers, which :meth:`getState` and :meth:`setState` carry over a restart without losing a bit.
+An adapter is told the acceptance probability of each trajectory and says with which step size to make the next one.
+Its state is a handful of numbers, which :meth:`getState` and :meth:`setState` carry over a restart without losing a
+bit.
 
-Averages taken while step sizes and amplitudes change are not those of a fixed distribution: adapt first, freeze, then sample.
+Averages taken while step sizes and amplitudes change are not those of a fixed distribution: adapt first, freeze, then
+sample.
 """
 
 import math
@@ -18,13 +21,14 @@ from ..helfrich import HamiltonianTrajectoryIntegrator
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
 
-# Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but little less from 0.6 to 0.9
-# (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a membrane whose shape turns stiff is further from sticking.
+# Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
+# little less from 0.6 to 0.9 (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a
+# membrane whose shape turns stiff is further from sticking.
 DEFAULT_ACCEPTANCE = 0.75
 
 
-# Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to 0.35 (Roberts, Gelman and Gilks, Ann. Appl.
-# Probab. 7, 110, 1997).
+# Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to
+# 0.35 (Roberts, Gelman and Gilks, Ann. Appl. Probab. 7, 110, 1997).
 DEFAULT_WAVE_ACCEPTANCE = 0.25
 
 
@@ -37,7 +41,8 @@ class _Adapter:
         stepSize = float(valueIn(stepSize, self.UNIT))
         if not (math.isfinite(stepSize) and stepSize > 0):
             raise ValueError(
-                f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite"
+                f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be "
+                "positive and finite"
             )
         if not 0 < acceptance < 1:
             raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
@@ -55,7 +60,9 @@ class _Adapter:
         return math.exp(self._logStepSize)
 
     def getState(self) -> dict:
-        """Return everything that :meth:`setState` needs to go on: a dict of numbers, strings and booleans, fit for JSON."""
+        """Return everything that :meth:`setState` needs to go on: a dict of numbers, strings and booleans, fit for
+        JSON.
+        """
         return {name[1:]: value for name, value in vars(self).items()}
 
     def setState(self, state: dict) -> None:
@@ -68,7 +75,8 @@ class _Adapter:
         """
         if set(state) != {name[1:] for name in vars(self)}:
             raise ValueError(
-                f"{type(self).__name__}: the state has the entries {', '.join(sorted(state))}; it must be one that getState() returned"
+                f"{type(self).__name__}: the state has the entries {', '.join(sorted(state))}; it must be one that "
+                "getState() returned"
             )
         vars(self).update({"_" + name: value for name, value in state.items()})
 
@@ -76,11 +84,12 @@ class _Adapter:
 class StepSizeAdapter(_Adapter):
     """Finds the step size at which trajectories are accepted with a given probability.
 
-    It first doubles or halves the step size until the acceptance probability crosses 1/2, however far away the start was, and then averages by the
-    dual averaging of Hoffman and Gelman, J. Mach. Learn. Res. 15, 1593 (2014), section 3.2, equation 6, shrunk towards the step size that the search
-    found, with their parameters t_0 = 10 and kappa = 0.75.  Their gamma, 0.05, makes the step size of a membrane jump by large factors from one
-    trajectory to the next, so that its average accepts 0.86 to 0.95 after 100 to 300 trajectories where 0.75 was asked for; with 0.5 it
-    accepts 0.73 to 0.83.
+    It first doubles or halves the step size until the acceptance probability crosses 1/2, however far away the start
+    was, and then averages by the dual averaging of Hoffman and Gelman, J. Mach. Learn. Res. 15, 1593 (2014), section
+    3.2, equation 6, shrunk towards the step size that the search found, with their parameters t_0 = 10 and kappa =
+    0.75.  Their gamma, 0.05, makes the step size of a membrane jump by large factors from one trajectory to the next,
+    so that its average accepts 0.86 to 0.95 after 100 to 300 trajectories where 0.75 was asked for; with 0.5 it accepts
+    0.73 to 0.83.
     """
 
     GAMMA, T0, KAPPA = 0.5, 10, 0.75
@@ -148,7 +157,8 @@ class StepSizeAdapter(_Adapter):
         if not self._isFrozen:
             if not self.isReady:
                 raise ValueError(
-                    f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at {self.stepSize:.3g} {self.UNIT.get_symbol()}); "
+                    f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at "
+                    f"{self.stepSize:.3g} {self.UNIT.get_symbol()}); "
                     "more trajectories are needed"
                 )
             self._logStepSize, self._isFrozen = self._logAverage, True
@@ -172,8 +182,8 @@ class StepSizeAdapter(_Adapter):
 class StepSizeTracker(_Adapter):
     """Keeps trajectories accepted with a given probability while the temperature, or whatever else, changes slowly.
 
-    After each trajectory the logarithm of the step size changes by a constant gain times the deviation of its acceptance probability (H. Robbins and
-    S. Monro, Ann. Math. Stat. 22, 400 (1951), with a gain that does not fall).
+    After each trajectory the logarithm of the step size changes by a constant gain times the deviation of its
+    acceptance probability (H. Robbins and S. Monro, Ann. Math. Stat. 22, 400 (1951), with a gain that does not fall).
     """
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1):
@@ -186,8 +196,8 @@ class StepSizeTracker(_Adapter):
         acceptance : float
             the acceptance probability to keep, between 0 and 1
         gain : float
-            how fast to follow: 1/gain is about the number of trajectories that a change takes.  The step size scatters by about a third of the square
-            root of the gain: 0.1 by a tenth
+            how fast to follow: 1/gain is about the number of trajectories that a change takes.  The step size scatters
+            by about a third of the square root of the gain: 0.1 by a tenth
 
         Raises
         ------
@@ -200,7 +210,9 @@ class StepSizeTracker(_Adapter):
         self._gain = float(gain)
 
     def update(self, acceptanceProbability: float) -> float:
-        """Take in the acceptance probability of a trajectory, as :meth:`StepSizeAdapter.update`, and return the step size for the next one, in ps."""
+        """Take in the acceptance probability of a trajectory, as :meth:`StepSizeAdapter.update`, and return the step
+        size for the next one, in ps.
+        """
         self._logStepSize += self._gain * (_checkProbability(acceptanceProbability) - self._acceptance)
         return self.stepSize
 
@@ -217,7 +229,9 @@ class _Amplitude(_Adapter):
 
 
 class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
-    """Finds the amplitude of shear waves that are accepted with a given probability, as a :class:`StepSizeAdapter` does the step size."""
+    """Finds the amplitude of shear waves that are accepted with a given probability, as a :class:`StepSizeAdapter` does
+    the step size.
+    """
 
     def __init__(self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE):
         super().__init__(amplitude, acceptance)
@@ -264,10 +278,12 @@ def stepAndAdapt(
     adapter: StepSizeAdapter | StepSizeTracker | None,
     waveAdapter: AmplitudeAdapter | AmplitudeTracker | None = None,
 ) -> float | None:
-    """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of shear waves that another does.
+    """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of
+    shear waves that another does.
 
-    Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another kind of step.  Raises a ValueError if
-    the trajectories are those of another integrator, which has no test of acceptance.
+    Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another
+    kind of step.  Raises a ValueError if the trajectories are those of another integrator, which has no test of
+    acceptance.
     """
     integrator = simulation.integrator
     trajectories, diverged, waves = (
@@ -293,17 +309,19 @@ def adaptStepSize(
     acceptance: float = DEFAULT_ACCEPTANCE,
     progress: Callable[[int, float], None] | None = None,
 ) -> AdaptationResult:
-    """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its shear waves, and leave them there.
+    """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its
+    shear waves, and leave them there.
 
-    The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for it to reach its temperature.
-    The reporters of the Simulation see its steps.
+    The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for
+    it to reach its temperature. The reporters of the Simulation see its steps.
 
     Parameters
     ----------
     simulation : openmm.app.Simulation
         what to adapt; its step size is the first guess, and may be wrong by any factor
     steps : int
-        number of Monte Carlo steps of the burn-in.  Some 100 trajectories bring the acceptance to within 0.1 of the one aimed at
+        number of Monte Carlo steps of the burn-in.  Some 100 trajectories bring the acceptance to within 0.1 of the one
+        aimed at
     acceptance : float
         the acceptance probability of trajectories to aim at; that of shear waves is 0.25
     progress : callable, optional
@@ -312,8 +330,8 @@ def adaptStepSize(
     Raises
     ------
     ValueError
-        if the steps were too few to find the order of magnitude, in which case step size and amplitude are as they were before, or if an argument is
-        out of range
+        if the steps were too few to find the order of magnitude, in which case step size and amplitude are as they were
+        before, or if an argument is out of range
     """
     integrator = simulation.integrator
     original = integrator.getStepSize()
@@ -361,7 +379,8 @@ def _acceptanceProbability(integrator):
         change = trajectory.getGlobalVariableByName("endEnergy") - trajectory.getGlobalVariableByName("startEnergy")
     else:
         raise ValueError(
-            f"the trajectories are those of a {type(trajectory).__name__}, which accepts every step; only Hybrid Monte Carlo has a step size to adapt"
+            f"the trajectories are those of a {type(trajectory).__name__}, which accepts every step; only Hybrid Monte "
+            "Carlo has a step size to adapt"
         )
     return math.exp(-max(change, 0) / kT)
 

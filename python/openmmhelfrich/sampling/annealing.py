@@ -54,8 +54,8 @@ def anneal(
 ) -> AnnealingResult:
     """Make Monte Carlo steps at the temperatures of a schedule, while the step size follows to keep the acceptance.
 
-    The schedule is asked with the Simulation's own step, so that a Simulation loaded from a checkpoint cools on from where it was; a tracker's
-    state goes with :meth:`StepSizeTracker.getState`.
+    The schedule is asked with the Simulation's own step, so that a Simulation loaded from a checkpoint cools on from
+    where it was; a tracker's state goes with :meth:`StepSizeTracker.getState`.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""Continuation: targets that go from where they are to where they should be, eta(lambda) = lambda eta_1 + (1-lambda) eta_0, window by window.
+"""Continuation: targets that go from where they are to where they should be, eta(lambda) = lambda eta_1 + (1-lambda)
+eta_0, window by window.
 
-Each target may have a lambda of its own.  On the way back the windows are the same, so that hysteresis shows as a difference between the two branches.
-The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+Each target may have a lambda of its own.  On the way back the windows are the same, so that hysteresis shows as a
+difference between the two branches. The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 """
 
 import io
@@ -61,7 +62,8 @@ class ContinuationPath:
         Raises
         ------
         ValueError
-            if a target is not one that `end` names, is not positive or 0 where it must not be, or a number of values is wrong
+            if a target is not one that `end` names, is not positive or 0 where it must not be, or a number of values is
+            wrong
         """
         if windows != int(windows) or windows < 1:
             raise ValueError(f"continuation: windows is {windows}; it must be a whole number, 1 or more")
@@ -88,7 +90,8 @@ class ContinuationPath:
         given = np.asarray(given, dtype=float)
         if given.shape != uniform.shape or not np.all(np.isfinite(given)):
             raise ValueError(
-                f"continuation: the path of {name} has {given.size} values; it must have {len(uniform)} finite ones, one more than there are windows"
+                f"continuation: the path of {name} has {given.size} values; it must have {len(uniform)} finite ones, "
+                "one more than there are windows"
             )
         return given
 
@@ -97,7 +100,8 @@ class ContinuationPath:
         wrong = values[(values <= 0) if name != "areaDifference" else (values == 0)]
         if len(wrong):
             raise ValueError(
-                f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must {'not be 0' if name == 'areaDifference' else 'be positive'}"
+                f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must "
+                f"{'not be 0' if name == 'areaDifference' else 'be positive'}"
             )
 
 
@@ -108,7 +112,8 @@ class ContinuationResult:
     Attributes
     ----------
     windows : Table
-        averages over each window: "window", "lambda", and for each quantity its mean and, with a name that ends in "Deviation", its standard deviation
+        averages over each window: "window", "lambda", and for each quantity its mean and, with a name that ends in
+        "Deviation", its standard deviation
     rows : Table
         all observations, with the window that each belongs to
     """
@@ -143,7 +148,8 @@ def continueTo(
     force : HelfrichForce
         the membrane
     targets : dict
-        where to go: "area", "volume" or "reducedVolume", "areaDifference", in powers of nm or with units.  A reduced volume is that of the target area
+        where to go: "area", "volume" or "reducedVolume", "areaDifference", in powers of nm or with units.  A reduced
+        volume is that of the target area
     windows : int
         the number of equal steps from 0 to 1 that lambda makes
     equilibration, steps : int
@@ -168,7 +174,8 @@ def continueTo(
     line = ContinuationPath(start, absoluteTargets(targets, start), windows, thereAndBack, _absoluteNames(path))
     if interval < 1 or steps < interval or equilibration < 0:
         raise ValueError(
-            f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be 0, the interval and 1, or more"
+            f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be "
+            "0, the interval and 1, or more"
         )
     observer, rows = ObservablesReporter(io.StringIO(), interval, force, temperature), []
     for window in range(len(line.lambdas)):

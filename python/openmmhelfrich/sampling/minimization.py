@@ -16,7 +16,8 @@ from ..units import valueIn
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
-# A tether whose energy is a larger part of the bending energy than this bends the shape, or the mesh is still on its way.
+# A tether whose energy is a larger part of the bending energy than this bends the shape, or the mesh is still on its
+# way.
 _TETHER_SHARE = 1e-3
 
 
@@ -39,7 +40,8 @@ class MinimizationResult:
     reason : str
         why it ended, in words
     history : array of float
-        the energy after each iteration, in kJ/mol, of the terms as they were then: while penalties are softened they count as such
+        the energy after each iteration, in kJ/mol, of the terms as they were then: while penalties are softened they
+        count as such
     warnings : tuple of str
         what a user should know about the minimum, such as a tether that bends it
     """
@@ -67,7 +69,8 @@ def minimize(
     maxIterations: int = 0,
     progress: Callable[[int, float], bool] | None = None,
 ) -> MinimizationResult:
-    """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's LocalEnergyMinimizer (L-BFGS).
+    """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's
+    LocalEnergyMinimizer (L-BFGS).
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
 
@@ -78,19 +81,22 @@ def minimize(
     force : HelfrichForce
         the membrane
     tolerance : float or Quantity, optional
-        the root mean square of the components of the forces, in kJ/mol/nm, at which to stop; by default kappa_B l/(4A), with the mean edge length l
-        and the area A: it falls with l since the forces of a slow, long wave are shared by more vertices
+        the root mean square of the components of the forces, in kJ/mol/nm, at which to stop; by default kappa_B l/(4A),
+        with the mean edge length l and the area A: it falls with l since the forces of a slow, long wave are shared by
+        more vertices
     maxIterations : int
         the number of iterations at which to stop, or 0 for no limit
     progress : callable, optional
-        called after each iteration with their number so far and the energy in kJ/mol; if it returns True the minimisation ends
+        called after each iteration with their number so far and the energy in kJ/mol; if it returns True the
+        minimisation ends
 
     Raises
     ------
     ValueError
         if an argument is out of range
     openmm.OpenMMException
-        if the energy or a force is not finite at the start, or nowhere along the way down; the positions are then those at the start
+        if the energy or a force is not finite at the start, or nowhere along the way down; the positions are then those
+        at the start
     """
     descent = _Descent(simulation, force, tolerance, maxIterations, progress)
     with _restoredOnError(simulation, force):
@@ -107,13 +113,15 @@ def minimizeFluid(
     soften: bool = True,
     iterationsPerRound: int = 50,
 ) -> MinimizationResult:
-    """Find a minimum of a fluid membrane's energy: L-BFGS takes turns with edge flips at zero temperature until neither lowers the energy.
+    """Find a minimum of a fluid membrane's energy: L-BFGS takes turns with edge flips at zero temperature until neither
+    lowers the energy.
 
-    Where the area, volume and area difference are far from their targets, stiff penalties would crumple the membrane on the way there.  Their moduli are
-    then first multiplied by the ratio of bending to penalty energy, and raised tenfold from minimum to minimum up to their own values.
+    Where the area, volume and area difference are far from their targets, stiff penalties would crumple the membrane on
+    the way there.  Their moduli are then first multiplied by the ratio of bending to penalty energy, and raised tenfold
+    from minimum to minimum up to their own values.
 
-    The flips are those of the Simulation's EdgeFlipIntegrator, whose temperature and fraction, and the Context's step count, are afterwards as
-    before.  Its counters of sweeps and flips go on.
+    The flips are those of the Simulation's EdgeFlipIntegrator, whose temperature and fraction, and the Context's step
+    count, are afterwards as before.  Its counters of sweeps and flips go on.
 
     Parameters
     ----------
@@ -139,7 +147,8 @@ def minimizeFluid(
     """
     if maxIterations < 1 or iterationsPerRound < 1:
         raise ValueError(
-            f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must be at least 1"
+            f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must "
+            "be at least 1"
         )
     descent = _Descent(simulation, force, tolerance, maxIterations, progress)
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
@@ -154,7 +163,9 @@ def minimizeFluid(
 
 
 def _settle(descent, flip, iterationsPerRound, looseness):
-    """Let L-BFGS and flips take turns until neither lowers the energy, or, at penalties to be stiffened yet, until it is near enough."""
+    """Let L-BFGS and flips take turns until neither lowers the energy, or, at penalties to be stiffened yet, until it
+    is near enough.
+    """
     rounds = flips = stalled = 0
     while True:
         reason = descent.run(iterationsPerRound, looseness)
@@ -171,7 +182,10 @@ def _settle(descent, flip, iterationsPerRound, looseness):
 
 
 _CONVERGED = "the forces fell below the tolerance"
-_STALLED = "no lower energy was found along the forces: the energy is rough there, as where triangles are flat or folded; a firmer tether helps"
+_STALLED = (
+    "no lower energy was found along the forces: the energy is rough there, as where triangles are flat or folded; a "
+    "firmer tether helps"
+)
 _LIMIT = "the greatest number of iterations was reached"
 _STOPPED = "the caller ended it"
 _ROUND = "the iterations of a round were made"
@@ -230,13 +244,17 @@ class _Descent:
         )
 
     def _descend(self, tolerance, iterations):
-        """Run L-BFGS once.  The Context may be left at a step that the line search has tried: the best positions are the last reported."""
+        """Run L-BFGS once.
+
+        The Context may be left at a step that the line search has tried: the best positions are the last reported.
+        """
         context, recorder = self.simulation.context, _Recorder(self, tolerance)
         start = context.getState(positions=True).getPositions(asNumpy=True)
         try:
             mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
         except mm.OpenMMException:
-            # A step of the line search led where there is no finite energy.  From the best positions it may find another way.
+            # A step of the line search led where there is no finite energy.  From the best positions it may find
+            # another way.
             if recorder.positions is None:
                 context.setPositions(start)
                 raise
@@ -253,13 +271,14 @@ class _Descent:
         energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free] ** 2))
         if not (math.isfinite(energy) and math.isfinite(rmsForce)):
             raise mm.OpenMMException(
-                f"minimisation: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; both must be finite"
+                f"minimisation: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; "
+                "both must be finite"
             )
         return energy, rmsForce
 
 
 class _Recorder(mm.MinimizationReporter):
-    """Remembers the positions and energies of the iterations, and ends them when forces are small or the caller asks."""
+    """Remembers positions and energies of the iterations, and ends them when forces are small or the caller asks."""
 
     def __init__(self, descent, tolerance):
         super().__init__()
@@ -278,7 +297,9 @@ class _Recorder(mm.MinimizationReporter):
 
 
 def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
-    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by default: kappa_B l/(4A)."""
+    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by
+    default: kappa_B l/(4A).
+    """
     modulus = valueIn(force.getBendingModulus(), _ENERGY)
     if modulus == 0:
         raise ValueError(
@@ -295,7 +316,10 @@ def _warnings(energies):
     bending, tether = (valueIn(energies[name], _ENERGY) for name in ("bending", "tether"))
     if tether > _TETHER_SHARE * bending:
         share = f", {tether / bending:.1%} of the bending energy," if bending > 0 else ""
-        yield f"the tether holds {tether:.3g} kJ/mol{share} and so bends the shape: give it wider bounds, or begin with a more even mesh"
+        yield (
+            f"the tether holds {tether:.3g} kJ/mol{share} and so bends the shape: give it wider bounds, or begin "
+            "with a more even mesh"
+        )
 
 
 def _softening(simulation, force):
@@ -328,7 +352,9 @@ def _scaledPenalties(simulation, force, scale):
 
 @contextmanager
 def _zeroTemperatureFlips(simulation, sweeps=5):
-    """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns how many it flipped."""
+    """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns
+    how many it flipped.
+    """
     integrator = simulation.integrator
     flips = (
         integrator
@@ -337,7 +363,8 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
     )
     if flips is None:
         raise ValueError(
-            f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a HybridMonteCarloIntegrator or an EdgeFlipIntegrator"
+            f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a "
+            "HybridMonteCarloIntegrator or an EdgeFlipIntegrator"
         )
     flips = flips if flips is integrator else integrator.getIntegrator(1)
     temperature, fraction = flips.getTemperature(), flips.getFraction()

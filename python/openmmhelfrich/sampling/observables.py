@@ -24,7 +24,9 @@ ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repuls
 
 
 class Place(NamedTuple):
-    """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is equilibrated."""
+    """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is
+    equilibrated.
+    """
 
     stage: int = 1
     window: int = 0
@@ -377,8 +379,8 @@ def observableUnits(file: PathLike) -> dict[str, str]:
 def lateRows(table: Table) -> Table:
     """Return the rows of a table over which to average, where the start is forgotten.
 
-    They are the second half of the last stage, or of its last window, without what is marked as not equilibrated, unless
-    all of it is.
+    They are the second half of the last stage, or of its last window, without what is marked as not equilibrated,
+    unless all of it is.
     """
     last = np.ones(len(table["step"]), dtype=bool)
     for name in ("stage", "window"):
@@ -390,7 +392,7 @@ def lateRows(table: Table) -> Table:
 
 
 def averageWindows(table: Table, lambdas: NDArray[np.float64]) -> Table:
-    """Return the averages and standard deviations of a table's rows over each window, as a Table with a row for each."""
+    """Return averages and standard deviations of a table's rows over each window, as a Table with a row for each."""
     labels = {observable.name for observable in OBSERVABLES if not observable.isAveraged}
     rows = []
     for window in np.unique(table["window"]).astype(int):

@@ -1,8 +1,9 @@
-"""Replica exchange: simulations at several temperatures or targets that exchange these, so that each configuration visits them all.
+"""Replica exchange: simulations at several temperatures or targets that exchange these, so that each configuration
+visits them all.
 
-Every replica is a Simulation of its own, and what moves between them are the states: positions, velocities and live triangles stay in their Context.
-The method is that of Hukushima and Nemoto, J. Phys. Soc. Jpn. 65, 1604 (1996), for temperatures, and of Sugita, Kitao and Okamoto, J. Chem. Phys. 113, 6042 (2000), for parameters
-of the energy.
+Every replica is a Simulation of its own, and what moves between them are the states: positions, velocities and live
+triangles stay in their Context. The method is that of Hukushima and Nemoto, J. Phys. Soc. Jpn. 65, 1604 (1996), for
+temperatures, and of Sugita, Kitao and Okamoto, J. Chem. Phys. 113, 6042 (2000), for parameters of the energy.
 """
 
 import io
@@ -53,13 +54,16 @@ class ThermodynamicState:
 class ReplicaExchange:
     """Several simulations that exchange their states.
 
-    A round is a number of Monte Carlo steps of each replica, the energies of each replica in every state, and attempts to exchange neighbouring states: 0 and 1, 2 and 3 ... in even
-    rounds, 1 and 2, 3 and 4 ... in odd ones.  Replicas a and b in the states i and j exchange them with the probability
+    A round is a number of Monte Carlo steps of each replica, the energies of each replica in every state, and attempts
+    to exchange neighbouring states: 0 and 1, 2 and 3 ... in even rounds, 1 and 2, 3 and 4 ... in odd ones.  Replicas a
+    and b in the states i and j exchange them with the probability
 
         min(1, exp(u_i(x_a)+u_j(x_b)-u_i(x_b)-u_j(x_a))),   u_i(x) = E(x; parameters of i)/kT_i.
 
-    The random numbers follow from the seed and the number of rounds made, and the replicas have generators of their own: a run that was saved and loaded goes on as an uninterrupted one to
-    the last bit, and the number of workers changes nothing.  Both need a native HybridMonteCarloIntegrator (or any other whose State has its generator's state).
+    The random numbers follow from the seed and the number of rounds made, and the replicas have generators of their
+    own: a run that was saved and loaded goes on as an uninterrupted one to the last bit, and the number of workers
+    changes nothing.  Both need a native HybridMonteCarloIntegrator (or any other whose State has its generator's
+    state).
 
     Attributes
     ----------
@@ -118,7 +122,9 @@ class ReplicaExchange:
 
     @property
     def reducedEnergies(self) -> np.ndarray:
-        """E/kT of each replica at the end of each round, as it is in each of the states: a (rounds, replicas, states) array."""
+        """E/kT of each replica at the end of each round, as it is in each of the states: a (rounds, replicas, states)
+        array.
+        """
         return np.array(self._energies, dtype=float).reshape(-1, len(self.states), len(self.states))
 
     @property
@@ -181,7 +187,9 @@ class ReplicaExchange:
         return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
 
     def potentialEnergies(self, discard: int = 0) -> np.ndarray:
-        """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a (states, rounds) array."""
+        """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a
+        (states, rounds) array.
+        """
         u, counts = self.samples(discard)
         return np.array(
             [
@@ -212,7 +220,8 @@ class ReplicaExchange:
                 archive.writestr(f"replica{replica}.xml", mm.XmlSerializer.serialize(state))
 
     def load(self, file: PathLike) -> None:
-        """Go on where another ReplicaExchange, of the same simulations, states and seed, was when it was saved, with its step sizes.
+        """Go on where another ReplicaExchange, of the same simulations, states and seed, was when it was saved, with
+        its step sizes.
 
         Raises
         ------
@@ -235,7 +244,8 @@ class ReplicaExchange:
         for replica, (simulation, state) in enumerate(zip(self.simulations, contents)):
             if len(state.getPositions()) != simulation.system.getNumParticles():
                 raise ValueError(
-                    f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; here it has {simulation.system.getNumParticles()}"
+                    f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; "
+                    f"here it has {simulation.system.getNumParticles()}"
                 )
         for simulation, state in zip(self.simulations, contents):
             simulation.context.setState(state)
@@ -268,7 +278,8 @@ class ReplicaExchange:
         reduced = np.array([energies[tuple(state.parameters.values())] / state.thermalEnergy for state in self.states])
         if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
             raise ValueError(
-                f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} rounds; they must be numbers, and finite in its own state, "
+                f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} "
+                "rounds; they must be numbers, and finite in its own state, "
                 f"{self.replicaStates[replica]}"
             )
         return reduced
@@ -302,7 +313,8 @@ class ReplicaExchange:
     def _check(self, simulations, states):
         if len(simulations) != len(states) or len(states) < 2:
             raise ValueError(
-                f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be two or more, and as many of the one as of the other"
+                f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be "
+                "two or more, and as many of the one as of the other"
             )
         for name, value, least in (("seed", self.seed, 0), ("workers", self._workers, 1)):
             if value != int(value) or value < least:
@@ -312,16 +324,19 @@ class ReplicaExchange:
         for k, (simulation, state) in enumerate(zip(simulations, states)):
             if not hasattr(simulation.integrator, "setTemperature"):
                 raise ValueError(
-                    f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has no temperature"
+                    f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has "
+                    "no temperature"
                 )
             if set(state.parameters) != set(states[0].parameters):
                 raise ValueError(
-                    f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of state 0, {sorted(states[0].parameters)}"
+                    f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of "
+                    f"state 0, {sorted(states[0].parameters)}"
                 )
             for name, value in state.parameters.items():
                 if name not in dict(simulation.context.getParameters()):
                     raise ValueError(
-                        f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has {', '.join(simulation.context.getParameters()) or 'none'}"
+                        f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has "
+                        f"{', '.join(simulation.context.getParameters()) or 'none'}"
                     )
                 if not math.isfinite(value):
                     raise ValueError(

@@ -116,15 +116,17 @@ class ObservablesReporter:
 
 
 class MeshReporter:
-    """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time series.
+    """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time
+    series.
 
-    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the step as its time.
-    :func:`readMeshTrajectory` reads the frames back.
+    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the
+    step as its time. :func:`readMeshTrajectory` reads the frames back.
 
-    The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are written all at once, after a
-    minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.  To write the frames up to a checkpoint, call
-    ``flush()`` before making it, and save ``getNumFrames()`` with it; to go on from there, create the reporter with ``append=True`` and that number
-    as `numFrames`: later frames, which the run will make again, are dropped.
+    The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are
+    written all at once, after a minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.
+    To write the frames up to a checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to
+    go on from there, create the reporter with ``append=True`` and that number as `numFrames`: later frames, which the
+    run will make again, are dropped.
     """
 
     def __init__(
@@ -159,7 +161,8 @@ class MeshReporter:
         Raises
         ------
         ValueError
-            if `append` is asked for and the file is not a mesh trajectory of this membrane, or has fewer frames than `numFrames`
+            if `append` is asked for and the file is not a mesh trajectory of this membrane, or has fewer frames than
+            `numFrames`
         OSError
             if the file cannot be written
         """
@@ -202,7 +205,10 @@ class MeshReporter:
         return self._writer.numFrames
 
     def flush(self) -> None:
-        """Make the file complete with all frames so far.  This copies it, which takes time in proportion to its size."""
+        """Make the file complete with all frames so far.
+
+        This copies it, which takes time in proportion to its size.
+        """
         self._writer.flush()
 
     def close(self) -> None:

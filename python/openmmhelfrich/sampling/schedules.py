@@ -1,7 +1,8 @@
-"""Temperature schedules: functions of the number of Monte Carlo steps made, to cool a membrane into a minimum of its energy.
+"""Temperature schedules: functions of the number of Monte Carlo steps made, to cool a membrane into a minimum of its
+energy.
 
-A schedule is anything that can be called with a step and returns a temperature in K.  It depends on nothing but the step, so that a run that
-is stopped and continued goes on as if it never had stopped.
+A schedule is anything that can be called with a step and returns a temperature in K.  It depends on nothing but the
+step, so that a run that is stopped and continued goes on as if it never had stopped.
 """
 
 import math
@@ -95,7 +96,8 @@ class TableSchedule:
         temperatures = tuple(float(t) for t in valueIn(self.temperatures, unit.kelvin))
         if len(steps) != len(temperatures) or not steps:
             raise ValueError(
-                f"TableSchedule: there are {len(steps)} steps and {len(temperatures)} temperatures; there must be as many of both, at least one"
+                f"TableSchedule: there are {len(steps)} steps and {len(temperatures)} temperatures; there must be as "
+                "many of both, at least one"
             )
         for i, step in enumerate(steps):
             if not math.isfinite(step) or (i > 0 and step <= steps[i - 1]):
@@ -115,8 +117,8 @@ def createSchedule(schedule: Any) -> Schedule:
     Parameters
     ----------
     schedule : float, Quantity, pair of sequences, or callable
-        a constant temperature in K; steps and temperatures of a :class:`TableSchedule`; or a schedule, which is any function from a step to a
-        temperature
+        a constant temperature in K; steps and temperatures of a :class:`TableSchedule`; or a schedule, which is any
+        function from a step to a temperature
 
     Raises
     ------
@@ -132,7 +134,8 @@ def createSchedule(schedule: Any) -> Schedule:
         steps, temperatures = schedule
     except (TypeError, ValueError):
         raise ValueError(
-            f"the schedule is {schedule!r}; it must be a temperature, a pair of steps and temperatures, or a function of the step"
+            f"the schedule is {schedule!r}; it must be a temperature, a pair of steps and temperatures, or a function "
+            "of the step"
         ) from None
     return TableSchedule(steps, temperatures)
 

@@ -15,7 +15,9 @@ _UNITS = {"area": unit.nanometer**2, "volume": unit.nanometer**3, "areaDifferenc
 
 
 def targetParameters(force: HelfrichForce) -> dict[str, str]:
-    """Return the names of the Context parameters of a HelfrichForce's targets, by "area", "volume" and "areaDifference"."""
+    """Return the names of the Context parameters of a HelfrichForce's targets, by "area", "volume" and
+    "areaDifference".
+    """
     return {
         "area": force.getTargetAreaParameter(),
         "volume": force.getTargetVolumeParameter(),
@@ -47,7 +49,8 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
     unknown = set(targets) - {*_UNITS, "reducedVolume"}
     if unknown or not targets:
         raise ValueError(
-            f"the targets are {', '.join(map(str, targets)) or 'none'}; they must be among area, volume, reducedVolume and areaDifference"
+            f"the targets are {', '.join(map(str, targets)) or 'none'}; they must be among area, volume, reducedVolume "
+            "and areaDifference"
         )
     if "volume" in targets and "reducedVolume" in targets:
         raise ValueError("volume and reducedVolume are both given; give one of them")

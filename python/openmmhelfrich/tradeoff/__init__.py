@@ -1,6 +1,7 @@
 """Speed for accuracy: the settings of a scene measured, and the cheapest that keeps within an error.
 
-:mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and :mod:`.report` writes down what was found.
+:mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and
+:mod:`.report` writes down what was found.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,8 +28,10 @@ def tradeoff(
 ) -> tuple[Search, Point | None]:
     """Measure the settings of a scene, and find the cheapest one that keeps within an error.
 
-    The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes once through the axes, and from each with its best choice to the next.
-    Each measurement is kept in PREFIX.json, from which a search that was stopped goes on.  For a seed all results are the same but for times, and choices that follow from them.
+    The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes
+    once through the axes, and from each with its best choice to the next. Each measurement is kept in PREFIX.json, from
+    which a search that was stopped goes on.  For a seed all results are the same but for times, and choices that follow
+    from them.
 
     Parameters
     ----------

@@ -33,7 +33,9 @@ FRAMES = 24
 
 @dataclass
 class Measurement:
-    """What a run at one setting says.  Energies are in kT, lengths in the scene's unit, times in seconds of one processor.
+    """What a run at one setting says.
+
+    Energies are in kT, lengths in the scene's unit, times in seconds of one processor.
 
     Attributes
     ----------
@@ -46,22 +48,28 @@ class Measurement:
     acceptance, flipAcceptance, diverged : float
         fractions of trajectories and of flips accepted, and of trajectories that diverged
     energyError : float
-        what |dH| along a trajectory, in kT, is below in two of three: a root mean square would be that of a few that meet needle-shaped triangles
+        what |dH| along a trajectory, in kT, is below in two of three: a root mean square would be that of a few that
+        meet needle-shaped triangles
     balance : list of float
-        mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the volume of phase space, for then those that win energy
-        come as often as their reverse.  Unlike the mean of exp(-dH/kT), which is 1, it does not hang on rare events
+        mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the
+        volume of phase space, for then those that win energy come as often as their reverse.  Unlike the mean of
+        exp(-dH/kT), which is 1, it does not hang on rare events
     observables : dict
-        an :class:`SeriesStatistics` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
+        an :class:`SeriesStatistics` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of
+        the gyration tensor; see :func:`shapeSeries`)
     motion : Motion
         of the shape
     reweighted : dict
-        mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where these are the setting's
+        mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where
+        these are the setting's
     effectiveFraction : float
         what reweighting leaves of the number of samples, (sum w)^2/(n sum w^2) (L. Kish, Survey Sampling, 1965)
     stepsPerEdge : float
-        Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if it does not
+        Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if
+        it does not
     forceError : float
-        root mean square of the forces' deviation from those of the Reference platform, in extended precision, relative to that of the forces
+        root mean square of the forces' deviation from those of the Reference platform, in extended precision, relative
+        to that of the forces
     numVertices : int
         of the membrane
     """
@@ -92,7 +100,9 @@ class Measurement:
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
     def shapeTime(self, variances: Sequence[float] | None = None, error: float = 0.0) -> tuple[float, float]:
-        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.  Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
+        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.
+
+        Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
 
         Parameters
         ----------
@@ -117,11 +127,14 @@ class Measurement:
 def timeOf(
     shape: SeriesStatistics, motion: Motion, variances: Sequence[float] | None, error: float
 ) -> tuple[float, float]:
-    """Return the integrated autocorrelation time of the SeriesStatistics and the Motion of a shape, and its relative standard error: see :meth:`Measurement.shapeTime`."""
+    """Return the integrated autocorrelation time of the SeriesStatistics and the Motion of a shape, and its relative
+    standard error: see :meth:`Measurement.shapeTime`.
+    """
     own = shape.time, shape.timeError
     if variances is None or shape.timeError < TOO_SHORT:
         return own
-    # In a short run both are too small: the one knows a part of the variance only, the other the first decay of the correlation only.
+    # In a short run both are too small: the one knows a part of the variance only, the other the first decay of the
+    # correlation only.
     moved = motion.time(variances, error)
     return max(own, moved) if math.isfinite(moved[0]) else own
 
@@ -138,8 +151,8 @@ def measure(
 ) -> Measurement:
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
-    The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
-    does not depend on how fast the machine is.
+    The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly
+    long, or the effort is spent.  Where that is does not depend on how fast the machine is.
 
     Parameters
     ----------
@@ -152,12 +165,14 @@ def measure(
     hopeless : float
         the number of evaluations to an independent sample of the shape that is not worth a longer run
     moduli : dict, optional
-        terms whose moduli are those of another ensemble, for which averages are corrected: the ratio of its modulus to that of the setting by term
+        terms whose moduli are those of another ensemble, for which averages are corrected: the ratio of its modulus to
+        that of the setting by term
 
     accuracy : float
         the relative error of the mean bending energy that is wanted, too
     isEquilibrated : bool
-        whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it has come nearer
+        whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it
+        has come nearer
     variances : (list of float, float)
         the arguments of :meth:`Measurement.shapeTime`, to see what is hopeless
 
@@ -222,7 +237,9 @@ class _Run:
         return sum(evaluations for steps in self._kinds.values() for _, evaluations in steps)
 
     def adapt(self, limit):
-        """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy error grows no further."""
+        """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy
+        error grows no further.
+        """
         sampling = self._config.sampling
         if sampling.step_size != "auto":
             return
@@ -340,7 +357,9 @@ class _Run:
 
 
 def forceError(config: Config, mesh: Mesh) -> float:
-    """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the Reference platform: see :class:`Measurement`."""
+    """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the
+    Reference platform: see :class:`Measurement`.
+    """
 
     scene = Scene.of(config, mesh)
 
@@ -359,7 +378,9 @@ def forceError(config: Config, mesh: Mesh) -> float:
 
 
 def _errorOfPrecision(config, mesh):
-    """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by (h^2/2m) F beside what the velocities do, which are the same."""
+    """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by
+    (h^2/2m) F beside what the velocities do, which are the same.
+    """
     step, ends = 0.2 * defaultStepSize(config, mesh), []
     for precision in (config.platform.precision, "double"):
         changed = apply(
@@ -383,7 +404,9 @@ def _errorOfPrecision(config, mesh):
 
 
 def _reweight(series, observables, moduli, kT):
-    """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that is left."""
+    """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that
+    is left.
+    """
     if not moduli:
         return {}, 1.0
     change = sum(
@@ -407,7 +430,9 @@ def _reweight(series, observables, moduli, kT):
 
 
 class _DiffusionProbe:
-    """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a few."""
+    """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a
+    few.
+    """
 
     def __init__(self, mesh):
         self.mesh, self._square = mesh, float(mesh.edgeLengths.mean()) ** 2

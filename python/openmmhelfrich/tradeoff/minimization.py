@@ -16,7 +16,9 @@ FACTORS = (100.0, 10.0, 1.0, 0.1)
 
 @dataclass
 class Minimum:
-    """A minimum found with a tolerance, in kT per unit of length: its energy and the bending energy in kT, and the cost in seconds of one processor."""
+    """A minimum found with a tolerance, in kT per unit of length: its energy and the bending energy in kT, and the cost
+    in seconds of one processor.
+    """
 
     tolerance: float
     energy: float

@@ -49,7 +49,8 @@ def _minimaText(search):
         "| --: | --: | --: | --: | --: | --- |",
     ]
     lines += [
-        f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy - lowest:.3g} | {m.bending:.2f} | {m.reason} |"
+        f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy - lowest:.3g} | {m.bending:.2f} | "
+        f"{m.reason} |"
         for m in search.minima
     ]
     return "\n".join(lines) + "\n"
@@ -70,7 +71,9 @@ def _costs(search, point):
         "flips accepted": f"{m.flipAcceptance:.1%}",
         "µs per evaluation": f"{1e6 * m.secondsPerEvaluation:.1f}",
         "ms per step": f"{1e3 * m.secondsPerStep:.2f}",
-        "evaluations per sample, shape": f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
+        "evaluations per sample, shape": (
+            f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}"
+        ),
         "E_B": f"{m.evaluationsPerStep * bending.time:.0f} ± {bending.timeError:.0%}",
         "s per sample, shape": f"{search.seconds(point):.3g}",
         "s per edge of diffusion": diffusion,
@@ -83,7 +86,10 @@ def _accuracies(search, point):
     corrected = ""
     if m.reweighted:
         mean, error = m.reweighted["bending"]
-        corrected = f"{1e3 * (mean / reference.mean - 1):.1f} ± {1e3 * math.hypot(error, reference.error) / abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+        corrected = (
+            f"{1e3 * (mean / reference.mean - 1):.1f} ± "
+            f"{1e3 * math.hypot(error, reference.error) / abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+        )
     return {
         "diverged": f"{m.diverged:.1%}",
         "ΔH, kT": f"{m.energyError:.2g}",
@@ -99,7 +105,9 @@ def _accuracies(search, point):
 
 
 def stepsFor(search: Search, point: Point) -> int:
-    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of the search's error, and the shape has been sampled."""
+    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are
+    half of the search's error, and the shape has been sampled.
+    """
     observables = point.measured.observables
     needed = [
         (observables[name].deviation / (observables[name].mean * search.error / 2)) ** 2 * observables[name].time
@@ -109,7 +117,10 @@ def stepsFor(search: Search, point: Point) -> int:
 
 
 def recommendationText(search: Search, point: Point) -> str:
-    """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
+    """Return a configuration of the scene at a setting, for openmm-helfrich run.
+
+    It has twice the steps that the error takes, for a run's summary averages over the second half.
+    """
     measurement, steps = point.measured, 2 * stepsFor(search, point)
     setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
     if setting.get("sampling.step_size") == "auto":
@@ -125,15 +136,19 @@ def recommendationText(search: Search, point: Point) -> str:
     else:
         data["sampling"]["steps"] = steps
     comments = [
-        f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
-        f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
+        f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and "
+        "volume.",
+        f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the "
+        f"shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
         f"about {steps * measurement.secondsPerStep:.3g} s in all.",
     ]
     return configText(data, comments)
 
 
 def plot(search: Search, file: PathLike, recommended: Point | None = None) -> None:
-    """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
+    """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the
+    Pareto front.
+    """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 

@@ -1,4 +1,6 @@
-"""The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a file."""
+"""The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a
+file.
+"""
 
 import json
 import math
@@ -43,7 +45,9 @@ WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was,
 
 @dataclass
 class Point:
-    """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene has it."""
+    """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene
+    has it.
+    """
 
     axis: str
     choice: dict
@@ -74,9 +78,11 @@ class Search:
     Attributes
     ----------
     config, scene : Config
-        the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead to
+        the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead
+        to
     points : list of Point
-        what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a long run
+        what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a
+        long run
     minima : list of Minimum
         what minimisations with coarser and finer tolerances come to
     error : float
@@ -132,9 +138,11 @@ class Search:
         return min(best, self.baseline, key=self.seconds)
 
     def time(self, point: Point) -> tuple[float, float]:
-        """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard error.
+        """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard
+        error.
 
-        Points that sample about the same distribution share the variance of the shape, which the best of them knows best.
+        Points that sample about the same distribution share the variance of the shape, which the best of them knows
+        best.
         """
         return point.measured.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
 
@@ -151,7 +159,8 @@ class Search:
         if not known:
             return None, 0.0
         long = [measurement for measurement in known if not measurement.isShort]
-        # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part of it.
+        # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part
+        # of it.
         best = (
             min(long, key=lambda measurement: measurement.observables["shape"].timeError)
             if long
@@ -175,13 +184,17 @@ class Search:
         return result
 
     def bias(self, point: Point) -> float:
-        """Return the largest relative deviation of an average from the reference's that is certain: more than twice its standard error; 0 where the distribution is the same."""
+        """Return the largest relative deviation of an average from the reference's that is certain: more than twice its
+        standard error; 0 where the distribution is the same.
+        """
         if isExact(point.setting):
             return 0.0
         return max(max(0.0, abs(deviation) - 2 * error) for deviation, error in self.deviations(point).values())
 
     def gain(self, point: Point) -> float:
-        """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
+        """Return how many times more independent samples of the shape a point gives in a time than the scene as it
+        stands.
+        """
         return self.seconds(self.baseline) / self.seconds(point)
 
     def _axes(self):
@@ -197,7 +210,9 @@ class Search:
         return {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, **_moves(self.scene)}
 
     def _descend(self, available):
-        """Go through the axes once, from each with the best choice to the next, and return the point at the end after a longer run there."""
+        """Go through the axes once, from each with the best choice to the next, and return the point at the end after a
+        longer run there.
+        """
         automatic = self._measure("step size", AUTOMATIC, {}, self._effort)
         best = automatic if automatic.measurement else self.baseline
         for axis in available:
@@ -280,18 +295,22 @@ class Search:
         return self._coarse
 
     def _begin(self, config, name):
-        """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that moment.  The mesh is kept in a file."""
+        """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that
+        moment.  The mesh is kept in a file.
+        """
         mesh = loadMesh(config)
         scene = resolve(config, mesh)
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
         if not last.isSteady:
             raise ValueError(
-                f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'"
+                f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must "
+                "be 'sample'"
             )
         if last.temperature not in (None, scene.sampling.temperature):
             raise ValueError(
-                f"the last stage has the temperature {last.temperature:g} K and [sampling] {scene.sampling.temperature:g} K; they must be equal"
+                f"the last stage has the temperature {last.temperature:g} K and [sampling] "
+                f"{scene.sampling.temperature:g} K; they must be equal"
             )
         scene.sampling.step_size = last.step_size or scene.sampling.step_size
         if scene.platform.name == "CPU":
@@ -308,7 +327,8 @@ class Search:
 
     def _prepare(self, scene, mesh, last, file):
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
-        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
+        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and
+        # with a tether that lets few edges flip, for ever.
         fast = apply(
             scene,
             {
@@ -340,7 +360,8 @@ class Search:
             data = json.loads(self._file.read_text(encoding="utf-8"))
             if data["scene"] != self._identity():
                 raise ValueError(
-                    f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files"
+                    f"{self._file} has the measurements of another scene, or of other versions; choose another output "
+                    "prefix, or ask to overwrite files"
                 )
             self.points, self.minima = (
                 [Point(**point) for point in data["points"]],
@@ -371,7 +392,9 @@ def _moves(scene):
 
 
 def _isAlike(point):
-    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it, unless it is left out."""
+    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it,
+    unless it is left out.
+    """
     return not any(
         name.startswith(("membrane.", "mesh.")) or (name in MODULI.values() and value == 0)
         for name, value in point.setting.items()

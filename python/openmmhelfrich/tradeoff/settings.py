@@ -1,6 +1,7 @@
 """Settings: what of a scene can be traded, and the values to try.
 
-A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as the scene has it.
+A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as
+the scene has it.
 """
 
 import json
@@ -59,7 +60,8 @@ class Axis:
 
 
 def axes(config: Config, scene: Config, edge: float) -> list[Axis]:
-    """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes first.
+    """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes
+    first.
 
     Parameters
     ----------
@@ -132,12 +134,16 @@ def tetherOf(scene: Config) -> dict[str, Any]:
 
 
 def forEdges(setting: Setting, ratio: float) -> dict[str, Any]:
-    """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
+    """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are
+    measured by edges.
+    """
     return {name: value * ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
 
 
 def isExact(setting: Setting) -> bool:
-    """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors alone."""
+    """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors
+    alone.
+    """
     return all(name.split(".")[0] in ("sampling", "platform") for name in setting)
 
 
@@ -158,7 +164,9 @@ def describe(setting: Setting) -> str:
 
 
 def moduliRatios(scene: Config, setting: Setting) -> dict[str, float]:
-    """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
+    """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting
+    needs; empty if that cannot correct the setting.
+    """
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
     if (
         0 in own.values()
@@ -182,7 +190,8 @@ def _title(name):
 
 
 def tetherPath(scene: Config, edge: float, stages: int = 6) -> list[dict[str, Any]]:
-    """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own: an abruptly stiffer one would set free what bends the membrane out of shape.
+    """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own:
+    an abruptly stiffer one would set free what bends the membrane out of shape.
 
     The easy one costs 20 kT for an edge of 1.45 mean lengths: a softer one lets needle-shaped triangles in.
     """
@@ -211,9 +220,11 @@ def _naturalTether(edge, modulus, least, greatest):
 
 
 def _tethers(scene, edge):
-    """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and with others.
+    """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and
+    with others.
 
-    There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
+    There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which
+    goes as l^r.
     """
     modulus, least, greatest = (
         float(x) for x in (scene.tether.modulus, scene.tether.min_length / edge, scene.tether.max_length / edge)

@@ -15,7 +15,9 @@ DECAYED = 1 - 1 / math.e
 
 @dataclass
 class SeriesStatistics:
-    """Statistics of a correlated series, of which time is the integrated autocorrelation time in Monte Carlo steps, and timeError its relative standard error."""
+    """Statistics of a correlated series, of which time is the integrated autocorrelation time in Monte Carlo steps, and
+    timeError its relative standard error.
+    """
 
     mean: float
     deviation: float
@@ -28,8 +30,10 @@ class SeriesStatistics:
 class Motion:
     """How far a series moves in a time, from which correlation times follow that are longer than the series.
 
-    The mean square displacement is 2 sigma^2 (1-C(t)).  Where the variance sigma^2 is known, from another run that samples the same distribution faster, a lag t at which an observable has not come far
-    says how slowly C decays.  A decay exp(-t/T) has an integrated autocorrelation time of 2T; where slower ones mix in, it is more than what comes out here.
+    The mean square displacement is 2 sigma^2 (1-C(t)).  Where the variance sigma^2 is known, from another run that
+    samples the same distribution faster, a lag t at which an observable has not come far says how slowly C decays.  A
+    decay exp(-t/T) has an integrated autocorrelation time of 2T; where slower ones mix in, it is more than what comes
+    out here.
 
     Attributes
     ----------
@@ -59,9 +63,11 @@ class Motion:
         return cls(interval, len(series), lags, displacements, series.var(axis=0).tolist())
 
     def time(self, variances: Sequence[float], variancesError: float) -> tuple[float, float]:
-        """Return the integrated autocorrelation time in Monte Carlo steps and its relative standard error, or (inf, inf) if nothing moved.
+        """Return the integrated autocorrelation time in Monte Carlo steps and its relative standard error, or (inf,
+        inf) if nothing moved.
 
-        The lag is the longest one in which the correlation has not fallen to 1/e.  The error of a mean square displacement is that of a random walk (H. Qian et al., Biophys. J. 60, 910, 1991).
+        The lag is the longest one in which the correlation has not fallen to 1/e.  The error of a mean square
+        displacement is that of a random walk (H. Qian et al., Biophys. J. 60, 910, 1991).
 
         Parameters
         ----------
@@ -81,7 +87,9 @@ class Motion:
 
 
 def statisticsOf(series: NDArray[np.float64], interval: int = 1) -> SeriesStatistics:
-    """Return the :class:`SeriesStatistics` of a series, or of the columns of one that are alike, with as many Monte Carlo steps between its values as interval says."""
+    """Return the :class:`SeriesStatistics` of a series, or of the columns of one that are alike, with as many Monte
+    Carlo steps between its values as interval says.
+    """
     columns = series.reshape(len(series), -1)
     count = columns.shape[1]
     frames = autocorrelationTime(columns if count > 1 else columns[:, 0])
@@ -100,8 +108,8 @@ def statisticsOf(series: NDArray[np.float64], interval: int = 1) -> SeriesStatis
 def shapeSeries(tensors: NDArray[np.float64], isSphere: bool) -> NDArray[np.float64]:
     """Return what stands for the lowest modes of the shape: columns of a series of gyration tensors.
 
-    For a nearly spherical membrane these are the five components of the tensor's deviator, to first order the five modes of degree l = 2.  Those of other shapes would turn with them, and
-    the eigenvalues are taken.
+    For a nearly spherical membrane these are the five components of the tensor's deviator, to first order the five
+    modes of degree l = 2.  Those of other shapes would turn with them, and the eigenvalues are taken.
 
     Parameters
     ----------
