@@ -68,12 +68,12 @@ print(
 figure = Figure(figsize=(9, 5.5), layout="constrained")
 (histograms, densities), (residuals, overlap) = figure.subplots(2, 2)
 for k, temperature in enumerate(temperatures):
-    label, colour = f"T = {temperature / 300:.2f}", f"C{k}"
-    histograms.hist(result.energies[k] / kT, bins=30, density=True, histtype="step", color=colour, label=label)
+    label, color = f"T = {temperature / 300:.2f}", f"C{k}"
+    histograms.hist(result.energies[k] / kT, bins=30, density=True, histtype="step", color=color, label=label)
     densities.errorbar(
-        density.energies / kT, density.logDensities[k], density.errors[k], fmt="o", markersize=3, color=colour
+        density.energies / kT, density.logDensities[k], density.errors[k], fmt="o", markersize=3, color=color
     )
-    residuals.plot(density.energies / kT, density.residuals[k], "o", markersize=3, color=colour)
+    residuals.plot(density.energies / kT, density.residuals[k], "o", markersize=3, color=color)
 densities.plot(density.energies / kT, density.logDensity, "k-", linewidth=0.8, zorder=0)
 histograms.set(xlabel="energy, kT at T = 1", ylabel="probability density")
 histograms.legend(fontsize=6)

@@ -58,7 +58,7 @@ def sample(simulation, force, numFrames):
 def diffusionCoefficient(frames, triangles):
     """Return the diffusion coefficient in squared mean edge lengths per Monte Carlo step.
 
-    At first vertices rattle between their neighbours; the slope over the later two thirds of the lags is that of
+    At first vertices rattle between their neighbors; the slope over the later two thirds of the lags is that of
     diffusion, 4D.
     """
     edge = np.mean([mh.Mesh(x, t).edgeLengths.mean() for x, t in zip(frames, triangles)])

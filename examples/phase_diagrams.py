@@ -72,10 +72,10 @@ def printCrossings(table):
 def plotEnergies(table, file):
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for name, colour in BRANCHES.items():
+    for name, color in BRANCHES.items():
         points = branchOf(table, name).sort_values("reducedVolume")
-        axes.plot(points.reducedVolume, points[ENERGY], "o-", color=colour, ms=4, lw=1, label=name)
-        axes.plot(*zip(*REFERENCE[name].items()), "+", color=colour, ms=11, mew=1.5)
+        axes.plot(points.reducedVolume, points[ENERGY], "o-", color=color, ms=4, lw=1, label=name)
+        axes.plot(*zip(*REFERENCE[name].items()), "+", color=color, ms=11, mew=1.5)
     annealed = table[table.variant == "annealed"].sort_values("reducedVolume")
     axes.plot(
         annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere"
@@ -102,7 +102,7 @@ def picture(folder, row):
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "shape.png"
         render([mh.meshFrame(0, mesh)], file, elevation=0 if isStomatocyte else 60, azimuth=-90, cut=isStomatocyte)
-        return imread(file)[:640, 110:-110]  # without the scale of colours
+        return imread(file)[:640, 110:-110]  # without the scale of colors
 
 
 def gallery(folder, table, rows, columns, title, file):

@@ -1,4 +1,4 @@
-"""Make red_blood_cell.stl, the outline of a resting human red blood cell as a closed mesh in micrometres.
+"""Make red_blood_cell.stl, the outline of a resting human red blood cell as a closed mesh in micrometers.
 
 The outline is the average one of E. Evans and Y. C. Fung, "Improved measurements of the erythrocyte geometry",
 Microvascular Research 4, 335 (1972): a body of revolution of diameter D whose half-thickness at distance r from the
@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from openmmhelfrich import Mesh
 
-D, C0, C1, C2 = 7.82, 0.81, 7.83, -4.39  # micrometres
+D, C0, C1, C2 = 7.82, 0.81, 7.83, -4.39  # micrometers
 
 
 def profile(u):

@@ -148,7 +148,7 @@ def testScriptOfTheReadme(tmp_path):
 
 
 def testScriptOfReplicaExchange(tmp_path):
-    """A fair part of the exchanges between neighbours succeeds."""
+    """A fair part of the exchanges between neighbors succeeds."""
     script = re.findall(r"```python\n(.*?)```", (ROOT / "docs/free-energies.md").read_text(), re.DOTALL)[0]
     (tmp_path / "script.py").write_text(script)
     rates = [float(rate) for rate in execute(tmp_path, "script.py").strip(" []\n").split()]

@@ -66,7 +66,7 @@ def testBadEdges():
         createContext(mesh, createFixed(mesh, [(a, b), (b, a)]))
 
 
-def testSerialisation():
+def testSerialization():
     force = createFixed(createBlob(1), [(3, 1), (0, 2)])
     copied = throughXml(force)
     assert [copied.getFixedEdgeParameters(i) for i in range(copied.getNumFixedEdges())] == [[3, 1], [0, 2]]

@@ -233,9 +233,8 @@ def test_flips_with_brownian_dynamics():
     force.setVolumeModulus(500)
     force.setTargetVolume(mesh.volume)
     edge = mesh.edgeLengths.mean()
-    force.setTether(
-        20, 0.7 * edge, 1.4 * edge, 2
-    )  # with wider bounds a needle-shaped triangle, now and then, is too stiff for the step
+    # With wider bounds a needle-shaped triangle, now and then, is too stiff for the step.
+    force.setTether(20, 0.7 * edge, 1.4 * edge, 2)
     brownian, flips = mm.BrownianIntegrator(300, 1000, 0.01), mh.EdgeFlipIntegrator(300, 0.1)
     brownian.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
@@ -400,7 +399,7 @@ def pOf(counts, energies, kT):
 
 
 def test_enumeration():
-    """The 195 triangulations of six labelled vertices (OEIS A000109, labelled), each of either orientation."""
+    """The 195 triangulations of six labeled vertices (OEIS A000109, labeled), each of either orientation."""
     states = enumerateStates(stateOf(octahedron().triangles))
     assert len(states) == 2 * 195
 

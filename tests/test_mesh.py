@@ -339,9 +339,8 @@ def testTopologyAndSystem(sphere):
 def testTopologyHasAResidueAMembrane(sphere):
     mesh = together(sphere, mh.Mesh(sphere.vertices + 3, sphere.triangles))
     assert [len(list(residue.atoms())) for residue in mesh.topology().residues()] == [162, 162]
-    order = np.random.default_rng(1).permutation(
-        324
-    )  # membranes whose vertices alternate keep the order of their vertices
+    # Membranes whose vertices alternate keep the order of their vertices.
+    order = np.random.default_rng(1).permutation(324)
     mixed = mh.Mesh(mesh.vertices[np.argsort(order)], order[mesh.triangles])
     topology = mixed.topology()
     assert [atom.index for atom in topology.atoms()] == list(range(324))

@@ -37,9 +37,8 @@ def readWithVTK(file):
     reader.SetFileName(str(file))
     reader.UpdateInformation()
     information = reader.GetOutputInformation(0)
-    steps = [information.Get(times, i) for i in range(information.Length(times))] or [
-        0.0
-    ]  # VTK tells no times if there is one step
+    # VTK tells no times if there is one step.
+    steps = [information.Get(times, i) for i in range(information.Length(times))] or [0.0]
     found = {}
     for step in random.Random(1).sample(steps, len(steps)):
         reader.UpdateTimeStep(step)

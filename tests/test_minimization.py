@@ -96,9 +96,8 @@ def test_stiff_penalties_from_far():
     geometry = force.getGeometryInContext(simulation.context)
     assert geometry.volume / force.getTargetVolume() == pytest.approx(1, abs=2e-4)
     assert geometry.area / force.getTargetArea() == pytest.approx(1, abs=2e-4)
-    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
-        (1.18964 + 1.38744) / 2, rel=0.02
-    )  # the branch between v = 0.9 and 0.8
+    # The branch between v = 0.9 and 0.8.
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx((1.18964 + 1.38744) / 2, rel=0.02)
     assert force.getAreaModulus() / KJ == force.getVolumeModulus() / KJ == 1e6 * KAPPA
 
 

@@ -1,9 +1,7 @@
 """Observables: the columns of tables, and what plots, pages, summaries and sweeps make of them."""
 
 import numpy as np
-import openmm as mm
 import pytest
-from openmm import app
 
 import openmmhelfrich as mh
 from openmmhelfrich.pictures.report import writeReport
@@ -12,20 +10,8 @@ from openmmhelfrich.runs.studies import run
 from openmmhelfrich.runs.sweeps import observe
 from openmmhelfrich.sampling.observables import DEFAULT_OBSERVABLES, ENERGY_TERMS, OBSERVABLES, lateRows
 from openmmhelfrich.tables import Table
+from test_mesh_trajectory import simulate
 from test_report import partsOf
-
-
-def simulate(sphere):
-    force = mh.HelfrichForce()
-    force.setTriangles(sphere.triangles)
-    force.setBendingModulus(30)
-    system = sphere.createSystem()
-    system.addForce(force)
-    integrator = mh.HybridMonteCarloIntegrator(300, 1e-3, 10)
-    integrator.setRandomNumberSeed(1)
-    simulation = app.Simulation(sphere.topology(), system, integrator, mm.Platform.getPlatform("Reference"))
-    simulation.context.setPositions(sphere.vertices)
-    return simulation, force
 
 
 def test_names_are_different_and_refer_to_each_other():
@@ -36,7 +22,7 @@ def test_names_are_different_and_refer_to_each_other():
 
 def test_energy_terms_are_those_of_the_force(sphere):
     simulation, force = simulate(sphere)
-    assert ENERGY_TERMS == tuple(force.getEnergyTermsInContext(simulation.context))
+    assert tuple(force.getEnergyTermsInContext(simulation.context)) == ENERGY_TERMS
 
 
 def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):

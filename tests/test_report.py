@@ -247,5 +247,5 @@ def testInABrowser(results):
         browse(f"--screenshot={results / 'page.png'}", frame)
         pictures.append(np.asarray(Image.open("page.png").convert("RGB")).astype(int)[100:600, :600])
     for picture in pictures:
-        assert (np.ptp(picture, axis=2) > 60).mean() > 0.05, "the shape should be there, in colour"
+        assert (np.ptp(picture, axis=2) > 60).mean() > 0.05, "the shape should be there, in color"
     assert np.abs(pictures[0] - pictures[1]).max() > 50

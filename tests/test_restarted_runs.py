@@ -101,8 +101,8 @@ def testStoppedAndResumed(uninterrupted, tmp_path, steps):
     assertSame(tmp_path / "a", uninterrupted)
 
 
-def testStoppedWhileItMinimises(uninterrupted, tmp_path):
-    """A minimisation is done as a whole: it begins anew where it was stopped."""
+def testStoppedWhileItMinimizes(uninterrupted, tmp_path):
+    """A minimization is done as a whole: it begins anew where it was stopped."""
 
     def stop(study):
         if study.stage.title == "minimize" and study.stage.position == 50:

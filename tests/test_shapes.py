@@ -324,7 +324,7 @@ def testPlotCommand(inFolder, sphere):
         assert result.exit_code == 1 and message in result.output
 
 
-def coloursOf(image):
+def colorsOf(image):
     """Return the part of a picture that is not white, and how much of it is red rather than blue."""
     pixels = np.asarray(image.convert("RGB")).astype(int)
     seen = pixels.min(axis=2) < 235
@@ -334,7 +334,7 @@ def coloursOf(image):
 @in3D
 def testRenderedPicture(folder, examples):
     assert invoke("render", examples / "red_blood_cell.stl", "-o", "cell.png").exit_code == 0
-    seen, red = coloursOf(Image.open("cell.png"))
+    seen, red = colorsOf(Image.open("cell.png"))
     assert 0.2 < seen < 0.8 and 0.5 < red < 0.98, "a convex rim around a dimple should fill the picture"
     assert invoke("render", "run.vtkhdf", "--frame", 2).exit_code == 0 and Image.open("run.png").size == (1024, 768)
 
@@ -346,7 +346,7 @@ def testCutPicture(inFolder):
     together(mh.Mesh.icosphere(3), mh.Mesh(inner.vertices, inner.triangles[:, ::-1])).write("nested.ply")
     for name, options in (("whole", ()), ("cut", ("--cut",))):
         assert invoke("render", "nested.ply", "-o", f"{name}.png", *options).exit_code == 0
-    blue = {name: coloursOf(Image.open(f"{name}.png"))[1] for name in ("whole", "cut")}
+    blue = {name: colorsOf(Image.open(f"{name}.png"))[1] for name in ("whole", "cut")}
     assert blue["whole"] > 0.9 > 0.8 > blue["cut"], "the inner sphere, turned inside out, should be blue"
 
 
@@ -358,7 +358,7 @@ def testRenderedFilm(folder):
     for i in range(film.n_frames):
         film.seek(i)
         images.append(np.asarray(film.convert("RGB")))
-    assert len(images) == 3 and all(coloursOf(Image.fromarray(image))[0] > 0.2 for image in images)
+    assert len(images) == 3 and all(colorsOf(Image.fromarray(image))[0] > 0.2 for image in images)
     assert not np.array_equal(images[0], images[2])
     imageio = pytest.importorskip("imageio.v2")
     pytest.importorskip("imageio_ffmpeg")
@@ -374,7 +374,7 @@ def testRenderWithout(folder, monkeypatch, missing):
         pytest.importorskip("pyvista")
         monkeypatch.setattr("openmmhelfrich.pictures.rendering._hasOpenGL", lambda: False)
     assert invoke("render", "run.vtkhdf").exit_code == 0
-    assert coloursOf(Image.open("run.png"))[0] > 0.1
+    assert colorsOf(Image.open("run.png"))[0] > 0.1
     for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):
         result = invoke("render", "run.vtkhdf", *arguments)
         assert (

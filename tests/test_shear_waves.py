@@ -59,8 +59,8 @@ def test_the_opposite_wave_leads_back():
 
 def test_jacobian_is_1():
     random, h = np.random.default_rng(2), 1e-5
-    centres = random.normal(size=(20, 3))
-    x = np.concatenate([centres + h * sign * axis for axis in np.eye(3) for sign in (1, -1)])
+    centers = random.normal(size=(20, 3))
+    x = np.concatenate([centers + h * sign * axis for axis in np.eye(3) for sign in (1, -1)])
     for u in displacementsOf(x, 20, amplitude=0.5):
         plus, minus = np.moveaxis((x + u).reshape(3, 2, 20, 3), 1, 0)
         jacobians = np.moveaxis((plus - minus) / (2 * h), 0, 2)
@@ -97,23 +97,23 @@ def test_waves():
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_harmonic_wells(platform):
     """Waves alone sample wells of known variance: kT/K for each coordinate."""
-    stiffness, centres = 100.0, np.random.default_rng(4).normal(size=(4, 3))
+    stiffness, centers = 100.0, np.random.default_rng(4).normal(size=(4, 3))
     system, well = mm.System(), mm.CustomExternalForce("0.5*k*((x-x0)^2+2*(y-y0)^2+4*(z-z0)^2)")
     well.addGlobalParameter("k", stiffness)
     for name in ("x0", "y0", "z0"):
         well.addPerParticleParameter(name)
-    for i, centre in enumerate(centres):
+    for i, center in enumerate(centers):
         system.addParticle(1)
-        well.addParticle(i, centre)
+        well.addParticle(i, center)
     system.addForce(well)
     waves = createWaves(0.3, 1, 6, 40)
     context = mm.Context(system, waves, mm.Platform.getPlatform(platform))
-    context.setPositions(centres)
+    context.setPositions(centers)
     waves.step(50)
     x = []
     for _ in range(2500):
         waves.step(1)
-        x.append(positionsOf(context) - centres)
+        x.append(positionsOf(context) - centers)
     assert 0.1 < waves.getNumAccepted() / waves.getNumAttempted() < 0.9
     for axis, factor in enumerate((1, 2, 4)):
         assertMean(np.mean(np.square(x)[:, :, axis], axis=1) * factor * stiffness / KT, 1)

@@ -30,7 +30,7 @@ def createRun(splitting, stepSize, steps, platform="Reference", subdivisions=1, 
 @pytest.mark.parametrize("splitting", SPLITTINGS)
 def test_coefficients(splitting):
     """Kicks and drifts are palindromes of sum 1; the largest expected error of oscillators that leapfrog can follow at
-    this cost is no larger for neighbouring coefficients.
+    this cost is no larger for neighboring coefficients.
     """
     kicks, drifts = SPLITTINGS[splitting]
     assert kicks == pytest.approx(kicks[::-1]) and drifts == pytest.approx(drifts[::-1])
@@ -203,9 +203,8 @@ def test_lengths():
     assert lengths[0] == lengths[1]
     counts = np.bincount(lengths[0])
     assert counts.size == 16 and counts[:5].sum() == 0
-    assert (
-        np.sum((counts[5:] - 300 / 11) ** 2 / (300 / 11)) < 25.2
-    )  # the 0.5% point of chi square with 10 degrees of freedom
+    # The 0.5% point of chi square with 10 degrees of freedom.
+    assert np.sum((counts[5:] - 300 / 11) ** 2 / (300 / 11)) < 25.2
 
 
 def test_leapfrog_is_the_default():

@@ -140,8 +140,7 @@ def testTrajectoriesOfRandomLength(tmp_path):
     lengths = lengthsOf("a", trajectory_jitter=0.3)
     counts = np.bincount(lengths)[14:]
     assert min(lengths) == 14 and max(lengths) == 26 and counts.sum() == 400
-    assert (
-        np.sum((counts - 400 / 13) ** 2 / (400 / 13)) < 28.3
-    )  # the 0.5% point of chi square with 12 degrees of freedom
+    # The 0.5% point of chi square with 12 degrees of freedom.
+    assert np.sum((counts - 400 / 13) ** 2 / (400 / 13)) < 28.3
     assert lengthsOf("b", trajectory_jitter=0.3) == lengths != lengthsOf("c", trajectory_jitter=0.3, seed=4)
     assert set(lengthsOf("d")) == {20}

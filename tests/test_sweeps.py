@@ -169,9 +169,8 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
     waitUntil(isUnderWay(tmp_path, INTERVAL), process)
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait() == 128 + signal.SIGINT, process.stderr.read()
-    unfinished = {
-        row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"
-    }  # on a busy machine the first point may be done before the signal comes
+    # On a busy machine the first point may be done before the signal comes.
+    unfinished = {row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"}
     assert unfinished
     for name, step in checkpointSteps(tmp_path).items():
         assert 0 <= step - mh.readObservables(tmp_path / name / "run.csv")["step"][-1] < 10

@@ -27,10 +27,11 @@ SCENE: dict[str, Any] = {
     "sampling": {"seed": 1, "step_size": 1e-4, "steps_per_trajectory": 20},
     "platform": {"threads": 1},
 }
+# So few vertices fold more easily the softer they are, and all settings shall sample the same shape.
 STIFF: dict[str, Any] = {
     **SCENE,
     "membrane": {**SCENE["membrane"], "bending_modulus": 60},
-}  # so few vertices fold more easily the softer they are, and all settings shall sample the same shape
+}
 
 
 def resolved(**sampling):

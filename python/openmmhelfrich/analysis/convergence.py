@@ -25,9 +25,8 @@ REDUCED_VOLUMES = {
 _MODULUS = 50.0  # bending modulus, in kJ/mol: 20 kT at 300 K
 _STIFFNESS = 1e6  # moduli of area and volume over the bending modulus
 _TETHER = (100, 0.88, 1.17)  # its modulus over the bending modulus, and its bounds over the mean length of the edges
-_ELONGATION = {
-    "prolate": 1.3
-}  # of the edges along the axis over those around it: what is curved in a tube is the way around
+# Of the edges along the axis over those around it: what is curved in a tube is the way around.
+_ELONGATION = {"prolate": 1.3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class DiscreteMinimum:
     mesh : Mesh
         the triangles at the end
     result : MinimizationResult
-        what the minimisation came to
+        what the minimization came to
     seconds : float
         how long it took, mesh included
     """
@@ -96,7 +95,7 @@ class DiscreteMinimum:
 
 
 def discreteMinimum(branch: str, reducedVolume: float, numVertices: int, tolerance: float = 1.0) -> DiscreteMinimum:
-    """Minimise the bending energy of a fluid mesh at a reduced volume, from the axisymmetric minimum.
+    """Minimize the bending energy of a fluid mesh at a reduced volume, from the axisymmetric minimum.
 
     The mesh is an even one with its vertices on the axisymmetric shape; on prolates it is 1.3 times as long along the
     axis.  Moduli of 1e6 kappa_B keep its area and its reduced volume, a tether of 100 kappa_B (where a length of 1 is

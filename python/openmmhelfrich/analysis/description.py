@@ -28,7 +28,7 @@ class ShapeDescription:
         M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi): 1 for a sphere (Seifert, Berndl and
         Lipowsky, Phys. Rev. A 44, 1182, 1991)
     gyrationTensor : (3, 3) array of float
-        S = 1/A int (x-c)(x-c)^T dA over the triangles, with their centre of area c, in nm^2
+        S = 1/A int (x-c)(x-c)^T dA over the triangles, with their center of area c, in nm^2
     radiusOfGyration : float
         sqrt(tr S), in nm
     asphericity : float
@@ -132,7 +132,7 @@ def classifyShape(mesh: Mesh) -> str:
 
 
 def _hasNeck(mesh, axis):
-    """Return whether the distance from an axis through the centre has a minimum below half of the maxima on either
+    """Return whether the distance from an axis through the center has a minimum below half of the maxima on either
     side.
     """
     x = mesh.vertices - np.average(mesh.vertices, axis=0, weights=mesh.vertexAreas)

@@ -96,7 +96,7 @@ class FluctuationSpectrum:
 def meshStiffness(degrees: ArrayLike, edgeLength: float) -> np.ndarray:
     """Return by which factor a mesh is softer than a continuous membrane against undulations of a degree.
 
-    The mean curvature of a vertex sees its six neighbours at the distance a: against a wave of the number k it is 4
+    The mean curvature of a vertex sees its six neighbors at the distance a: against a wave of the number k it is 4
     [1-J_0(ka)]/a^2 instead of k^2, averaged over directions, and the bending energy the square of that.  On a sphere
     k^2 = (l-1)(l+2)/R^2.  Up to l = 8 the energies of undulated icospheres of 162, 642 and 2,562 vertices follow it to
     3%, 0.8% and 0.3%.
@@ -132,14 +132,14 @@ class SpectrumFit:
 def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSpectrum:
     """Compute the spectrum of a quasi-spherical vesicle's fluctuations on spherical harmonics.
 
-    In each frame the radii of the vertices, seen from the centre of volume, are fitted by spherical harmonics up to a
+    In each frame the radii of the vertices, seen from the center of volume, are fitted by spherical harmonics up to a
     degree, by least squares weighted with the solid angle of each vertex.  The triangles are those of the directions'
     convex hull, so that none are needed.
 
     Parameters
     ----------
     frames : (n, N, 3) array
-        positions, in nm, of a surface that every ray from its centre meets once
+        positions, in nm, of a surface that every ray from its center meets once
     maxDegree : int
         the highest degree to fit, at least 2; (maxDegree+1)^2 coefficients must be fewer than the vertices
 
@@ -176,7 +176,7 @@ def _expand(vertices, maxDegree):
     """Return R and the coefficients."""
     x = np.asarray(vertices, dtype=float)
     x = x - x.mean(axis=0)
-    for _ in range(2):  # the centre of volume, and then the triangles seen from there
+    for _ in range(2):  # the center of volume, and then the triangles seen from there
         triangles = _starTriangles(x)
         a, b, c = (x[triangles[:, i]] for i in range(3))
         volumes = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6

@@ -67,7 +67,7 @@ class Reweighting:
     freeEnergies, freeEnergyErrors : (K,) arrays of float
         -ln Z relative to the lowest temperature, with standard errors
     overlap : (K, K) array of float
-        the overlap matrix: how probably a sample of one temperature could be one of another.  Neighbours should have
+        the overlap matrix: how probably a sample of one temperature could be one of another.  Neighbors should have
         0.03 or more (P. V. Klimovich, M. R. Shirts and D. L. Mobley, J. Comput.-Aided Mol. Des. 29, 397, 2015)
     ratios, ratioErrors : (K-1,) arrays of float
         what the energies at each temperature and the next say of 1/kT_i-1/kT_j, divided by what it is, with standard
@@ -163,7 +163,7 @@ def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
     Raises
     ------
     ValueError
-        if an argument is out of range, neighbouring temperatures do not overlap, or pymbar or emcee is not installed
+        if an argument is out of range, neighboring temperatures do not overlap, or pymbar or emcee is not installed
     """
     energies, kT = _checked(energies, temperatures)
     mbar = require("pymbar", "reweighting", "analysis").MBAR
@@ -173,9 +173,8 @@ def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
         [_betaDifference(thinned[k], thinned[k + 1], k) / (1 / kT[k] - 1 / kT[k + 1]) for k in range(len(kT) - 1)]
     )
     pooled, counts = np.concatenate(thinned), np.array([len(e) for e in thinned])
-    origin = (
-        pooled.mean()
-    )  # free energies of thousands of kT, which cancel, would keep MBAR's equations from being solved
+    # Free energies of thousands of kT, which cancel, would keep MBAR's equations from being solved.
+    origin = pooled.mean()
     result = mbar((pooled - origin) / kT[:, np.newaxis], counts, initialize="BAR")
     differences = result.compute_free_energy_differences()
     freeEnergies = differences["Delta_f"][0] + origin * (1 / kT - 1 / kT[0])
@@ -198,9 +197,9 @@ def _betaDifference(cold, hot, index):
     density of states is: the maximum likelihood of M. R. Shirts, J. Chem. Theory Comput. 9, 909 (2013).
     """
     pooled = np.concatenate((cold, hot))
-    centre, scale = pooled.mean(), pooled.std()
+    center, scale = pooled.mean(), pooled.std()
     isHot = np.repeat([0.0, 1.0], [len(cold), len(hot)])
-    design = np.column_stack((np.ones(len(pooled)), (pooled - centre) / scale))
+    design = np.column_stack((np.ones(len(pooled)), (pooled - center) / scale))
     if cold.max() < hot.min():
         raise ValueError(
             f"reweight: the energies at temperatures {index} and {index + 1} do not overlap; there must be "

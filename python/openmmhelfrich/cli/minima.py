@@ -39,7 +39,7 @@ def minima(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
 ) -> None:
-    """Minimise vesicles, and compare bending energy and area difference with axisymmetric minima.
+    """Minimize vesicles, and compare bending energy and area difference with axisymmetric minima.
 
     Prints a line for each minimum.  After several numbers of vertices it prints the orders in 1/N with which the error
     of the energy falls from one to the next, and the energy that the last two tell of infinitely many vertices.

@@ -29,7 +29,7 @@ def run(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
+    """Do the stages that a configuration describes: minimize, sample, anneal, continue to other targets.
 
     Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the
     settings with all defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped

@@ -140,7 +140,7 @@ def render(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
+    """Render a membrane, colored by its mean curvature: a picture of the last frame, or an animation of all.
 
     Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG
     is drawn with matplotlib.

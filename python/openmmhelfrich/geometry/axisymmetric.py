@@ -2,7 +2,7 @@
 with.
 
 Nothing here uses triangles.  The outline is its tangent angle psi(s), a sine series in the arc length s, and the
-bending energy of the surface that it sweeps is minimised at fixed reduced volume (U. Seifert, K. Berndl and R.
+bending energy of the surface that it sweeps is minimized at fixed reduced volume (U. Seifert, K. Berndl and R.
 Lipowsky, Phys. Rev. A 44, 1182 (1991), solve the Euler-Lagrange equations of the same energy).
 """
 
@@ -140,10 +140,11 @@ class _TangentAngle:
         from the axis.
         """
         psi, _, x, dx = self._curve(c)
+        # A step that goes too far may even have a negative one.
         area, dArea = (
             2 * np.pi * max(self._w @ x, 1e-3),
             2 * np.pi * self._w @ dx,
-        )  # a step that goes too far may even have a negative one
+        )
         volume = np.pi * self._w @ (x**2 * np.sin(psi))
         dVolume = np.pi * ((2 * self._w * x * np.sin(psi)) @ dx + (self._w * x**2 * np.cos(psi)) @ self._sines)
         v = reducedVolumeOf(area, volume)

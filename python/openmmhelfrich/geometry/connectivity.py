@@ -1,4 +1,4 @@
-"""The connectivity of a triangulated surface, in numpy: who is whose neighbour, and whether it is a membrane.
+"""The connectivity of a triangulated surface, in numpy: who is whose neighbor, and whether it is a membrane.
 
 A halfedge h = 3*t+corner leads from that corner of triangle t to the next one.  An edge of a closed surface is a pair
 of halfedges that run in opposite directions.
@@ -71,11 +71,11 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
     ValueError
         if an edge is not part of exactly two rings of three edges, so that the triangles are not certain
     """
-    neighbours: list[set[int]] = [set() for _ in range(len(vertices))]
+    neighbors: list[set[int]] = [set() for _ in range(len(vertices))]
     for i, j in edges.tolist():
-        neighbours[i].add(j)
-        neighbours[j].add(i)
-    rings = {(i, j): neighbours[i] & neighbours[j] for i, j in np.sort(edges, axis=1).tolist()}
+        neighbors[i].add(j)
+        neighbors[j].add(i)
+    rings = {(i, j): neighbors[i] & neighbors[j] for i, j in np.sort(edges, axis=1).tolist()}
     for edge, corners in rings.items():
         if len(corners) != 2:
             raise ValueError(
@@ -88,7 +88,7 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
 
 
 def _turns(count, first, second, agree):
-    """Return which triangles to turn so that all neighbours agree, if those in `first` and `second` share an edge and
+    """Return which triangles to turn so that all neighbors agree, if those in `first` and `second` share an edge and
     agree or not.
     """
     beyond: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
@@ -110,7 +110,7 @@ def _turns(count, first, second, agree):
 
 
 def _orient(triangles, vertices):
-    """Turn the triangles of closed membranes so that neighbours agree and volumes are positive."""
+    """Turn the triangles of closed membranes so that neighbors agree and volumes are positive."""
     first, second = pairHalfedges(triangles, len(vertices))
     origin, _ = halfedges(triangles)
     turned = _turns(len(triangles), first // 3, second // 3, origin[first] != origin[second])
@@ -222,7 +222,7 @@ def _checkVertices(triangles, numVertices, first, second):
         raise ValueError(
             f"vertex {v} belongs to no triangle"
             if valence[v] == 0
-            else f"vertex {v} has {valence[v]} neighbours; a vertex must have at least three"
+            else f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three"
         )
     opposite = np.empty(len(origin), dtype=np.int64)
     opposite[first], opposite[second] = second, first
@@ -251,7 +251,7 @@ def _checkVolumes(vertices, triangles):
 
 def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
     """Return the volume that the triangles enclose, positive if they are counter-clockwise seen from outside."""
-    # The centre is subtracted so that a mesh far from the origin loses no digits.
+    # The center is subtracted so that a mesh far from the origin loses no digits.
     x = vertices[triangles] - vertices[triangles[:, 0]].mean(axis=0)
     return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
 

@@ -21,7 +21,7 @@ class MeshQuality:
     genera : list of int
         the genus of each connected membrane: 0 for a sphere, 1 for a torus
     valences : (N,) array
-        the number of neighbours of each vertex
+        the number of neighbors of each vertex
     angles : (T, 3) array
         the angles of each triangle, in degrees
     aspectRatios : (T,) array
@@ -54,7 +54,7 @@ class MeshQuality:
             ("edges", f"{_range(lengths)} {u} long, standard deviation {lengths.std() / mean:.1%} of the mean"),
             ("angles", f"{_range(self.angles)} degrees"),
             ("aspect ratios", f"{_range(self.aspectRatios)} (circumradius over twice the inradius)"),
-            ("neighbours", f"{self.valences.min()} to {self.valences.max()} of a vertex"),
+            ("neighbors", f"{self.valences.min()} to {self.valences.max()} of a vertex"),
             ("contact", self._contact(mean, u)),
         ]
         if len(self.crossings):

@@ -107,7 +107,7 @@ def invaginatedSphere(inner: float, opening: float) -> NDArray[np.float64]:
     inner : float
         the radius of the inner sphere, in nm
     opening : float
-        the angle between the axis and the middle of the rim, seen from the centre
+        the angle between the axis and the middle of the rim, seen from the center
     """
     arc, down = np.linspace(np.pi, opening, 2000), np.linspace(0, np.pi, 500)[1:-1, np.newaxis]
     radial, around = np.array([math.sin(opening), math.cos(opening)]), np.array([-math.cos(opening), math.sin(opening)])

@@ -30,9 +30,8 @@ def writePSF(file: PathLike, topology: app.Topology, mass: float = 1.0) -> None:
         out.write(f"{len(atoms):10d} !NATOM\n")
         for i, atom in enumerate(atoms):
             residue = atom.residue
-            names = (
-                name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name)
-            )  # no field may be blank
+            # No field may be blank.
+            names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))
             out.write(_ATOM.format(i + 1, *names, "0.000000", f"{mass:.6g}", 0))
         out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
         for first in range(0, len(bonds), 4):

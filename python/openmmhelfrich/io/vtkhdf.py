@@ -259,9 +259,8 @@ class MeshTrajectory(Frames):
         if not self._path.exists():
             raise FileNotFoundError(f"there is no mesh trajectory {file}")
         try:
-            self._file = h5py.File(
-                self._path, locking=False
-            )  # files are replaced, never changed, and not every file system has locks
+            # Files are replaced, never changed, and not every file system has locks.
+            self._file = h5py.File(self._path, locking=False)
         except OSError:
             raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
         self._root = _polyData(self._file, self._path)

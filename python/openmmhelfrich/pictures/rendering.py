@@ -39,7 +39,7 @@ def render(
     framesPerSecond: float = 10.0,
     cut: bool = False,
 ) -> None:
-    """Render membranes, coloured by mean curvature, positive where they are convex, on the same scale in all frames.
+    """Render membranes, colored by mean curvature, positive where they are convex, on the same scale in all frames.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _direction(elevation, azimuth):
 
 
 def _aim(plotter, middle, radius, direction):
-    """Let the camera see a sphere, above the scale of colours."""
+    """Let the camera see a sphere, above the scale of colors."""
     plotter.camera.focal_point, plotter.camera.position = middle, middle + 4.7 * radius * direction
     plotter.camera.SetWindowCenter(0, -0.14)
     plotter.camera.up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)

@@ -41,7 +41,7 @@ def writeReport(
 ) -> Path:
     """Write a page about the results of a run.
 
-    It has the shape in 3D, to turn and to play, coloured by mean curvature, from PREFIX.vtkhdf or, if there is none,
+    It has the shape in 3D, to turn and to play, colored by mean curvature, from PREFIX.vtkhdf or, if there is none,
     the final mesh; the observables against steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages,
     versions and warnings.  What is missing is left out and listed among the warnings.  The page is self-contained and
     stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances; a shape of

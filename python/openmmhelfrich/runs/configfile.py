@@ -1,6 +1,5 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
 
-import inspect
 import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -78,7 +77,7 @@ def _keys(model, leaveOut=()):
 
 
 def _purpose(model):
-    return _comment(" ".join(inspect.getdoc(model).split("\n")))
+    return _comment(" ".join(line.strip() for line in (model.__doc__ or "").strip().splitlines()))
 
 
 def _comment(text):

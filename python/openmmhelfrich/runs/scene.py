@@ -13,7 +13,7 @@ from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
-from .config import Config, stagesOf
+from .config import MODULI, Config, stagesOf, valueOf
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -105,7 +105,7 @@ class Scene:
             lengthUnit=config.mesh.length_unit,
             temperature=sampling.temperature,
             kT=kT,
-            moduli=_moduli(config, tether, kT),
+            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
             targets={"area": area, "volume": volume, "areaDifference": areaDifference},
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
@@ -317,20 +317,6 @@ def _targets(config: Config, mesh: Mesh) -> tuple[float, float, float]:
     if areaDifference is None:
         areaDifference = 2 * membrane.leaflet_separation * mesh.vertexMeanCurvatures.sum()
     return area, volume, areaDifference
-
-
-def _moduli(config: Config, tether: Tether, kT: float) -> dict[str, float]:
-    """Return the modulus of each term, in kJ/mol."""
-    membrane = config.membrane
-    moduli = {
-        "bending": membrane.bending_modulus,
-        "area": membrane.area_modulus,
-        "volume": membrane.volume_modulus,
-        "areaDifference": membrane.area_difference_modulus,
-        "tether": tether.modulus,
-        "repulsion": config.repulsion.modulus,
-    }
-    return {term: modulus * kT for term, modulus in moduli.items()}
 
 
 def _radius(area: float) -> float:

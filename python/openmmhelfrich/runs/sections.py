@@ -158,7 +158,7 @@ class TetherSection(Section):
 
 
 class RepulsionSection(Section):
-    """Keeps the surface from crossing itself.  Off by default: it needs a neighbour list."""
+    """Keeps the surface from crossing itself.  Off by default: it needs a neighbor list."""
 
     modulus: Energy = Field(0.0, ge=0, description="kappa_R in kT")
     onset: Length | None = Field(
@@ -166,7 +166,7 @@ class RepulsionSection(Section):
     )
     exponent: int = Field(2, ge=1, le=100, description="r, as for the tether")
     exclusion_level: Literal[0, 1, 2] = Field(
-        1, description="leave out no pair (0), bonded vertices (1), or also those that share a neighbour (2)"
+        1, description="leave out no pair (0), bonded vertices (1), or also those that share a neighbor (2)"
     )
 
 

@@ -166,10 +166,11 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
 def _place(point, folder):
     """Give a point its folder; raise a ValueError if that holds a run of other settings."""
     config = point.config
+    # The folder belongs to the point, and the lock to its run.
     config.output.prefix, config.output.overwrite = (
         str(folder / point.name / "run"),
         True,
-    )  # the folder belongs to the point, and the lock to its run
+    )
     file = _settingsFile(config)
     if file.exists():
         before, now = (_comparable(c) for c in (readConfig(file), config))

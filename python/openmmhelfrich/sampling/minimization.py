@@ -23,7 +23,7 @@ _TETHER_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class MinimizationResult:
-    """What a minimisation came to.
+    """What a minimization came to.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def minimize(
     Parameters
     ----------
     simulation : openmm.app.Simulation
-        what to minimise; its positions change, its velocities do not
+        what to minimize; its positions change, its velocities do not
     force : HelfrichForce
         the membrane
     tolerance : float or Quantity, optional
@@ -88,7 +88,7 @@ def minimize(
         the number of iterations at which to stop, or 0 for no limit
     progress : callable, optional
         called after each iteration with their number so far and the energy in kJ/mol; if it returns True the
-        minimisation ends
+        minimization ends
 
     Raises
     ------
@@ -126,7 +126,7 @@ def minimizeFluid(
     Parameters
     ----------
     simulation : openmm.app.Simulation
-        what to minimise, with a HybridMonteCarloIntegrator or an EdgeFlipIntegrator
+        what to minimize, with a HybridMonteCarloIntegrator or an EdgeFlipIntegrator
     force : HelfrichForce
         the membrane
     tolerance, progress
@@ -271,7 +271,7 @@ class _Descent:
         energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free] ** 2))
         if not (math.isfinite(energy) and math.isfinite(rmsForce)):
             raise mm.OpenMMException(
-                f"minimisation: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; "
+                f"minimization: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; "
                 "both must be finite"
             )
         return energy, rmsForce
@@ -297,7 +297,7 @@ class _Recorder(mm.MinimizationReporter):
 
 
 def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
-    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimisations stop by
+    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimizations stop by
     default: kappa_B l/(4A).
     """
     modulus = valueIn(force.getBendingModulus(), _ENERGY)

@@ -55,7 +55,7 @@ class ReplicaExchange:
     """Several simulations that exchange their states.
 
     A round is a number of Monte Carlo steps of each replica, the energies of each replica in every state, and attempts
-    to exchange neighbouring states: 0 and 1, 2 and 3 ... in even rounds, 1 and 2, 3 and 4 ... in odd ones.  Replicas a
+    to exchange neighboring states: 0 and 1, 2 and 3 ... in even rounds, 1 and 2, 3 and 4 ... in odd ones.  Replicas a
     and b in the states i and j exchange them with the probability
 
         min(1, exp(u_i(x_a)+u_j(x_b)-u_i(x_b)-u_j(x_a))),   u_i(x) = E(x; parameters of i)/kT_i.
@@ -89,7 +89,7 @@ class ReplicaExchange:
         simulations : sequence of openmm.app.Simulation
             one for each state, with an integrator that has a temperature; give them different seeds
         states : sequence of ThermodynamicState
-            in an order in which neighbours overlap; all with the same parameters
+            in an order in which neighbors overlap; all with the same parameters
         seed : int
             of the exchanges' random numbers, 0 or more
         workers : int
@@ -181,9 +181,8 @@ class ReplicaExchange:
             the reduced energy in each state of n samples from state 0, n from state 1 ..., and n for each state
         """
         history, energies = self.history[discard::stride], self.reducedEnergies[discard::stride]
-        ofState = np.take_along_axis(
-            energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1
-        )  # (rounds, state sampled, state evaluated)
+        # (rounds, state sampled, state evaluated)
+        ofState = np.take_along_axis(energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1)
         return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
 
     def potentialEnergies(self, discard: int = 0) -> np.ndarray:

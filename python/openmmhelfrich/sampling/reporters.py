@@ -76,7 +76,8 @@ class ObservablesReporter:
             if append and Path(file).exists():
                 self._heads = readHeads(file)
             self._needsHeads = not self._heads
-            self._ownsFile, self._out = True, open(file, "a" if append else "w", newline="")
+            self._ownsFile = True
+            self._out = open(file, "a" if append else "w", newline="")  # noqa: SIM115, close() closes it
         else:
             self._ownsFile, self._out = False, file
         self._writer = csv.writer(self._out, lineterminator="\n")

@@ -25,7 +25,7 @@ def writeReport(search: Search, prefix: PathLike, recommended: Point | None = No
 
 
 def tableText(search: Search, recommended: Point | None = None) -> str:
-    """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimisations."""
+    """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimizations."""
     tables = []
     for columns in (_costs, _accuracies):
         rows = [
@@ -154,10 +154,10 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
 
     points = [point for point in search.points if point.measurement is not None]
     axes = list(dict.fromkeys(point.axis for point in points))
-    colours = {axis: colormaps["tab20"](i) for i, axis in enumerate(axes)}
+    colors = {axis: colormaps["tab20"](i) for i, axis in enumerate(axes)}
     figure = Figure(figsize=(13, 2 + 0.2 * len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
-    _plotCosts(costs, search, points, colours)
+    _plotCosts(costs, search, points, colors)
     places = {i: (search.seconds(point), _bound(search, point)) for i, point in enumerate(points)}
     for i, (x, y) in places.items():
         isBest = points[i] is recommended
@@ -166,7 +166,7 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
             y,
             "*" if isBest else "o" if isExact(points[i].setting) else "s",
             ms=16 if isBest else 6,
-            color=colours[points[i].axis],
+            color=colors[points[i].axis],
         )
     offered = [place for i, place in places.items() if points[i].axis != "terms"]
     front = sorted(
@@ -181,18 +181,18 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
         ylabel="relative deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its error",
     )
     pareto.xaxis.set_minor_formatter("")
-    handles = [pareto.plot([], [], "o", color=colour, label=axis)[0] for axis, colour in colours.items()]
+    handles = [pareto.plot([], [], "o", color=color, label=axis)[0] for axis, color in colors.items()]
     pareto.legend(
         handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small"
     )
     figure.savefig(file, dpi=110)
 
 
-def _plotCosts(axes, search, points, colours):
+def _plotCosts(axes, search, points, colors):
     cost = [search.seconds(point) for point in points]
     errors = [c * min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
-    axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
+    axes.barh(places, cost, xerr=errors, color=[colors[point.axis] for point in points], ecolor="0.4")
     axes.set_yticks(
         places,
         [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points],

@@ -14,7 +14,7 @@ import openmm as mm
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..runs.config import Config, stagesOf
+from ..runs.config import MODULI, Config, stagesOf
 from ..runs.scene import Scene, currentMesh, loadMesh, resolve
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
@@ -24,7 +24,6 @@ from .measure import Measurement, measure
 from .minimization import FACTORS, Minimum, minimumOf
 from .settings import (
     COARSER,
-    MODULI,
     apply,
     axes,
     changes,
@@ -40,6 +39,7 @@ AUTOMATIC = {"sampling.step_size": "auto"}
 EQUILIBRATION = 600  # Monte Carlo steps at least
 HOPELESS = 3.0  # a setting that costs so many times more than the best one is not measured any better
 AVERAGES = ("bending", "area", "volume")
+_FORMERLY = {"minimiser": "minimization"}  # names of axes
 WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was, which is known to some 20% only
 
 
@@ -84,7 +84,7 @@ class Search:
         what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a
         long run
     minima : list of Minimum
-        what minimisations with coarser and finer tolerances come to
+        what minimizations with coarser and finer tolerances come to
     error : float
         the relative error of averages that is allowed
     """
@@ -100,14 +100,14 @@ class Search:
         progress: Callable[[Point], None] | None = None,
     ):
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
-        self._names, self._progress = names, progress or (lambda *_: None)
+        self._names = None if names is None else [_FORMERLY.get(name, name) for name in names]
+        self._progress = progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time() + 60 * minutes
         self._file = Path(f"{prefix}.json")
         self.points: list[Point] = []
         self.minima: list[Minimum] = []
-        self._seen: list[
-            Point
-        ] = []  # those that the search has come to: what it knows, so that one that goes on decides as before
+        # Those that the search has come to: what it knows, so that one that goes on decides as before.
+        self._seen: list[Point] = []
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
@@ -199,7 +199,7 @@ class Search:
 
     def _axes(self):
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
-        known = [axis.name for axis in available] + ["minimiser"]
+        known = [*(axis.name for axis in available), "minimization"]
         unknown = set(self._names or ()) - set(known)
         if unknown:
             raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
@@ -229,7 +229,7 @@ class Search:
         return longer if longer.measurement else best
 
     def _findMinima(self):
-        if (self._names is not None and "minimiser" not in self._names) or self.scene.membrane.bending_modulus == 0:
+        if (self._names is not None and "minimization" not in self._names) or self.scene.membrane.bending_modulus == 0:
             return
         iterations = int(self._effort / len(self._mesh.vertices) / 10)
         for factor in FACTORS[len(self.minima) :]:
@@ -337,9 +337,8 @@ class Search:
                 "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory),
             },
         )
-        equilibration = max(
-            EQUILIBRATION, int(2 * self._effort / len(mesh.vertices) / 150)
-        )  # at some 150 evaluations a step twice what a setting takes
+        # At some 150 evaluations a step twice what a setting takes.
+        equilibration = max(EQUILIBRATION, int(2 * self._effort / len(mesh.vertices) / 150))
         mesh, targets = _advance(fast, mesh, fast.stages[:-1])
         tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
         for i, tether in enumerate(tethers):

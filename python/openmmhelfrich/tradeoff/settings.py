@@ -10,17 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
-from ..runs.config import Config, parseConfig, sections
+from ..runs.config import MODULI, Config, parseConfig, sections, valueOf
 
 COARSER = "mesh.icosphere"
-MODULI = {
-    "bending": "membrane.bending_modulus",
-    "area": "membrane.area_modulus",
-    "volume": "membrane.volume_modulus",
-    "areaDifference": "membrane.area_difference_modulus",
-    "tether": "tether.modulus",
-    "repulsion": "repulsion.modulus",
-}
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
 
 # Of moves that help each other no single one may pay: more flips let the shape relax that kept momenta carry away.
@@ -176,12 +168,6 @@ def moduliRatios(scene: Config, setting: Setting) -> dict[str, float]:
         return {}
     ratios = {term: valueOf(scene, MODULI[term]) / value for term, value in own.items()}
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
-
-
-def valueOf(config: Config, name: str) -> Any:
-    """Return the value of a key of a Config by its name, like "tether.modulus"."""
-    section, key = name.split(".")
-    return getattr(getattr(config, section), key)
 
 
 def _title(name):
