@@ -8,7 +8,8 @@ from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.studies import run
 from openmmhelfrich.runs.sweeps import observe
-from openmmhelfrich.sampling.observables import DEFAULT_OBSERVABLES, ENERGY_TERMS, OBSERVABLES, lateRows
+from openmmhelfrich.sampling.averages import lateRows
+from openmmhelfrich.sampling.observables import DEFAULT_OBSERVABLES, ENERGY_TERMS, OBSERVABLES
 from openmmhelfrich.tables import Table
 from test_mesh_trajectory import simulate
 from test_report import partsOf

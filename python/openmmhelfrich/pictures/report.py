@@ -17,12 +17,12 @@ from ..geometry.quality import assess
 from ..io.conversion import requireNew
 from ..io.vtkhdf import MeshFrame, readMeshTrajectory
 from ..optional import require
+from ..sampling.averages import lateRows
 from ..sampling.observables import (
     OBSERVABLES,
     PANELS,
     curves,
     divergence,
-    lateRows,
     observableUnits,
     readObservables,
 )

@@ -15,9 +15,9 @@ from openmm import app
 
 from ..helfrich import HelfrichForce
 from ..sampling.adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, stepAndAdapt
+from ..sampling.averages import averageWindows
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.minimization import minimize, minimizeFluid
-from ..sampling.observables import averageWindows
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table

@@ -6,7 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..sampling.observables import OBSERVABLES, divergence, lateRows
+from ..sampling.averages import lateRows
+from ..sampling.observables import OBSERVABLES, divergence
 from ..tables import Table
 from .config import Config
 from .outputs import Outputs

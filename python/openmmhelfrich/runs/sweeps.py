@@ -26,7 +26,8 @@ from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
 from ..optional import require
-from ..sampling.observables import OBSERVABLES, lateRows, readObservables
+from ..sampling.averages import lateRows
+from ..sampling.observables import OBSERVABLES, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig

@@ -16,7 +16,7 @@ from openmm import app, unit
 
 from ..helfrich import HelfrichForce
 from ..tables import Table
-from .observables import averageWindows
+from .averages import averageWindows
 from .reporters import ObservablesReporter
 from .targets import absoluteTargets, currentTargets, setTargets
 
