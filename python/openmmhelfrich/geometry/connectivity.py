@@ -80,8 +80,7 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
         if len(corners) != 2:
             raise ValueError(
                 f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell "
-                "the triangles; "
-                "give a mesh file"
+                "the triangles; give a mesh file"
             )
     triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
     return _orient(triangles, vertices)
@@ -185,8 +184,8 @@ def _checkEdges(triangles, order, start):
             )
         raise ValueError(
             f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle "
-            f"{order[start[wrong[0]]] // 3} only "
-            f"({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane must be closed"
+            f"{order[start[wrong[0]]] // 3} only ({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane "
+            "must be closed"
         )
     origin, _ = halfedges(triangles)
     first, second = order[0::2], order[1::2]

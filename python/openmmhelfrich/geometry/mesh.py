@@ -317,8 +317,8 @@ def _indices(triangles, numVertices):
     if len(outside):
         t, corner = outside[0]
         raise ValueError(
-            f"triangle {t} has the vertex {triangles[t, corner]}; "
-            f"it must be from 0 to {numVertices - 1}, for {numVertices} vertices"
+            f"triangle {t} has the vertex {triangles[t, corner]}; it must be from 0 to {numVertices - 1}, for "
+            f"{numVertices} vertices"
         )
     return triangles.astype(np.int32)
 

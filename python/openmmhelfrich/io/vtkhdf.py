@@ -402,9 +402,9 @@ def _append(root, frame):
     expected = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfCells"][0]), set(data)
     if (len(mesh.vertices), len(mesh.triangles), set(frame.data)) != expected:
         raise ValueError(
-            f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles "
-            f"and the data {sorted(frame.data)}; "
-            f"those before it have {expected[0]}, {expected[1]} and {sorted(expected[2])}"
+            f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles and "
+            f"the data {sorted(frame.data)}; those before it have {expected[0]}, {expected[1]} and "
+            f"{sorted(expected[2])}"
         )
     _resize(root, count + 1)
     point, corner = count * len(mesh.vertices), count * mesh.triangles.size

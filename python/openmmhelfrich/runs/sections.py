@@ -192,8 +192,7 @@ class SamplingSection(Section):
         None,
         ge=1,
         description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a '
-        "fifth of the "
-        "stage, but no more than 1000, which determine it to a few percent",
+        "fifth of the stage, but no more than 1000, which determine it to a few percent",
     )
     target_acceptance: float = Field(
         0.75,
@@ -214,8 +213,7 @@ class SamplingSection(Section):
         1,
         ge=1,
         description="how often the tether acts for each time that everything else does; with more than 1 the "
-        "step_size, of everything else, "
-        "can be longer",
+        "step_size, of everything else, can be longer",
     )
     trajectory_jitter: float = Field(
         0.0,
@@ -229,15 +227,13 @@ class SamplingSection(Section):
         gt=0,
         le=1,
         description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
-        "trajectory to the next, which "
-        "takes a target_acceptance of 0.9; 1 is the plain method",
+        "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
     )
     flip_fraction: float = Field(
         0.3,
         ge=0,
         description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside "
-        "trajectories, and 0.1 "
-        "makes the membrane half as fluid",
+        "trajectories, and 0.1 makes the membrane half as fluid",
     )
     flip_probability: float = Field(
         0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow"
@@ -273,8 +269,7 @@ class SamplingSection(Section):
         if self.flip_probability + self.shear_wave_probability > 1:
             raise ValueError(
                 f"flip_probability is {self.flip_probability:g} and shear_wave_probability "
-                f"{self.shear_wave_probability:g}; "
-                "they must not add up to more than 1"
+                f"{self.shear_wave_probability:g}; they must not add up to more than 1"
             )
         return self
 

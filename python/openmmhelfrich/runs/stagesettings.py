@@ -69,8 +69,7 @@ class MinimizeStage(StageSettings):
     fluid: bool = Field(
         True,
         description="flip edges where this lowers the energy, and soften penalties that are far from their targets for "
-        "a while; false keeps "
-        "the triangles as they are",
+        "a while; false keeps the triangles as they are",
     )
     max_iterations: int = Field(
         10000,
@@ -82,8 +81,7 @@ class MinimizeStage(StageSettings):
         None,
         gt=0,
         description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
-        "l/(4A), "
-        "with the mean edge length l and the area A, below which long waves hardly move",
+        "l/(4A), with the mean edge length l and the area A, below which long waves hardly move",
     )
 
     @property

@@ -283,8 +283,7 @@ class Study:
             what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
             raise OSError(
                 f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step "
-                f"{self._savedAt[1]} is safe: "
-                f"openmm-helfrich resume {self.config.output.prefix} goes on from there"
+                f"{self._savedAt[1]} is safe: openmm-helfrich resume {self.config.output.prefix} goes on from there"
             ) from None
 
     def _summary(self, newSteps, seconds, signal):

@@ -158,8 +158,7 @@ class StepSizeAdapter(_Adapter):
             if not self.isReady:
                 raise ValueError(
                     f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at "
-                    f"{self.stepSize:.3g} {self.UNIT.get_symbol()}); "
-                    "more trajectories are needed"
+                    f"{self.stepSize:.3g} {self.UNIT.get_symbol()}); more trajectories are needed"
                 )
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize

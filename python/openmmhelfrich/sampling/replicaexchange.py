@@ -278,8 +278,7 @@ class ReplicaExchange:
         if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
             raise ValueError(
                 f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} "
-                "rounds; they must be numbers, and finite in its own state, "
-                f"{self.replicaStates[replica]}"
+                f"rounds; they must be numbers, and finite in its own state, {self.replicaStates[replica]}"
             )
         return reduced
 

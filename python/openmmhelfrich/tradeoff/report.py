@@ -139,8 +139,8 @@ def recommendationText(search: Search, point: Point) -> str:
         f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and "
         "volume.",
         f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the "
-        f"shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
-        f"about {steps * measurement.secondsPerStep:.3g} s in all.",
+        f"shape, 1/{search.gain(point):.3g} of the scene's as it stood; about {steps * measurement.secondsPerStep:.3g} "
+        "s in all.",
     ]
     return configText(data, comments)
 
