@@ -6,7 +6,8 @@ from typing import overload
 from xml.etree import ElementTree
 
 from ..files import PathLike
-from ..geometry.mesh import Mesh, requireFormat
+from ..geometry.mesh import Mesh
+from ..geometry.meshfiles import requireFormat
 from .dcdframes import DCDTrajectory
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
 
