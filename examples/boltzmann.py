@@ -2,8 +2,8 @@
 flips and trajectories at the temperature of each.  Writes boltzmann.png.
 
 Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which
-makes 642 vertices), and how many replicas run at a time (1). It goes on where boltzmann.zip ends, if there is one, so
-that a larger number of rounds continues the run.
+makes 642 vertices), and how many replicas run at a time (1).
+It goes on where boltzmann.zip ends, if there is one, so that a larger number of rounds continues the run.
 """
 
 import sys

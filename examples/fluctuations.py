@@ -60,8 +60,8 @@ print(
 for maxDegree in (4, 6, 8):
     fit, continuous = spectrum.fit(2, maxDegree, edge), spectrum.fit(2, maxDegree)
     print(
-        f"l = 2 to {maxDegree}: kappa = {fit.bendingModulus:.1f} +- {fit.bendingModulusError:.1f} kT, sigma = "
-        f"{fit.tension:.1f} +- {fit.tensionError:.1f}; "
+        f"l = 2 to {maxDegree}: kappa = {fit.bendingModulus:.1f} +- {fit.bendingModulusError:.1f} kT, "
+        f"sigma = {fit.tension:.1f} +- {fit.tensionError:.1f}; "
         f"taken for continuous {continuous.bendingModulus:.1f} +- {continuous.bendingModulusError:.1f} kT, "
         f"{continuous.tension:.1f} +- {continuous.tensionError:.1f}"
     )

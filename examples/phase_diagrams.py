@@ -1,8 +1,7 @@
 """Plots and pictures of the two phase diagrams, from the results of their sweeps.
 
-    python phase_diagrams.py volume results/volume                     # writes volume_energies.png and
-    volume_shapes.png python phase_diagrams.py area-difference results/area_difference   # writes
-    area_difference_shapes.png
+    python phase_diagrams.py volume results/volume                     # volume_energies.png, volume_shapes.png
+    python phase_diagrams.py area-difference results/area_difference   # area_difference_shapes.png
 
 Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and
 where they cross.
@@ -90,7 +89,7 @@ def plotEnergies(table, file):
 
 def onAxes(mesh):
     """Return a mesh whose longest axis is x and whose shortest is z."""
-    _values, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
+    _, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
     x, y = axes[:, 2], axes[:, 1]
     return mh.Mesh(mesh.vertices @ np.column_stack((x, y, np.cross(x, y))), mesh.triangles)
 

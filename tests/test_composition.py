@@ -59,7 +59,7 @@ def createPair(platform, integrator=None):
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_two_membranes_beads_and_other_forces(platform):
-    meshes, _forces, context = createPair(platform)
+    meshes, forces, context = createPair(platform)
     n = len(meshes[0].vertices)
     alone = [createContext(mesh, createForce(mesh, TERMS, level), platform) for mesh, level in zip(meshes, (1, 2))]
     for number in range(2):

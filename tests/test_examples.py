@@ -129,7 +129,7 @@ def testFluidity(tmp_path, examples):
     """Without flips vertices go nowhere, and with more of them further."""
     names, *rows = [line.split(",") for line in execute(tmp_path, examples / "fluidity.py", 800, 2).splitlines()]
     rows = np.array(rows, dtype=float)
-    fraction, flipRate, acceptance, _forbidden, perStep, error, perSweep = rows.T[:7]
+    fraction, flipRate, acceptance, forbidden, perStep, error, perSweep = rows.T[:7]
     assert names[:3] == ["fraction", "flipRate", "acceptance"] and list(fraction) == [0, 0.01, 0.03, 0.1, 0.3, 1]
     assert flipRate == pytest.approx(fraction * acceptance, rel=0.05) and np.allclose(perSweep, 2 * perStep, rtol=0.02)
     assert perStep[-1] > 5 * error[-1] and perStep[-1] > 2 * abs(perStep[0])

@@ -41,7 +41,7 @@ def createRun(temperature, stepSize=GENTLE, platform="CPU", engine="native", fli
 @pytest.mark.parametrize("temperature", [1e-300, 1e-20])
 def test_cold(platform, engine, temperature):
     """No move goes uphill by more than rounding makes of it, and flips go downhill."""
-    _force, integrator, context = createRun(temperature, platform=platform, engine=engine)
+    force, integrator, context = createRun(temperature, platform=platform, engine=engine)
     energy = start = energyOf(context)
     for _ in range(30):
         integrator.step(1)
@@ -53,7 +53,7 @@ def test_cold(platform, engine, temperature):
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("engine", ENGINES)
 def test_hot(platform, engine):
-    _force, integrator, context = createRun(1e6, 1e-5, platform, engine)
+    force, integrator, context = createRun(1e6, 1e-5, platform, engine)
     integrator.step(40)
     assert integrator.getAcceptanceRate() > 0.5 and integrator.getFlipAcceptanceRate() > 0.2
     assert math.isfinite(energyOf(context))
@@ -64,7 +64,7 @@ def test_hot(platform, engine):
 @pytest.mark.parametrize("factor", [1e3, 1e150])
 def test_step_sizes_too_large(platform, engine, factor):
     """Every trajectory is rejected, and leaves the positions as they were, to the last bit."""
-    _force, integrator, context = createRun(300, GENTLE * factor, platform, engine, flipProbability=0)
+    force, integrator, context = createRun(300, GENTLE * factor, platform, engine, flipProbability=0)
     start, energy = positionsOf(context), energyOf(context)
     integrator.step(8)
     assert integrator.getAcceptanceRate() == 0

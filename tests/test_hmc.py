@@ -59,7 +59,7 @@ def assertMean(samples, expected):
 @pytest.mark.parametrize("kT", [KT, KT / 2])
 def test_energy_changes_and_kinetic_energy(engine, kT):
     """<exp(-dH/kT)> = 1, and <KE> = 3NkT/2, at the temperature that was set last."""
-    mesh, _force, integrator, context = createRun(engine)
+    mesh, force, integrator, context = createRun(engine)
     integrator.setTemperature(kelvin(kT))
     integrator.step(500)
     factors, kinetic = [], []
@@ -75,7 +75,7 @@ def test_energy_changes_and_kinetic_energy(engine, kT):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_acceptance_probability(engine):
     """Trajectories that change the energy by dH are accepted with the probability min(1, exp(-dH/kT))."""
-    _mesh, _force, integrator, _context = createRun(engine, stepSize=0.005)
+    mesh, force, integrator, context = createRun(engine, stepSize=0.005)
     integrator.step(200)
     expected, variance, accepted = 0, 0, -integrator.getNumAcceptedTrajectories()
     for _ in range(8000):
@@ -94,7 +94,7 @@ def test_virial(engine, flipProbability):
     """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with
     flips and without.
     """
-    mesh, _force, integrator, context = createRun(engine, flipProbability=flipProbability)
+    mesh, force, integrator, context = createRun(engine, flipProbability=flipProbability)
     integrator.step(500)
     virial = []
     for _ in range(4000):
@@ -107,7 +107,7 @@ def test_virial(engine, flipProbability):
 def test_engines_sample_the_same_energy():
     means, errors = [], []
     for engine in ENGINES:
-        _mesh, _force, integrator, context = createRun(engine, flipProbability=0.3)
+        mesh, force, integrator, context = createRun(engine, flipProbability=0.3)
         integrator.step(500)
         energies = []
         for _ in range(4000):
@@ -123,7 +123,7 @@ def test_engines_sample_the_same_energy():
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_a_reversed_trajectory_returns_to_its_start(engine, platform):
-    _mesh, _force, integrator, context = createRun(engine, platform, stepSize=0.002, stepsPerTrajectory=100)
+    mesh, force, integrator, context = createRun(engine, platform, stepSize=0.002, stepsPerTrajectory=100)
     integrator.step(3)
     start = positionsOf(context)
     accepted = integrator.getNumAcceptedTrajectories()
@@ -143,7 +143,7 @@ def test_a_reversed_trajectory_returns_to_its_start(engine, platform):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_a_diverging_trajectory_is_rejected(engine, platform):
-    _mesh, _force, integrator, context = createRun(engine, platform)
+    mesh, force, integrator, context = createRun(engine, platform)
     integrator.step(10)
     assert integrator.getNumDivergedTrajectories() == 0
     start, energy = positionsOf(context), energyOf(context)
@@ -184,7 +184,7 @@ def test_divergence_of_another_force_is_rejected(engine, platform):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_start_whose_energy_is_not_finite_is_an_error(engine):
-    mesh, _force, integrator, context = createRun(engine)
+    mesh, force, integrator, context = createRun(engine)
     x = mesh.vertices.copy()
     x[5] = x[20]
     context.setPositions(x)
@@ -219,7 +219,7 @@ def test_frozen_vertices(engine, platform):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_share_of_sweeps(engine):
     for probability, low, high in ((0, 0, 0), (1, 200, 200), (0.25, 30, 70)):
-        _mesh, _force, integrator, context = createRun(engine, flipProbability=probability)
+        mesh, force, integrator, context = createRun(engine, flipProbability=probability)
         integrator.step(200)
         sweeps = integrator.getFlipIntegrator().getNumSweeps()
         assert low <= sweeps <= high
@@ -232,7 +232,7 @@ def test_annealing_reaches_the_flips():
     """Peers have flipped at T = 1 whatever the temperature of the rest."""
     rates = []
     for kT in (1000 * KT, 100 * KT, 10 * KT):
-        _mesh, _force, integrator, _context = createRun("native", flipProbability=1)
+        mesh, force, integrator, context = createRun("native", flipProbability=1)
         integrator.setTemperature(kelvin(kT))
         assert integrator.getIntegrator(1).getTemperature() / unit.kelvin == pytest.approx(kelvin(kT))
         integrator.step(50)

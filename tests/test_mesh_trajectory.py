@@ -336,7 +336,7 @@ def testReporterGoesOnFromACheckpoint(sphere, tmp_path):
 
 def testCutWithoutNewFrames(sphere, tmp_path, frames):
     mh.writeMeshTrajectory(tmp_path / "a", frames)
-    _simulation, force = simulate(sphere)
+    simulation, force = simulate(sphere)
     mh.MeshReporter(tmp_path / "a", 5, force, append=True, numFrames=2).close()
     assert list(mh.readMeshTrajectory(tmp_path / "a").steps) == [0, 10]
 
@@ -376,7 +376,7 @@ def testScriptThatJustEnds(inFolder, examples):
 
 
 def testReporterRefuses(sphere, tmp_path, frames):
-    _simulation, force = simulate(sphere)
+    simulation, force = simulate(sphere)
     mh.writeMeshTrajectory(tmp_path / "a", frames)
     mh.writeMeshTrajectory(tmp_path / "small", [mh.meshFrame(0, mh.Mesh.icosphere(1))])
     (tmp_path / "torn").write_bytes((tmp_path / "a").read_bytes()[:5000])

@@ -182,7 +182,7 @@ def test_command(inFolder):
     )
     result = invoke(*command)
     assert result.exit_code == 0, result.output
-    _header, coarse, fine, convergence = result.output.splitlines()
+    header, coarse, fine, convergence = result.output.splitlines()
     assert (
         coarse.split()[:3] == ["prolate", "0.9", "162"]
         and fine.split()[4] == "1.18964"

@@ -63,7 +63,7 @@ def test_motions_go_on(platform):
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_rejections_turn_back(platform):
     """After a rejection velocities are reversed, and the next trajectory goes back the way that the one before came."""
-    _mesh, integrator, context = createRun(ALMOST_NONE, platform)
+    mesh, integrator, context = createRun(ALMOST_NONE, platform)
     integrator.step(3)
     start, accepted = positionsOf(context), integrator.getNumAcceptedTrajectories()
     integrator.step(1)

@@ -301,7 +301,7 @@ def test_chosen_seed_is_kept():
 
 
 def test_a_checkpoint_of_another_mesh_is_refused():
-    simulation, _force = createSimulation("flips", "Reference")
+    simulation, force = createSimulation("flips", "Reference")
     other = createBlob(1)
     system = other.createSystem()
     system.addForce(createForce(other))

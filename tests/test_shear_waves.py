@@ -126,7 +126,7 @@ def test_membrane():
     """
     means, errors = [], []
     for probability in (0.4, 0):
-        mesh, _force, integrator, context = createRun(0, probability)
+        mesh, force, integrator, context = createRun(0, probability)
         integrator.step(500)
         samples = []
         for _ in range(3500):
@@ -145,7 +145,7 @@ def test_membrane():
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_rejected_moves_leave_no_trace(platform):
-    _mesh, _force, integrator, context = createRun(platform=platform, flipProbability=0, probability=0.5)
+    mesh, force, integrator, context = createRun(platform=platform, flipProbability=0, probability=0.5)
     integrator.step(20)
     waves = integrator.getShearWaveIntegrator()
     waves, start = integrator.getIntegrator(2), (positionsOf(context), velocitiesOf(context), energyOf(context))
@@ -165,7 +165,7 @@ def test_rejected_moves_leave_no_trace(platform):
 
 
 def test_a_start_whose_energy_is_not_finite_is_an_error():
-    mesh, _force, integrator, context = createRun(probability=1)
+    mesh, force, integrator, context = createRun(probability=1)
     x = mesh.vertices.copy()
     x[5] = x[20]
     context.setPositions(x)
@@ -201,7 +201,7 @@ def test_platforms_and_threads_make_the_same_moves():
 
 
 def test_share_of_moves():
-    _mesh, _force, integrator, context = createRun(0.25, 0.5)
+    mesh, force, integrator, context = createRun(0.25, 0.5)
     integrator.step(200)
     waves, sweeps = (
         integrator.getShearWaveIntegrator().getNumAttempted() / 5,

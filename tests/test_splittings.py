@@ -153,7 +153,7 @@ def test_trajectories_are_symplectic(splitting, substeps, platform):
 )
 def test_energy_changes(splitting, stepSize, substeps):
     """<exp(-dH/kT)> = 1."""
-    integrator, _context = createRun(splitting, stepSize, 12, substeps=substeps)
+    integrator, context = createRun(splitting, stepSize, 12, substeps=substeps)
     integrator.step(300)
     factors = []
     for _ in range(2000):
@@ -188,13 +188,13 @@ def test_lengths():
     the trajectories.
     """
     for splitting, expected in (("leapfrog", 10), ("bcss2", 10), ("bcss3", 12)):
-        integrator, _context = createRun(splitting, 0.001, 10)
+        integrator, context = createRun(splitting, 0.001, 10)
         assert integrator.getIntegrator(0).getLastNumSteps() == 0
         integrator.step(1)
         assert integrator.getIntegrator(0).getLastNumSteps() == expected and integrator.getStepsPerTrajectory() == 10
     lengths = []
     for stepSize in (0.001, 10.0):
-        integrator, _context = createRun("leapfrog", stepSize, 10)
+        integrator, context = createRun("leapfrog", stepSize, 10)
         integrator.setTrajectoryJitter(0.5)
         lengths.append([])
         for _ in range(300):

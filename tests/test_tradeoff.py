@@ -238,7 +238,7 @@ def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
 
 def test_a_search_goes_on(searched, tmp_path):
     """Points that are in the file are not measured again, and those that are missing come out the same."""
-    _search, _best, prefix = searched
+    search, best, prefix = searched
     for file in prefix.parent.glob("a*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     data = json.loads((tmp_path / "a.json").read_text())
@@ -275,7 +275,7 @@ def test_scenes_that_cannot_be_measured(changes, message, tmp_path):
 
 
 def test_arguments(searched, tmp_path):
-    _search, _best, prefix = searched
+    search, best, prefix = searched
     with pytest.raises(ValueError, match="the error is 2"):
         tradeoff(SCENE, tmp_path / "a", error=2)
     with pytest.raises(ValueError, match="there is no axis 'speed'; this scene has tether, "):
