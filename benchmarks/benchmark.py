@@ -1,12 +1,14 @@
-"""Time the plugin on icospheres: the table of the method's paper (Siggel et al., J. Chem. Phys. 157, 174801 (2022)), and more.
+"""Time the plugin on icospheres: the table of the method's paper (Siggel et al., J.
+
+Chem. Phys. 157, 174801 (2022)), and more.
 
     python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
     python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
     python benchmarks/benchmark.py --precision mixed  # forces in trajectories in single precision
 
-Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is its own.  Where TriMem is
-importable, it is timed on the same meshes and parameters, and the ratio is printed.
+Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is
+its own.  Where TriMem is importable, it is timed on the same meshes and parameters, and the ratio is printed.
 """
 
 import argparse
@@ -38,6 +40,7 @@ COLUMNS = {
 def createMembrane(size):
     """Return a Mesh of a rough icosphere of a number of vertices, 1 nm apart."""
     import numpy as np
+
     import openmmhelfrich as mh
 
     mesh = mh.Mesh.icosphere(SIZES[size], (3**0.5 * size / (8 * np.pi)) ** 0.5)
@@ -101,7 +104,9 @@ def stepSize(size):
 
 
 def timeGradient(mesh, force, platform, threads, precision="double"):
-    """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its spread."""
+    """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its
+    spread.
+    """
     import openmmhelfrich as mh
 
     integrator = mh.HamiltonianTrajectoryIntegrator(300, 1e-9, 10)
@@ -139,6 +144,7 @@ def timeTerms(size, threads):
 def timeForces(results, size, platform, threads, precision, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
     mesh = createMembrane(size)
@@ -193,6 +199,7 @@ def residentMemory():
 def measureMemory(results, size, platform, threads, precision):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
     mesh = createMembrane(size)
@@ -272,12 +279,11 @@ def measureTriMem(size):
 def describeMachine():
     """Return what the figures depend on."""
     import openmm as mm
+
     import openmmhelfrich as mh
 
-    model = next(
-        (line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")),
-        machine.processor(),
-    )
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), machine.processor())
     return {
         "processor": model,
         "cores": os.cpu_count(),

@@ -1,6 +1,8 @@
-"""Do a vesicle's energies follow one Boltzmann distribution at all temperatures?  Nine of them, 300 K to 900 K, with flips and trajectories at the temperature of each.  Writes boltzmann.png.
+"""Do a vesicle's energies follow one Boltzmann distribution at all temperatures?  Nine of them, 300 K to 900 K, with
+flips and trajectories at the temperature of each.  Writes boltzmann.png.
 
-Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which makes 642 vertices), and how many replicas run at a time (1).
+Arguments: the number of rounds (2000, ten minutes of one core), how often the sphere's triangles are divided (3, which
+makes 642 vertices), and how many replicas run at a time (1).
 It goes on where boltzmann.zip ends, if there is one, so that a larger number of rounds continues the run.
 """
 
@@ -9,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from matplotlib.figure import Figure
 from openmm import app, unit
+
+import openmmhelfrich as mh
 
 rounds, subdivisions, workers = (int(argument) for argument in (sys.argv[1:] + ["2000", "3", "1"][len(sys.argv) - 1 :]))
 FILE = Path("boltzmann.zip")
@@ -58,18 +61,19 @@ print("exchanges accepted: " + ", ".join(f"{rate:.2f}" for rate in exchange.acce
 print(f"flips accepted: {np.mean([simulation.integrator.getFlipAcceptanceRate() for simulation in simulations]):.3f}")
 print(
     f"chi^2 = {density.chiSquared:.0f} for {density.degreesOfFreedom} degrees of freedom, p = {density.pValue:.2f}; "
-    f"residuals of {np.nanstd(density.residuals):.2f} standard errors, at most {np.nanmax(np.abs(density.residuals)):.1f}"
+    f"residuals of {np.nanstd(density.residuals):.2f} standard errors, at most "
+    f"{np.nanmax(np.abs(density.residuals)):.1f}"
 )
 
 figure = Figure(figsize=(9, 5.5), layout="constrained")
 (histograms, densities), (residuals, overlap) = figure.subplots(2, 2)
 for k, temperature in enumerate(temperatures):
-    label, colour = f"T = {temperature / 300:.2f}", f"C{k}"
-    histograms.hist(result.energies[k] / kT, bins=30, density=True, histtype="step", color=colour, label=label)
+    label, color = f"T = {temperature / 300:.2f}", f"C{k}"
+    histograms.hist(result.energies[k] / kT, bins=30, density=True, histtype="step", color=color, label=label)
     densities.errorbar(
-        density.energies / kT, density.logDensities[k], density.errors[k], fmt="o", markersize=3, color=colour
+        density.energies / kT, density.logDensities[k], density.errors[k], fmt="o", markersize=3, color=color
     )
-    residuals.plot(density.energies / kT, density.residuals[k], "o", markersize=3, color=colour)
+    residuals.plot(density.energies / kT, density.residuals[k], "o", markersize=3, color=color)
 densities.plot(density.energies / kT, density.logDensity, "k-", linewidth=0.8, zorder=0)
 histograms.set(xlabel="energy, kT at T = 1", ylabel="probability density")
 histograms.legend(fontsize=6)

@@ -1,15 +1,19 @@
-"""The fluctuations of a quasi-spherical vesicle, whose spectrum gives its bending modulus back.  Writes fluctuations.png.
+"""The fluctuations of a quasi-spherical vesicle, whose spectrum gives its bending modulus back.
 
-Arguments: the number of Monte Carlo steps (2000), how often the sphere's triangles are divided (2, which makes 162 vertices), and the bending modulus in kT (20).
+Writes fluctuations.png.
+
+Arguments: the number of Monte Carlo steps (2000), how often the sphere's triangles are divided (2, which makes 162
+vertices), and the bending modulus in kT (20).
 """
 
 import sys
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from matplotlib.figure import Figure
 from openmm import app, unit
+
+import openmmhelfrich as mh
 from openmmhelfrich.analysis import fluctuationSpectrum, meshStiffness, vertexDiffusion
 
 steps, subdivisions, kappa = (int(argument) for argument in (sys.argv[1:] + ["2000", "2", "20"][len(sys.argv) - 1 :]))
@@ -23,14 +27,15 @@ force.setTriangles(mesh.triangles)
 force.setBendingModulus(kappa * kT)
 force.setVolumeModulus(1e5 * kT)
 force.setTargetVolume(mesh.volume)
-force.setAreaModulus(
-    60 * size * kT
-)  # soft, so that the degrees fluctuate independently, but against the pressure of the vertices, which would make the tension negative
+# Soft, so that the degrees fluctuate independently, but against the pressure of the vertices, which would make the
+# tension negative.
+force.setAreaModulus(60 * size * kT)
 force.setTargetArea(mesh.area)
 force.setTether(20 / edge**2 * kT, 0.8 * edge, 1.35 * edge, 2)
 system = mesh.createSystem()
 system.addForce(force)
-# Trajectories of about a quarter of the slowest mode's period: it decorrelates in some ten of them, and in hundreds of short ones.
+# Trajectories of about a quarter of the slowest mode's period: it decorrelates in some ten of them, and in hundreds of
+# short ones.
 integrator = mh.HybridMonteCarloIntegrator(
     temperature, 2e-4 * unit.picoseconds, stepsPerTrajectory=round(0.8 * size), flipFraction=0.5, flipProbability=0.3
 )
@@ -49,13 +54,16 @@ for _ in range(steps):
 spectrum = fluctuationSpectrum(frames, maxDegree=8)
 edge = np.mean([mh.Mesh(x, t).edgeLengths.mean() for x, t in zip(frames[::20], triangles[::20])])
 print(
-    f"step size {burnIn.stepSize:.3g} ps, acceptance {integrator.getAcceptanceRate():.2f}, flips {integrator.getFlipAcceptanceRate():.2f}"
+    f"step size {burnIn.stepSize:.3g} ps, acceptance {integrator.getAcceptanceRate():.2f}, flips "
+    f"{integrator.getFlipAcceptanceRate():.2f}"
 )
 for maxDegree in (4, 6, 8):
     fit, continuous = spectrum.fit(2, maxDegree, edge), spectrum.fit(2, maxDegree)
     print(
-        f"l = 2 to {maxDegree}: kappa = {fit.bendingModulus:.1f} +- {fit.bendingModulusError:.1f} kT, sigma = {fit.tension:.1f} +- {fit.tensionError:.1f}; "
-        f"taken for continuous {continuous.bendingModulus:.1f} +- {continuous.bendingModulusError:.1f} kT, {continuous.tension:.1f} +- {continuous.tensionError:.1f}"
+        f"l = 2 to {maxDegree}: kappa = {fit.bendingModulus:.1f} +- {fit.bendingModulusError:.1f} kT, "
+        f"sigma = {fit.tension:.1f} +- {fit.tensionError:.1f}; "
+        f"taken for continuous {continuous.bendingModulus:.1f} +- {continuous.bendingModulusError:.1f} kT, "
+        f"{continuous.tension:.1f} +- {continuous.tensionError:.1f}"
     )
 print(
     "autocorrelation times in steps: "

@@ -1,14 +1,16 @@
 """How fluid a membrane is at several flip fractions: the flip rate and how fast vertices diffuse along the surface.
 
-Arguments: the number of Monte Carlo steps at each fraction (10000), and how often the sphere's triangles are divided (3, which makes 642 vertices).
+Arguments: the number of Monte Carlo steps at each fraction (10000), and how often the sphere's triangles are divided
+(3, which makes 642 vertices).
 """
 
 import sys
 
 import numpy as np
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
+
+import openmmhelfrich as mh
 from openmmhelfrich.analysis import vertexDiffusion
 
 FRACTIONS = (0, 0.01, 0.03, 0.1, 0.3, 1)
@@ -56,7 +58,8 @@ def sample(simulation, force, numFrames):
 def diffusionCoefficient(frames, triangles):
     """Return the diffusion coefficient in squared mean edge lengths per Monte Carlo step.
 
-    At first vertices rattle between their neighbours; the slope over the later two thirds of the lags is that of diffusion, 4D.
+    At first vertices rattle between their neighbors; the slope over the later two thirds of the lags is that of
+    diffusion, 4D.
     """
     edge = np.mean([mh.Mesh(x, t).edgeLengths.mean() for x, t in zip(frames, triangles)])
     diffusion = vertexDiffusion(frames, triangles, len(frames) // 2)

@@ -1,11 +1,15 @@
-"""A small vesicle, its trajectory with triangles, and ways to look at it.  Writes looking.vtkhdf, looking.ply and looking.png."""
+"""A small vesicle, its trajectory with triangles, and ways to look at it.
+
+Writes looking.vtkhdf, looking.ply and looking.png.
+"""
 
 import sys
 
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
-from openmmhelfrich.rendering import render
+
+import openmmhelfrich as mh
+from openmmhelfrich.pictures.rendering import render
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
 kT = 300 * unit.kelvin * unit.MOLAR_GAS_CONSTANT_R
@@ -36,7 +40,8 @@ frames = mh.readMeshTrajectory("looking.vtkhdf")
 for frame in frames:
     curvature, area = frame.data["MeanCurvature"], frame.data["Area"]
     print(
-        f"step {frame.step}: reduced volume {frame.mesh.reducedVolume:.4f}, mean curvature {(curvature * area).sum() / area.sum():.3f} per nm"
+        f"step {frame.step}: reduced volume {frame.mesh.reducedVolume:.4f}, mean curvature "
+        f"{(curvature * area).sum() / area.sum():.3f} per nm"
     )
 frames[-1].mesh.write("looking.ply", data=frames[-1].data)
 render(frames[-1:], "looking.png")

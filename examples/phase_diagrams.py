@@ -1,9 +1,10 @@
 """Plots and pictures of the two phase diagrams, from the results of their sweeps.
 
-    python phase_diagrams.py volume results/volume                     # writes volume_energies.png and volume_shapes.png
-    python phase_diagrams.py area-difference results/area_difference   # writes area_difference_shapes.png
+    python phase_diagrams.py volume results/volume                     # volume_energies.png, volume_shapes.png
+    python phase_diagrams.py area-difference results/area_difference   # area_difference_shapes.png
 
-Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and where they cross.
+Pictures are named after the folder.  Prints energies, those of the branches beside those of axisymmetric shapes, and
+where they cross.
 """
 
 import sys
@@ -11,12 +12,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import openmmhelfrich as mh
 import pandas
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from openmmhelfrich.rendering import render
 from scipy.interpolate import PchipInterpolator
+
+import openmmhelfrich as mh
+from openmmhelfrich.pictures.rendering import render
 
 BRANCHES = {"prolate": "C0", "oblate": "C1", "stomatocyte": "C2"}
 ENERGY = "E_bending/8 pi kappa"
@@ -47,7 +49,8 @@ def compareBranches(table):
         points, exact = branchOf(table, name), PchipInterpolator(*zip(*sorted(reference.items())), extrapolate=False)
         low, high = min(reference) - 0.002, max(reference) + 0.002  # volumes are not quite those that were asked for
         print(
-            f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       E/8 pi kappa   reference   error   delta a"
+            f"{name}: found from v = {points.reducedVolume.min():.3f} to {points.reducedVolume.max():.3f}\n  v       "
+            "E/8 pi kappa   reference   error   delta a"
         )
         for _, p in points.sort_values("reducedVolume").iterrows():
             e = exact(np.clip(p.reducedVolume, min(reference), max(reference)))
@@ -68,10 +71,10 @@ def printCrossings(table):
 def plotEnergies(table, file):
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for name, colour in BRANCHES.items():
+    for name, color in BRANCHES.items():
         points = branchOf(table, name).sort_values("reducedVolume")
-        axes.plot(points.reducedVolume, points[ENERGY], "o-", color=colour, ms=4, lw=1, label=name)
-        axes.plot(*zip(*REFERENCE[name].items()), "+", color=colour, ms=11, mew=1.5)
+        axes.plot(points.reducedVolume, points[ENERGY], "o-", color=color, ms=4, lw=1, label=name)
+        axes.plot(*zip(*REFERENCE[name].items()), "+", color=color, ms=11, mew=1.5)
     annealed = table[table.variant == "annealed"].sort_values("reducedVolume")
     axes.plot(
         annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere"
@@ -86,7 +89,7 @@ def plotEnergies(table, file):
 
 def onAxes(mesh):
     """Return a mesh whose longest axis is x and whose shortest is z."""
-    values, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
+    _, axes = np.linalg.eigh(mh.analysis.gyrationTensor(mesh))
     x, y = axes[:, 2], axes[:, 1]
     return mh.Mesh(mesh.vertices @ np.column_stack((x, y, np.cross(x, y))), mesh.triangles)
 
@@ -98,7 +101,7 @@ def picture(folder, row):
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "shape.png"
         render([mh.meshFrame(0, mesh)], file, elevation=0 if isStomatocyte else 60, azimuth=-90, cut=isStomatocyte)
-        return imread(file)[:640, 110:-110]  # without the scale of colours
+        return imread(file)[:640, 110:-110]  # without the scale of colors
 
 
 def gallery(folder, table, rows, columns, title, file):

@@ -1,18 +1,19 @@
-"""Make red_blood_cell.stl, the outline of a resting human red blood cell as a closed mesh in micrometres.
+"""Make red_blood_cell.stl, the outline of a resting human red blood cell as a closed mesh in micrometers.
 
-The outline is the average one of E. Evans and Y. C. Fung, "Improved measurements of the erythrocyte geometry", Microvascular
-Research 4, 335 (1972): a body of revolution of diameter D whose half-thickness at distance r from the axis is, with s = 2r/D,
-z = sqrt(1-s^2) (C0 + C1 s^2 + C2 s^4) / 2.
+The outline is the average one of E. Evans and Y. C. Fung, "Improved measurements of the erythrocyte geometry",
+Microvascular Research 4, 335 (1972): a body of revolution of diameter D whose half-thickness at distance r from the
+axis is, with s = 2r/D, z = sqrt(1-s^2) (C0 + C1 s^2 + C2 s^4) / 2.
 """
 
 import sys
 from pathlib import Path
 
 import numpy as np
-from openmmhelfrich import Mesh
 from scipy.spatial import KDTree
 
-D, C0, C1, C2 = 7.82, 0.81, 7.83, -4.39  # micrometres
+from openmmhelfrich import Mesh
+
+D, C0, C1, C2 = 7.82, 0.81, 7.83, -4.39  # micrometers
 
 
 def profile(u):
@@ -41,7 +42,9 @@ def areaOf(outline):
 
 
 def relax(x, edges, outline, steps=200):
-    """Even out the triangles: every edge is a spring that pulls towards the mean length, and vertices stay on the surface."""
+    """Even out the triangles: every edge is a spring that pulls towards the mean length, and vertices stay on the
+    surface.
+    """
     tree = KDTree(outline)
     a, b = edges.T
     for _ in range(steps):

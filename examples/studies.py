@@ -1,10 +1,14 @@
-"""A small study in Python: find the step size, deflate a vesicle and inflate it again, then cool it.  Prints the averages of each window."""
+"""A small study in Python: find the step size, deflate a vesicle and inflate it again, then cool it.
+
+Prints the averages of each window.
+"""
 
 import sys
 
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
+
+import openmmhelfrich as mh
 
 subdivisions, steps = map(int, sys.argv[1:]) if len(sys.argv) > 1 else (3, 100)
 temperature = 300 * unit.kelvin
@@ -43,7 +47,8 @@ path = mh.continueTo(
 )
 for i, progress in enumerate(path.windows["lambda"]):
     print(
-        f"lambda {progress:.2f}: reduced volume {path.windows['reducedVolume'][i]:.3f}, bending energy {path.windows['E_bending'][i]:.0f} kT"
+        f"lambda {progress:.2f}: reduced volume {path.windows['reducedVolume'][i]:.3f}, bending energy "
+        f"{path.windows['E_bending'][i]:.0f} kT"
     )
 
 cooled = mh.anneal(simulation, mh.ExponentialSchedule.over(5 * steps, temperature, 3 * unit.kelvin), 5 * steps)

@@ -1,10 +1,11 @@
-"""A fluid vesicle, deflated from a sphere to reduced volume 0.8 while it fluctuates.  Writes vesicle.dcd and vesicle.psf."""
+"""A fluid vesicle, deflated to the reduced volume 0.8 while it fluctuates.  Writes vesicle.dcd and vesicle.psf."""
 
 import sys
 
 import openmm as mm
-import openmmhelfrich as mh
 from openmm import app, unit
+
+import openmmhelfrich as mh
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
 temperature = 300 * unit.kelvin
@@ -21,7 +22,6 @@ force.setTargetVolume(mesh.volume)
 length = mesh.edgeLengths.mean()
 force.setTether(50 * kT, 0.83 * length, 1.33 * length, 2)
 force.setTetherLengthScale(length)
-
 system = mesh.createSystem(mass=1.0)
 system.addForce(force)
 integrator = mh.HybridMonteCarloIntegrator(temperature, 4e-4 * unit.picoseconds)
@@ -36,6 +36,5 @@ for stage in range(1, 11):  # let water out, a little at a time
     simulation.context.setParameter(force.getTargetVolumeParameter(), (1 - 0.02 * stage) * mesh.volume)
     simulation.step(steps // 20)
 simulation.step(steps - 10 * (steps // 20))
-
 geometry = force.getGeometryInContext(simulation.context)
 print(f"area {geometry.area}, volume {geometry.volume}")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from membranes import flipped
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -27,6 +28,13 @@ def inFolder(tmp_path, monkeypatch):
 @pytest.fixture
 def examples():
     return ROOT / "examples"
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Six frames with different positions and triangles."""
+    mesh = mh.Mesh.icosphere(2)
+    return [mh.meshFrame(10 * i, flipped(mesh, i, seed=i + 1)) for i in range(6)]
 
 
 def together(*meshes):

@@ -24,7 +24,9 @@ def createBlob(subdivisions=2, noise=0.1, seed=1):
 
 
 def createForce(mesh, terms=TERMS, exclusionLevel=1):
-    """Return a force on a mesh with some terms, each far from its minimum, in an energy landscape of some hundred kJ/mol."""
+    """Return a force on a mesh with some terms, each far from its minimum, in an energy landscape of some hundred
+    kJ/mol.
+    """
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     edge = mesh.edgeLengths.mean()
@@ -85,3 +87,20 @@ def termsOf(force, context):
 def kelvin(kT):
     """Return the temperature at which kT is so many kJ/mol."""
     return kT / unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
+
+
+def flipped(mesh, count, seed):
+    """Return a mesh with other positions and some edges flipped."""
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    system = mesh.createSystem()
+    system.addForce(force)
+    integrator = mh.EdgeFlipIntegrator(300, 0.1)
+    integrator.setRandomNumberSeed(seed)
+    context = mm.Context(system, integrator, mm.Platform.getPlatform("Reference"))
+    context.setPositions(mesh.vertices)
+    integrator.step(count)
+    return mh.Mesh(
+        mesh.vertices * (1 + 0.01 * np.random.default_rng(seed).random((len(mesh.vertices), 1))),
+        force.getTrianglesInContext(context),
+    )

@@ -1,4 +1,6 @@
-"""Step sizes that adapt: to the acceptance that is asked for, from any start, and again after a restart; and temperatures that follow a schedule."""
+"""Step sizes that adapt: to the acceptance that is asked for, from any start, and again after a restart; and
+temperatures that follow a schedule.
+"""
 
 import json
 import math
@@ -10,18 +12,22 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import kelvin
-from openmmhelfrich.adaptation import stepAndAdapt
+from openmmhelfrich.sampling.adaptation import stepAndAdapt
 
 KT = 2.5
 
 
 def acceptanceOf(stepSize):
-    """The mean acceptance of a leapfrog trajectory, erfc(sqrt(<dH>/kT)/2) with <dH> as the fourth power of the step size."""
+    """The mean acceptance of a leapfrog trajectory, erfc(sqrt(<dH>/kT)/2) with <dH> as the fourth power of the step
+    size.
+    """
     return math.erfc(min(stepSize, 1e3) ** 2)
 
 
 def trajectories(adapter, count, seed=1):
-    """Let an adapter meet trajectories whose acceptance probabilities scatter about their mean, and return the step sizes."""
+    """Let an adapter meet trajectories whose acceptance probabilities scatter about their mean, and return the step
+    sizes.
+    """
     random, stepSizes = np.random.default_rng(seed), []
     for _ in range(count):
         mean = acceptanceOf(adapter.stepSize)

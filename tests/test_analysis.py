@@ -9,7 +9,8 @@ import pytest
 import openmmhelfrich as mh
 from membranes import createContext, energyOf, kelvin, positionsOf
 from openmmhelfrich import analysis
-from openmmhelfrich.shapes import invaginatedSphere
+from openmmhelfrich.analysis import fluctuations
+from openmmhelfrich.geometry.shapes import invaginatedSphere
 
 pytest.importorskip("emcee")
 
@@ -94,7 +95,7 @@ def test_area_difference_of_a_cylinder_with_caps():
 @pytest.mark.parametrize("l, m", [(2, 0), (2, -2), (3, 1), (5, 4)])
 def test_an_imposed_harmonic(l, m):
     mesh = mh.Mesh.icosphere(3)
-    harmonics = analysis._realHarmonics(mesh.vertices, 6)
+    harmonics = fluctuations._realHarmonics(mesh.vertices, 6)
     assert np.allclose(harmonics.T @ harmonics * 4 * np.pi / len(harmonics), np.eye(49), atol=0.05)
     x = mesh.vertices * (1 + 0.02 * harmonics[:, [l * l + l + m]])
     u = analysis.sphericalHarmonicCoefficients(7 * x + [1, 2, 3], 6)
@@ -105,7 +106,9 @@ def test_an_imposed_harmonic(l, m):
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_spectrum_of_known_fluctuations(seed):
-    """Amplitudes drawn from theory, up to degrees that are not fitted, on vertices out of order: what comes out are the amplitudes that were drawn, and their modulus and tension."""
+    """Amplitudes drawn from theory, up to degrees that are not fitted, on vertices out of order: what comes out are the
+    amplitudes that were drawn, and their modulus and tension.
+    """
     random, mesh, kappa, sigma = np.random.default_rng(seed), mh.Mesh.icosphere(2), 20.0, 5.0
     l = np.array([l for l in range(10) for _ in range(2 * l + 1)])
     width = np.sqrt(1 / (kappa * np.maximum((l - 1) * (l + 2) * (l * (l + 1) + sigma), 1))) * (l >= 2)
@@ -114,7 +117,7 @@ def test_spectrum_of_known_fluctuations(seed):
     for u in amplitudes:
         x = mesh.vertices + 0.15 * mesh.edgeLengths.mean() * random.normal(size=mesh.vertices.shape)
         x /= np.linalg.norm(x, axis=1)[:, np.newaxis]
-        frames.append(7 * x * (1 + analysis._realHarmonics(x, 9) @ u)[:, np.newaxis])
+        frames.append(7 * x * (1 + fluctuations._realHarmonics(x, 9) @ u)[:, np.newaxis])
     spectrum = analysis.fluctuationSpectrum(frames, 6)
     drawn = [np.mean(amplitudes[:, l == degree] ** 2) for degree in spectrum.degrees]
     assert spectrum.radius == pytest.approx(7, rel=2e-3) and spectrum.powers == pytest.approx(drawn, rel=0.03)
@@ -138,7 +141,7 @@ def test_stiffness_of_a_mesh(subdivisions, deviation):
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(1)
     context = createContext(mesh, force, "CPU")
-    harmonics = analysis._realHarmonics(mesh.vertices, 8)
+    harmonics = fluctuations._realHarmonics(mesh.vertices, 8)
 
     def energy(l, m, u):
         context.setPositions(mesh.vertices * (1 + u * harmonics[:, [l * l + l + m]]))
@@ -155,7 +158,9 @@ def test_stiffness_of_a_mesh(subdivisions, deviation):
 
 
 def test_modulus_of_a_simulated_membrane():
-    """The bending modulus that a fluid membrane was given comes out of its fluctuations, within 10% and within the errors."""
+    """The bending modulus that a fluid membrane was given comes out of its fluctuations, within 10% and within the
+    errors.
+    """
     kT, kappa, mesh = 2.5, 50, mh.Mesh.icosphere(2)
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()

@@ -8,8 +8,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from membranes import kelvin
 from test_flips import energiesOf, enumerateStates, octahedron, pOf, softForce, stateOf
-from test_hmc import assertMean, energyChangeOf
-from test_hmc import softForce as vesicleForce
+from test_hmc import assertMean, energyChangeOf, softForce as vesicleForce
 
 KT = 2.5
 
@@ -24,7 +23,9 @@ def createSimulation(mesh, force, integrator, mass):
 
 
 def testFlipsObeyTheCooledTemperature():
-    """The enumerated triangulations of frozen vertices are visited as the Boltzmann weights of the temperature at the end say, not of that at the start."""
+    """The enumerated triangulations of frozen vertices are visited as the Boltzmann weights of the temperature at the
+    end say, not of that at the start.
+    """
     mesh = octahedron()
     states = enumerateStates(stateOf(mesh.triangles))
     energies, force = energiesOf(mesh, states, True), softForce(mesh, True)

@@ -141,7 +141,7 @@ def test_surfaces_that_touch_at_a_vertex():
     for _ in range(7):
         system.addParticle(1)
     system.addForce(force)
-    with pytest.raises(mm.OpenMMException, match="particle 3.*more than one fan"):
+    with pytest.raises(mm.OpenMMException, match=r"particle 3.*more than one fan"):
         mm.Context(system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("Reference"))
 
 
@@ -189,12 +189,12 @@ def test_inside_out(platform):
     force.setVolumeModulus(1)
     force.setTargetVolume(1)
     context = createContext(mesh, force, platform)
-    with pytest.raises(mm.OpenMMException, match="inside out.*counter-clockwise seen from outside"):
+    with pytest.raises(mm.OpenMMException, match=r"inside out.*counter-clockwise seen from outside"):
         energyOf(context)
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=TERMS + ["all"])
+@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=[*TERMS, "all"])
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e200])
 def test_positions(platform, terms, bad):
     """A coordinate that is no number or too large is an error; correct ones afterwards give what they gave before."""
@@ -221,7 +221,9 @@ def test_positions(platform, terms, bad):
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_collapsed_positions(platform):
-    """Energies where vertices or triangles collapse are finite or an error that says so, never a number that is not one."""
+    """Energies where vertices or triangles collapse are finite or an error that says so, never a number that is not
+    one.
+    """
     mesh = createBlob(1)
     context = createContext(mesh, createForce(mesh), platform)
     energy = energyOf(context)
@@ -232,7 +234,7 @@ def test_collapsed_positions(platform):
     edge[a] = edge[b]
     for x in (point, edge):
         context.setPositions(x)
-        with pytest.raises(mm.OpenMMException, match="not finite|inside out or flat"):
+        with pytest.raises(mm.OpenMMException, match=r"not finite|inside out or flat"):
             energyOf(context)
     context.setPositions(mesh.vertices)
     assert energyOf(context) == energy
@@ -288,7 +290,7 @@ def test_flips_at_positions_that_are_not_finite(platform):
     x = mesh.vertices.copy()
     x[9, 2] = NAN
     context.setPositions(x)
-    with pytest.raises(mm.OpenMMException, match="particle 9|coordinate is NaN"):
+    with pytest.raises(mm.OpenMMException, match=r"particle 9|coordinate is NaN"):
         flips.step(1)
     assert np.array_equal(force.getTrianglesInContext(context), mesh.triangles)
 
@@ -304,7 +306,7 @@ def test_a_force_that_is_in_no_context():
         other.updateParametersInContext,
         lambda context: other.setTrianglesInContext(context, mesh.triangles),
     ):
-        with pytest.raises(mm.OpenMMException, match="not found|not in|Context"):
+        with pytest.raises(mm.OpenMMException, match=r"not found|not in|Context"):
             call(context)
 
 

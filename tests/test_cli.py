@@ -3,13 +3,15 @@ import pty
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
-from openmmhelfrich.config import STAGES, Config, sections
+from openmmhelfrich.runs.config import Config, sections
+from openmmhelfrich.runs.stagesettings import STAGES
 
 OUTPUTS = [
     "run.checkpoint",
@@ -108,7 +110,8 @@ def testBarsOnATerminal(folder):
         [
             sys.executable,
             "-c",
-            "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', 'run.toml'])",
+            "import os; os.environ.update(TERM='xterm', COLUMNS='150'); import openmmhelfrich.cli as c; c.app(['run', "
+            "'run.toml'])",
         ],
         read,
     )
@@ -158,38 +161,38 @@ def testMeshIsRelativeToTheConfiguration(folder):
     "text, message",
     [
         (
-            dict(other="[membrane]\nbending_modulos = 3"),
+            {"other": "[membrane]\nbending_modulos = 3"},
             "[membrane] has no key 'bending_modulos'; did you mean 'bending_modulus'?",
         ),
-        (dict(other="[membrane]\nsteps = 3"), "[membrane] has no key 'steps'; it belongs in [sampling]"),
+        ({"other": "[membrane]\nsteps = 3"}, "[membrane] has no key 'steps'; it belongs in [sampling]"),
         (
-            dict(other="[membrain]\nbending_modulus = 3"),
+            {"other": "[membrain]\nbending_modulus = 3"},
             "there is no section or key 'membrain'; did you mean 'membrane'?",
         ),
-        (dict(other="[output]\nxyzzy = 3"), "[output] has no key 'xyzzy'; it has prefix, trajectory_interval"),
-        (dict(mesh=""), "[mesh] file is missing"),
-        (dict(other="[membrane]\nbending_modulus = -3"), "[membrane] bending_modulus is -3"),
-        (dict(other='[membrane]\nbending_modulus = "20"'), "[membrane] bending_modulus is '20'; it must be a number"),
-        (dict(other="[membrane]\narea_modulus = nan"), "[membrane] area_modulus is nan; it must be a finite number"),
-        (dict(other="[membrane]\ntarget_volume = 0"), "[membrane] target_volume is 0"),
+        ({"other": "[output]\nxyzzy = 3"}, "[output] has no key 'xyzzy'; it has prefix, trajectory_interval"),
+        ({"mesh": ""}, "[mesh] file is missing"),
+        ({"other": "[membrane]\nbending_modulus = -3"}, "[membrane] bending_modulus is -3"),
+        ({"other": '[membrane]\nbending_modulus = "20"'}, "[membrane] bending_modulus is '20'; it must be a number"),
+        ({"other": "[membrane]\narea_modulus = nan"}, "[membrane] area_modulus is nan; it must be a finite number"),
+        ({"other": "[membrane]\ntarget_volume = 0"}, "[membrane] target_volume is 0"),
         (
-            dict(other="[membrane]\ntarget_volume = 1\nreduced_volume = 0.9"),
+            {"other": "[membrane]\ntarget_volume = 1\nreduced_volume = 0.9"},
             "target_volume and reduced_volume are both given",
         ),
-        (dict(other="[membrane]\nreduced_volume = 1.1"), "[membrane] reduced_volume is 1.1"),
-        (dict(other="[tether]\nmin_length = 0.3\nmax_length = 0.2"), "[tether] min_length is 0.3 and max_length 0.2"),
-        (dict(other="[repulsion]\nexclusion_level = 3"), "[repulsion] exclusion_level is 3; it must be 0, 1 or 2"),
-        (dict(sampling="steps = 0"), "[sampling] steps is 0"),
-        (dict(sampling="steps = 1.5"), "[sampling] steps is 1.5"),
-        (dict(sampling="temperature = 0"), "[sampling] temperature is 0"),
-        (dict(sampling="flip_probability = 1.5"), "[sampling] flip_probability is 1.5"),
-        (dict(sampling="steps = = 3"), "run.toml is not TOML"),
-        (dict(mesh='file = "nothing.stl"'), "there is no mesh file nothing.stl"),
-        (dict(mesh='file = "run.toml"'), "no mesh format has the suffix '.toml'"),
-        (dict(mesh='file = "sphere.ply"\nscale = 1000'), "the mean edge length is 2"),
-        (dict(other='[platform]\nname = "GPU"'), "[platform] name is 'GPU'; it must be one of Reference, CPU"),
+        ({"other": "[membrane]\nreduced_volume = 1.1"}, "[membrane] reduced_volume is 1.1"),
+        ({"other": "[tether]\nmin_length = 0.3\nmax_length = 0.2"}, "[tether] min_length is 0.3 and max_length 0.2"),
+        ({"other": "[repulsion]\nexclusion_level = 3"}, "[repulsion] exclusion_level is 3; it must be 0, 1 or 2"),
+        ({"sampling": "steps = 0"}, "[sampling] steps is 0"),
+        ({"sampling": "steps = 1.5"}, "[sampling] steps is 1.5"),
+        ({"sampling": "temperature = 0"}, "[sampling] temperature is 0"),
+        ({"sampling": "flip_probability = 1.5"}, "[sampling] flip_probability is 1.5"),
+        ({"sampling": "steps = = 3"}, "run.toml is not TOML"),
+        ({"mesh": 'file = "nothing.stl"'}, "there is no mesh file nothing.stl"),
+        ({"mesh": 'file = "run.toml"'}, "no mesh format has the suffix '.toml'"),
+        ({"mesh": 'file = "sphere.ply"\nscale = 1000'}, "the mean edge length is 2"),
+        ({"other": '[platform]\nname = "GPU"'}, "[platform] name is 'GPU'; it must be one of Reference, CPU"),
         (
-            dict(other='[platform]\nname = "Reference"\nthreads = 2'),
+            {"other": '[platform]\nname = "Reference"\nthreads = 2'},
             "[platform] threads is 2; only the CPU platform has threads",
         ),
     ],
@@ -224,7 +227,7 @@ def testNothingIsOverwritten(folder, existing):
         file.write("precious")
     result = invoke("run", "run.toml")
     assert result.exit_code == 1 and f"{existing} exists already" in result.output
-    assert results() == [existing] and open(existing).read() == "precious"
+    assert results() == [existing] and Path(existing).read_text() == "precious"
 
 
 def testOverwriteWhenAsked(folder):
@@ -242,10 +245,10 @@ def testFolderIsNeverOverwritten(folder):
 
 
 def testTheMeshThatIsReadIsNeverOverwritten(folder):
-    before = open("sphere.ply", "rb").read()
+    before = Path("sphere.ply").read_bytes()
     result = invoke("run", "run.toml", "--output", "sphere", "--overwrite")
     assert result.exit_code == 1 and "would replace the mesh file" in result.output
-    assert open("sphere.ply", "rb").read() == before
+    assert Path("sphere.ply").read_bytes() == before
 
 
 def testPlaceThatTakesNoFiles(folder):

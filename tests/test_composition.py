@@ -50,7 +50,9 @@ def createPair(platform, integrator=None):
     context = mm.Context(system, integrator or mm.VerletIntegrator(0.001), mm.Platform.getPlatform(platform))
     centers = [mesh.vertices.mean(axis=0) for mesh in meshes]
     context.setPositions(
-        np.concatenate((meshes[0].vertices, [centers[0]], meshes[1].vertices + [5, 0, 0], [centers[1] + [5, 0, 0]]))
+        np.concatenate(
+            (meshes[0].vertices, [centers[0]], meshes[1].vertices + np.array([5, 0, 0]), [centers[1] + [5, 0, 0]])
+        )
     )
     return meshes, forces, context
 
@@ -136,16 +138,18 @@ def test_force_groups_of_trajectories(platform, substeps):
 
 def test_two_membranes_of_one_name():
     mesh = createBlob(1)
-    with pytest.raises(mm.OpenMMException, match="two HelfrichForces have the name 'HelfrichForce'.*setName"):
+    with pytest.raises(mm.OpenMMException, match=r"two HelfrichForces have the name 'HelfrichForce'.*setName"):
         createContext(mesh, [createForce(mesh), createForce(mesh)])
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_two_components_in_one_force(platform):
-    """One HelfrichForce may hold several closed surfaces: its area and volume are their sums, and they repel each other."""
+    """One HelfrichForce may hold several closed surfaces: its area and volume are their sums, and they repel each
+    other.
+    """
     first, second = createBlob(1, seed=1), createBlob(1, seed=2)
     apart, near = (
-        together(first, mh.Mesh(second.vertices + [0, 0, distance], second.triangles)) for distance in (10, 1)
+        together(first, mh.Mesh(second.vertices + np.array([0, 0, distance]), second.triangles)) for distance in (10, 1)
     )
     force = createForce(apart)
     context = createContext(apart, force, platform)
@@ -171,8 +175,8 @@ def ellipsoid(reducedVolume, subdivisions):
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("v", [0.9, 0.8])
-def test_minimiser_finds_the_prolate(platform, v):
-    """LocalEnergyMinimizer brings an ellipsoid to the axisymmetric minimum of the bending energy at its reduced volume."""
+def test_minimizer_finds_the_prolate(platform, v):
+    """LocalEnergyMinimizer brings an ellipsoid to the axisymmetric minimum of bending energy at its reduced volume."""
     with open(Path(__file__).parent / "data" / "axisymmetric_minima.csv") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     (row,) = (row for row in rows if row["branch"] == "prolate" and float(row["v"]) == v)

@@ -9,10 +9,11 @@ from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import energyOf, forcesOf
-from openmmhelfrich.config import STAGES, parseConfig, readConfig, stagesOf, tomllib
-from openmmhelfrich.configfile import defaultText, settingsText
-from openmmhelfrich.simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
-from openmmhelfrich.trimem import convertConfig
+from openmmhelfrich.runs.config import parseConfig, readConfig, stagesOf, tomllib
+from openmmhelfrich.runs.configfile import defaultText, settingsText
+from openmmhelfrich.runs.scene import Scene, currentMesh, loadMesh, resolve
+from openmmhelfrich.runs.stagesettings import STAGES
+from openmmhelfrich.runs.trimem import convertConfig
 
 PEER = {
     case["name"]: case for case in json.loads((Path(__file__).parent / "data/peer_values.json").read_text())["cases"]
@@ -86,32 +87,32 @@ def testLengths():
     "sections, message",
     [
         (
-            dict(membrane={"bending_modulus": "20 kN"}),
+            {"membrane": {"bending_modulus": "20 kN"}},
             "[membrane] bending_modulus is '20 kN'; 'kN' is not a unit of energy; write it like '80 kJ/mol'",
         ),
         (
-            dict(membrane={"bending_modulus": "-1 kT"}),
+            {"membrane": {"bending_modulus": "-1 kT"}},
             "[membrane] bending_modulus is -1.0; it must be greater than or equal to 0",
         ),
-        (dict(tether={"min_length": "3 um^2"}), "[tether] min_length is '3 um^2'; 'um^2' is not a unit of length"),
-        (dict(membrane={"target_area": 3 * unit.nanometer}), "[membrane] target_area is 3 nm; it must be an area"),
+        ({"tether": {"min_length": "3 um^2"}}, "[tether] min_length is '3 um^2'; 'um^2' is not a unit of length"),
+        ({"membrane": {"target_area": 3 * unit.nanometer}}, "[membrane] target_area is 3 nm; it must be an area"),
         (
-            dict(sampling={"step_size": "automatic"}),
+            {"sampling": {"step_size": "automatic"}},
             "[sampling] step_size is 'automatic'; it must be a number, or a number with a unit in quotes, like '1 fs'",
         ),
         (
-            dict(sampling={"step_size": -1.0}),
+            {"sampling": {"step_size": -1.0}},
             "[sampling] step_size is -1.0; it must be a positive number, in ps, or 'auto'",
         ),
-        (dict(sampling={"trajectory_jitter": 1.0}), "[sampling] trajectory_jitter is 1.0"),
-        (dict(sampling={"momentum_refreshment": 0.0}), "[sampling] momentum_refreshment is 0.0"),
-        (dict(sampling={"target_acceptance": 1.0}), "[sampling] target_acceptance is 1.0"),
-        (dict(output={"checkpoint_interval": 0}), "[output] checkpoint_interval is 0"),
+        ({"sampling": {"trajectory_jitter": 1.0}}, "[sampling] trajectory_jitter is 1.0"),
+        ({"sampling": {"momentum_refreshment": 0.0}}, "[sampling] momentum_refreshment is 0.0"),
+        ({"sampling": {"target_acceptance": 1.0}}, "[sampling] target_acceptance is 1.0"),
+        ({"output": {"checkpoint_interval": 0}}, "[output] checkpoint_interval is 0"),
         (
-            dict(mesh={"icosphere": 2, "length_unit": "R0"}, tether={"min_length": "100 nm"}),
+            {"mesh": {"icosphere": 2, "length_unit": "R0"}, "tether": {"min_length": "100 nm"}},
             "the mesh's length_unit, 'R0', is not a length",
         ),
-        (dict(mesh={"icosphere": 2, "file": "a.stl"}), "[mesh] file and icosphere are both given"),
+        ({"mesh": {"icosphere": 2, "file": "a.stl"}}, "[mesh] file and icosphere are both given"),
     ],
 )
 def testWrongNumbers(sections, message):
@@ -154,7 +155,8 @@ def testWrongNumbers(sections, message):
         ),
         (
             {"kind": "continue"},
-            "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, target_area_difference",
+            "stage 1 (continue) has no target to go to; give one of target_area, target_volume, reduced_volume, "
+            "target_area_difference",
         ),
         ({"kind": "continue", "target_area": 9.0, "windows": 0}, "stage 1 (continue) windows is 0"),
         (
@@ -181,7 +183,9 @@ def testStepsAndStages():
 
 
 def tetherOf(scale, **tether):
-    """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its defaults filled in."""
+    """Return the tether's energy in a configuration, of a sphere whose mesh is scaled, and the configuration with its
+    defaults filled in.
+    """
     config = parseConfig(
         {
             "mesh": {"icosphere": 2, "scale": scale},
@@ -189,13 +193,15 @@ def tetherOf(scale, **tether):
             "membrane": {f"{term}_modulus": 0.0 for term in ("bending", "area", "volume")},
         }
     )
-    mesh = loadMesh(config)
-    return energyOf(createSimulation(config, mesh, createForce(config, mesh)).context), resolve(config, mesh)
+    scene = Scene.of(config)
+    return energyOf(scene.createSimulation(scene.createForce()).context), scene.config
 
 
 @pytest.mark.parametrize("tether", [{}, {"modulus": 30.0, "length_scale": 0.31}, {"length_scale": 0.2}])
 def testTetherHasNoUnit(tether):
-    """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what is written out says the same."""
+    """By default, or if its lengths are scaled with it, the tether of a mesh that is scaled holds as much energy; what
+    is written out says the same.
+    """
 
     def scaled(factor):
         lengths = {
@@ -225,7 +231,9 @@ def testTetherWithAModulusMeansWhatItMeant():
 
 
 def testUnevenMeshesStart(tmp_path):
-    """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories that are accepted."""
+    """By default, edges of a third to one and two thirds of the mean length come within the bounds, by trajectories
+    that are accepted.
+    """
     mesh = mh.Mesh.icosphere(2)
     vertices = mesh.vertices + 0.18 * mesh.edgeLengths.mean() * np.random.default_rng(1).normal(
         size=mesh.vertices.shape
@@ -235,8 +243,9 @@ def testUnevenMeshesStart(tmp_path):
     mesh = loadMesh(config)
     edges = mesh.edgeLengths / mesh.edgeLengths.mean()
     assert edges.min() < 0.4 and edges.max() > 1.5
-    force = createForce(config, mesh)
-    simulation = createSimulation(config, mesh, force)
+    scene = Scene.of(config, mesh)
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
     simulation.step(60)
     edges = currentMesh(simulation, force).edgeLengths / mesh.edgeLengths.mean()
     assert simulation.integrator.getAcceptanceRate() > 0.5 and edges.min() > 0.5 and edges.max() < 1.5
@@ -326,8 +335,9 @@ def testEnergiesOfTriMem(tmp_path, case):
     """The converted membrane has TriMem's energy and gradient, divided by its temperature."""
     config, _ = convert(tmp_path, case)
     mesh = loadMesh(config)
-    force = createForce(config, mesh)
-    context = createSimulation(config, mesh, force).context
+    scene = Scene.of(config, mesh)
+    force = scene.createForce()
+    context = scene.createSimulation(force).context
     kT = 300 * unit.kelvin * unit.MOLAR_GAS_CONSTANT_R / unit.kilojoule_per_mole
     assert energyOf(context) / kT == pytest.approx(PEER[case]["energy"] / 2, rel=1e-9)
     gradient = np.array(PEER[case]["gradient"]) / 2
@@ -382,10 +392,10 @@ def testStagesOfTriMem(tmp_path):
 @pytest.mark.parametrize(
     "values, message",
     [
-        (dict(bond_type="Area"), "only tethers of edges"),
-        (dict(kappa_b="x"), r"\[ENERGY\] kappa_b is 'x'; it must be a number"),
-        (dict(initial_temperature=0), "initial_temperature is 0; it must be positive"),
-        (dict(input="no.stl"), "no mesh file no.stl"),
+        ({"bond_type": "Area"}, "only tethers of edges"),
+        ({"kappa_b": "x"}, r"\[ENERGY\] kappa_b is 'x'; it must be a number"),
+        ({"initial_temperature": 0}, "initial_temperature is 0; it must be positive"),
+        ({"input": "no.stl"}, "no mesh file no.stl"),
     ],
 )
 def testWrongFilesOfTriMem(tmp_path, values, message):
@@ -397,5 +407,5 @@ def testNoFileOfTriMem(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no configuration file"):
         convertConfig(tmp_path / "a.inp")
     (tmp_path / "a.inp").write_text("kappa_b = 3\n")
-    with pytest.raises(ValueError, match="a.inp is not a configuration of TriMem"):
+    with pytest.raises(ValueError, match=r"a.inp is not a configuration of TriMem"):
         convertConfig(tmp_path / "a.inp")

@@ -6,9 +6,10 @@ import pytest
 from openmm import app, unit
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.continuation import ContinuationPath, absoluteTargets
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.studies import run
+from openmmhelfrich.sampling.continuation import ContinuationPath
+from openmmhelfrich.sampling.targets import absoluteTargets
 
 START = {"area": 12.0, "volume": 4.0, "areaDifference": 25.0}
 
@@ -142,7 +143,9 @@ def testThereAndBackInPython():
 
 
 def testProlateBranchThereAndBack(tmp_path):
-    """A prolate vesicle that is deflated from a reduced volume of 0.9 to 0.75 and inflated again has its energy back, within 1%."""
+    """A prolate vesicle that is deflated from a reduced volume of 0.9 to 0.75 and inflated again has its energy back,
+    within 1%.
+    """
     stages = [
         {"kind": "sample", "steps": 800, "reduced_volume": 0.9},
         {"kind": "anneal", "steps": 800, "end_temperature": 100.0},

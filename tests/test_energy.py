@@ -76,7 +76,7 @@ def test_peer_values(platform, case):
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=TERMS + ["all"])
+@pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=[*TERMS, "all"])
 def test_central_differences(platform, terms):
     mesh = createBlob(1)
     context = createContext(mesh, createForce(mesh, terms), platform)

@@ -6,12 +6,12 @@ import sys
 import mdtraj
 import numpy as np
 import pytest
-from conftest import ROOT
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import readConfig
-from openmmhelfrich.rendering import canRender
-from openmmhelfrich.studies import run
+from conftest import ROOT
+from openmmhelfrich.pictures.rendering import canRender
+from openmmhelfrich.runs.config import readConfig
+from openmmhelfrich.runs.studies import run
 
 
 def execute(folder, *arguments):
@@ -112,7 +112,10 @@ def testFluctuations(tmp_path, examples):
 
 
 def testBoltzmann(tmp_path, examples):
-    """The same run, done in one go and in two, prints the same table.  It is too short for its numbers to mean much; test_reweighting.py has the known answers."""
+    """The same run, done in one go and in two, prints the same table.
+
+    It is too short for its numbers to mean much; test_reweighting.py has the known answers.
+    """
     (tmp_path / "parts").mkdir()
     whole = execute(tmp_path, examples / "boltzmann.py", 20, 1, 2)
     execute(tmp_path / "parts", examples / "boltzmann.py", 12, 1)
@@ -145,7 +148,7 @@ def testScriptOfTheReadme(tmp_path):
 
 
 def testScriptOfReplicaExchange(tmp_path):
-    """A fair part of the exchanges between neighbours succeeds."""
+    """A fair part of the exchanges between neighbors succeeds."""
     script = re.findall(r"```python\n(.*?)```", (ROOT / "docs/free-energies.md").read_text(), re.DOTALL)[0]
     (tmp_path / "script.py").write_text(script)
     rates = [float(rate) for rate in execute(tmp_path, "script.py").strip(" []\n").split()]

@@ -1,4 +1,6 @@
-"""Integrators at the extremes of temperature, step size, targets and length; geometry and parameters are HelfrichExtremes.h's.  docs/extremes.md lists them all."""
+"""Integrators at the extremes of temperature, step size, targets and length; geometry and parameters are
+HelfrichExtremes.h's.  docs/extremes.md lists them all.
+"""
 
 import math
 import os
@@ -73,7 +75,9 @@ def test_step_sizes_too_large(platform, engine, factor):
 
 
 def test_targets_out_of_reach():
-    """A volume that no surface of this area has: the vesicle becomes as round as it can, and both terms pull against each other for ever."""
+    """A volume that no surface of this area has: the vesicle becomes as round as it can, and both terms pull against
+    each other for ever.
+    """
     mesh = mh.Mesh.icosphere(2)
     mesh.vertices *= [1, 1, 0.7]
     force = mh.HelfrichForce()
@@ -100,7 +104,9 @@ def test_targets_out_of_reach():
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("exponent", [-308, -200, -160, -155, -150, -100, -78, -60, 60, 100, 150])
 def test_scales_where_numbers_end(platform, exponent):
-    """Where squares of lengths, areas or their inverses are too small or too large for a number, there is an error or the right energy, and never a force of NaN."""
+    """Where squares of lengths, areas or their inverses are too small or too large for a number, there is an error or
+    the right energy, and never a force of NaN.
+    """
     mesh = mh.Mesh.icosphere(1)
     expected = energyOf(createContext(mesh, createForce(mesh, ["bending"]), platform))
     mesh.vertices *= 10.0**exponent
@@ -153,7 +159,7 @@ def test_geometry_that_is_not_finite(platform):
 def test_a_vesicle_far_away():
     """The mesh's own volume and area lose no more than the positions have lost."""
     mesh = createBlob(2)
-    far = mh.Mesh(mesh.vertices + [1e6, -7e5, 3e5], mesh.triangles)
+    far = mh.Mesh(mesh.vertices + np.array([1e6, -7e5, 3e5]), mesh.triangles)
     back = mh.Mesh(far.vertices - far.vertices[0], mesh.triangles)
     assert (far.volume, far.area) == pytest.approx((back.volume, back.area), rel=1e-14)
     assert far.volume == pytest.approx(mesh.volume, rel=1e-8)
@@ -164,7 +170,9 @@ def test_a_vesicle_far_away():
     reason="OPENMM_HELFRICH_LARGE_TESTS is not set; this takes some minutes",
 )
 def test_a_million_trajectories():
-    """Positions, triangles and energies after a million trajectories and as many sweeps are those of a Context that has seen none of them."""
+    """Positions, triangles and energies after a million trajectories and as many sweeps are those of a Context that has
+    seen none of them.
+    """
     mesh = mh.Mesh.icosphere(1)
     edge = mesh.edgeLengths.mean()
     force = createForce(mesh, TERMS[:4])
@@ -189,7 +197,8 @@ def test_a_million_trajectories():
     ]
     drifts = [float(value / exact - 1) for value, exact in zip(found, (area, volume, last.vertexMeanCurvatures.sum()))]
     print(
-        f"{integrator.getNumTrajectories()} trajectories, {integrator.getAcceptanceRate():.3f} accepted, A, V and M off by {drifts}"
+        f"{integrator.getNumTrajectories()} trajectories, {integrator.getAcceptanceRate():.3f} accepted, A, V and M "
+        f"off by {drifts}"
     )
     assert max(map(abs, drifts)) < 1e-10
     fresh = createForce(mesh, TERMS[:4])

@@ -66,7 +66,7 @@ def testBadEdges():
         createContext(mesh, createFixed(mesh, [(a, b), (b, a)]))
 
 
-def testSerialisation():
+def testSerialization():
     force = createFixed(createBlob(1), [(3, 1), (0, 2)])
     copied = throughXml(force)
     assert [copied.getFixedEdgeParameters(i) for i in range(copied.getNumFixedEdges())] == [[3, 1], [0, 2]]
@@ -77,7 +77,9 @@ def testSerialisation():
 
 @pytest.mark.parametrize("driver", ["flips", "hybrid"])
 def testRing(driver):
-    """A ring of fixed edges is still there after a hot run that leaves little of the rest, also when triangles are set and after a restart."""
+    """A ring of fixed edges is still there after a hot run that leaves little of the rest, also when triangles are set
+    and after a restart.
+    """
     mesh = createBlob(2)
     ring = equatorOf(mesh)
     assert len(ring) > 10 and set(np.bincount(ring.ravel())) <= {0, 2}

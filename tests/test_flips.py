@@ -23,6 +23,7 @@ from membranes import (
     positionsOf,
     termsOf,
 )
+from openmmhelfrich.geometry import connectivity
 
 
 def oneAttempt(mesh, temperature):
@@ -37,7 +38,9 @@ def oneAttempt(mesh, temperature):
     "terms, exclusionLevel", [([term], 1) for term in TERMS] + [(TERMS, level) for level in (0, 1, 2)]
 )
 def test_each_flip(platform, terms, exclusionLevel):
-    """After each flip the mesh is a closed manifold, and energy and forces are those of a new Context with its triangles."""
+    """After each flip the mesh is a closed manifold, and energy and forces are those of a new Context with its
+    triangles.
+    """
     mesh = createBlob(1)
     force = createForce(mesh, terms, exclusionLevel)
     flips = oneAttempt(mesh, kelvin(500))
@@ -124,7 +127,9 @@ def test_reference_decides_as_the_cpu():
 
 
 def test_threads_that_share_a_membrane():
-    """Of more than 100,000 vertices there is one copy for all threads; sweeps between moves, with a restart, make the same flips on any number."""
+    """Of more than 100,000 vertices there is one copy for all threads; sweeps between moves, with a restart, make the
+    same flips on any number.
+    """
     mesh = createBlob(7)
     edge = mesh.edgeLengths.mean()
     results = []
@@ -229,8 +234,8 @@ def test_flips_with_dynamics():
     force.setTargetVolume(mesh.volume)
     force.setTether(20, 0.5 * edge, 1.5 * edge, 2)
     force.setRepulsion(1, edge, 2, 1)
-    # Dynamics of a surface that folds now and then meets forces for which no step is short enough, and Hybrid Monte Carlo would reject: a strong friction takes the heat away,
-    # and gives the mean an error of 0.3%.
+    # Dynamics of a surface that folds now and then meets forces for which no step is short enough, and Hybrid Monte
+    # Carlo would reject: a strong friction takes the heat away, and gives the mean an error of 0.3%.
     langevin, flips = mm.LangevinMiddleIntegrator(300, 1000, 0.0001), mh.EdgeFlipIntegrator(300, 0.1)
     langevin.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
@@ -249,7 +254,9 @@ def test_flips_with_dynamics():
 
 
 def test_flips_with_brownian_dynamics():
-    """Equipartition: the mean of the coordinates times their energy gradients is kT for each, whatever flips between the steps."""
+    """Equipartition: the mean of the coordinates times their energy gradients is kT for each, whatever flips between
+    the steps.
+    """
     mesh = mh.Mesh.icosphere(1)
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
@@ -257,9 +264,8 @@ def test_flips_with_brownian_dynamics():
     force.setVolumeModulus(500)
     force.setTargetVolume(mesh.volume)
     edge = mesh.edgeLengths.mean()
-    force.setTether(
-        20, 0.7 * edge, 1.4 * edge, 2
-    )  # with wider bounds a needle-shaped triangle, now and then, is too stiff for the step
+    # With wider bounds a needle-shaped triangle, now and then, is too stiff for the step.
+    force.setTether(20, 0.7 * edge, 1.4 * edge, 2)
     brownian, flips = mm.BrownianIntegrator(300, 1000, 0.01), mh.EdgeFlipIntegrator(300, 0.1)
     brownian.setRandomNumberSeed(4)
     flips.setRandomNumberSeed(4)
@@ -277,7 +283,8 @@ def test_flips_with_brownian_dynamics():
     mh.Mesh(positionsOf(context), force.getTrianglesInContext(context)).check()
 
 
-# Ten million attempts take some minutes, and are made where the environment variable OPENMM_HELFRICH_LARGE_TESTS is set.
+# Ten million attempts take some minutes, and are made where the environment variable OPENMM_HELFRICH_LARGE_TESTS is
+# set.
 STRESS_EXAMPLES = 25
 STRESS_ATTEMPTS = (10**7 if "OPENMM_HELFRICH_LARGE_TESTS" in os.environ else 5 * 10**5) // STRESS_EXAMPLES
 
@@ -319,7 +326,9 @@ def flippedMembranes(draw):
 @given(membrane=flippedMembranes(), threads=st.sampled_from(["1", "2", "3"]))
 @settings(max_examples=STRESS_EXAMPLES, deadline=None, derandomize=True, database=None)
 def test_stress(membrane, threads):
-    """After any number of flips of any membrane the mesh is valid, and the energy that of a new Context with its triangles."""
+    """After any number of flips of any membrane the mesh is valid, and the energy that of a new Context with its
+    triangles.
+    """
     mesh, create, flips = membrane
     force = create(mesh.triangles)
     context = createContext(mesh, force, "CPU", flips, {"Threads": threads})
@@ -328,8 +337,8 @@ def test_stress(membrane, threads):
     for _ in range(numBlocks):
         flips.step(-(-STRESS_ATTEMPTS // (numBlocks * attemptsPerSweep)))
         live = force.getTrianglesInContext(context)
-        first, second = mh.connectivity.pairHalfedges(live, len(mesh.vertices))
-        origin, _ = mh.connectivity.halfedges(live)
+        first, second = connectivity.pairHalfedges(live, len(mesh.vertices))
+        origin, _ = connectivity.halfedges(live)
         assert np.all(origin[first] != origin[second])
         assert len(mesh.vertices) - len(first) + len(live) == 2
         assert np.bincount(live.ravel(), minlength=len(mesh.vertices)).min() >= 3
@@ -421,14 +430,16 @@ def pOf(counts, energies, kT):
 
 
 def test_enumeration():
-    """The 195 triangulations of six labelled vertices (OEIS A000109, labelled), each of either orientation."""
+    """The 195 triangulations of six labeled vertices (OEIS A000109, labeled), each of either orientation."""
     states = enumerateStates(stateOf(octahedron().triangles))
     assert len(states) == 2 * 195
 
 
 @pytest.mark.parametrize("kT, hasRepulsion", list(itertools.product([1, 0.5], [False, True])))
 def test_detailed_balance(kT, hasRepulsion):
-    """Visits agree with Boltzmann weights, and would not agree with those of a wrong temperature or of another repulsion."""
+    """Visits agree with Boltzmann weights, and would not agree with those of a wrong temperature or of another
+    repulsion.
+    """
     mesh = octahedron()
     states = enumerateStates(stateOf(mesh.triangles))
     energies = {repulsion: energiesOf(mesh, states, repulsion) for repulsion in (False, True)}

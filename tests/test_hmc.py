@@ -48,7 +48,7 @@ def energyChangeOf(integrator):
 
 
 def assertMean(samples, expected):
-    """Assert that the mean of correlated samples is within three standard errors, by batches, and that these are small."""
+    """Assert that the mean of correlated samples is within three standard errors, by batches, which are small."""
     batches = np.array(samples).reshape(25, -1).mean(axis=1)
     error = batches.std(ddof=1) / 5
     assert error < 0.03 * abs(expected)
@@ -91,7 +91,9 @@ def test_acceptance_probability(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("flipProbability", [0, 0.5])
 def test_virial(engine, flipProbability):
-    """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with flips and without."""
+    """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with
+    flips and without.
+    """
     mesh, force, integrator, context = createRun(engine, flipProbability=flipProbability)
     integrator.step(500)
     virial = []
@@ -186,7 +188,7 @@ def test_a_start_whose_energy_is_not_finite_is_an_error(engine):
     x = mesh.vertices.copy()
     x[5] = x[20]
     context.setPositions(x)
-    with pytest.raises(mm.OpenMMException, match="not finite.*repulsion inf"):
+    with pytest.raises(mm.OpenMMException, match=r"not finite.*repulsion inf"):
         integrator.step(1)
     assert np.array_equal(positionsOf(context), x)
 

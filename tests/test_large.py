@@ -1,4 +1,8 @@
-"""Ten million vertices.  This takes three minutes and 7 GiB of memory, and so is only run where the environment variable OPENMM_HELFRICH_LARGE_TESTS is set."""
+"""Ten million vertices.
+
+This takes three minutes and 7 GiB of memory, and so is only run where the environment variable
+OPENMM_HELFRICH_LARGE_TESTS is set.
+"""
 
 import math
 import os
@@ -42,7 +46,9 @@ def chunks(array):
 
 
 def pairEdges(triangles):
-    """Return the corners (i, j, k, l) of the pairs of triangles (i, j, k) and (j, i, l) that share an edge, an array with a row a pair."""
+    """Return the corners (i, j, k, l) of the pairs of triangles (i, j, k) and (j, i, l) that share an edge, an array
+    with a row a pair.
+    """
     i, j, k = (np.concatenate([triangles[:, (n + m) % 3] for n in range(3)]).astype(np.int64) for m in range(3))
     key = np.minimum(i, j) * (triangles.max() + 1) + np.maximum(i, j)
     order = np.argsort(key, kind="stable")
@@ -79,7 +85,9 @@ def addTo(values, indices, terms):
 
 
 def exactSums(x, triangles, edges):
-    """Return area, volume, integrated mean curvature, bending and tether energy: correctly rounded sums of terms in double precision."""
+    """Return area, volume, integrated mean curvature, bending and tether energy: correctly rounded sums of terms in
+    double precision.
+    """
     areas, curvatures = np.zeros(len(x)), np.zeros(len(x))
     parts = {name: [] for name in ("area", "volume", "curvature", "bending", "tether")}
     for t in chunks(triangles):
@@ -109,7 +117,9 @@ def compress(parts):
 
 
 def localGradient(x, triangles, vertex, slopes):
-    """Return the gradient of the energy by the position of a vertex, by central differences in extended precision of what changes with it."""
+    """Return the gradient of the energy by the position of a vertex, by central differences in extended precision of
+    what changes with it.
+    """
     ring = np.unique(triangles[(triangles == vertex).any(1)])
     near = triangles[np.isin(triangles, ring).any(1)]
     indices, near = np.unique(near, return_inverse=True)

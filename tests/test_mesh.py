@@ -5,12 +5,12 @@ import mdtraj
 import meshio
 import numpy as np
 import pytest
-from conftest import together
 from hypothesis import given, settings, strategies as st
 from openmm import app, unit
 from scipy.spatial.transform import Rotation
 
 import openmmhelfrich as mh
+from conftest import together
 
 FORMATS = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh"]
 
@@ -128,7 +128,7 @@ def testUnusedVerticesPointsAndLinesAreLeftOut(tmp_path, sphere):
 
 
 def testWriteFailsCleanly(tmp_path, sphere):
-    with pytest.raises(ValueError, match="no mesh format has the suffix '.xyzzy'"):
+    with pytest.raises(ValueError, match=r"no mesh format has the suffix '.xyzzy'"):
         sphere.write(tmp_path / "a.xyzzy")
     with pytest.raises(OSError):
         sphere.write(tmp_path / "nowhere" / "a.ply")
@@ -339,9 +339,8 @@ def testTopologyAndSystem(sphere):
 def testTopologyHasAResidueAMembrane(sphere):
     mesh = together(sphere, mh.Mesh(sphere.vertices + 3, sphere.triangles))
     assert [len(list(residue.atoms())) for residue in mesh.topology().residues()] == [162, 162]
-    order = np.random.default_rng(1).permutation(
-        324
-    )  # membranes whose vertices alternate keep the order of their vertices
+    # Membranes whose vertices alternate keep the order of their vertices.
+    order = np.random.default_rng(1).permutation(324)
     mixed = mh.Mesh(mesh.vertices[np.argsort(order)], order[mesh.triangles])
     topology = mixed.topology()
     assert [atom.index for atom in topology.atoms()] == list(range(324))

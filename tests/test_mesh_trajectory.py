@@ -13,32 +13,8 @@ import pytest
 from openmm import app
 
 import openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 from test_composition import createPair
-
-
-def flipped(mesh, count, seed):
-    """Return a mesh with other positions and some edges flipped."""
-    force = mh.HelfrichForce()
-    force.setTriangles(mesh.triangles)
-    system = mesh.createSystem()
-    system.addForce(force)
-    integrator = mh.EdgeFlipIntegrator(300, 0.1)
-    integrator.setRandomNumberSeed(seed)
-    context = mm.Context(system, integrator, mm.Platform.getPlatform("Reference"))
-    context.setPositions(mesh.vertices)
-    integrator.step(count)
-    return mh.Mesh(
-        mesh.vertices * (1 + 0.01 * np.random.default_rng(seed).random((len(mesh.vertices), 1))),
-        force.getTrianglesInContext(context),
-    )
-
-
-@pytest.fixture(scope="module")
-def frames():
-    """Six frames with different positions and triangles."""
-    mesh = mh.Mesh.icosphere(2)
-    return [mh.meshFrame(10 * i, flipped(mesh, i, seed=i + 1)) for i in range(6)]
 
 
 def same(frame, other):
@@ -61,9 +37,8 @@ def readWithVTK(file):
     reader.SetFileName(str(file))
     reader.UpdateInformation()
     information = reader.GetOutputInformation(0)
-    steps = [information.Get(times, i) for i in range(information.Length(times))] or [
-        0.0
-    ]  # VTK tells no times if there is one step
+    # VTK tells no times if there is one step.
+    steps = [information.Get(times, i) for i in range(information.Length(times))] or [0.0]
     found = {}
     for step in random.Random(1).sample(steps, len(steps)):
         reader.UpdateTimeStep(step)
@@ -231,7 +206,7 @@ def testChangedBytesAreNoticed(frames, tmp_path):
 
 WRITER = """
 import itertools, sys, numpy as np, openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 mesh = mh.Mesh.icosphere(1)
 writer = MeshTrajectoryWriter(sys.argv[1], numFrames=None)
 for step in itertools.count(writer.numFrames):
@@ -242,7 +217,9 @@ for step in itertools.count(writer.numFrames):
 
 
 def testKilledAtAnyMoment(tmp_path):
-    """After SIGKILL the file is complete: it has every frame that was flushed, each once, and the writer goes on from it."""
+    """After SIGKILL the file is complete: it has every frame that was flushed, each once, and the writer goes on from
+    it.
+    """
     generator, written = random.Random(3), 0
     for _ in range(5):
         process = subprocess.Popen([sys.executable, "-c", WRITER, tmp_path / "a"], stdout=subprocess.PIPE, text=True)
@@ -263,7 +240,7 @@ def testKilledAtAnyMoment(tmp_path):
 
 FULL = """
 import resource, signal, sys, openmmhelfrich as mh
-from openmmhelfrich.vtkhdf import MeshTrajectoryWriter
+from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 frame = mh.meshFrame(0, mh.Mesh.icosphere(3))
 writer = MeshTrajectoryWriter(sys.argv[1])
 writer.add(frame)
@@ -282,7 +259,9 @@ writer.close()
 
 
 def testNoRoom(tmp_path):
-    """Where a file cannot grow, flush() says so, the last complete file stays, and no frame is lost if there is room later."""
+    """Where a file cannot grow, flush() says so, the last complete file stays, and no frame is lost if there is room
+    later.
+    """
     done = subprocess.run([sys.executable, "-c", FULL, tmp_path / "a"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "a cannot be written" in done.stdout
@@ -402,11 +381,14 @@ def testReporterRefuses(sphere, tmp_path, frames):
     mh.writeMeshTrajectory(tmp_path / "small", [mh.meshFrame(0, mh.Mesh.icosphere(1))])
     (tmp_path / "torn").write_bytes((tmp_path / "a").read_bytes()[:5000])
     for arguments, message in (
-        (dict(file="a", append=True, numFrames=9), "has 6 frames; it should have 9 or more"),
-        (dict(file="small", append=True), "has frames of 42 vertices and 80 triangles; this membrane has 162 and 320"),
-        (dict(file="torn", append=True), "not a complete one"),
-        (dict(file="a", numFrames=3), "numFrames is for appending"),
-        (dict(file="a", reportInterval=0), "reportInterval is 0"),
+        ({"file": "a", "append": True, "numFrames": 9}, "has 6 frames; it should have 9 or more"),
+        (
+            {"file": "small", "append": True},
+            "has frames of 42 vertices and 80 triangles; this membrane has 162 and 320",
+        ),
+        ({"file": "torn", "append": True}, "not a complete one"),
+        ({"file": "a", "numFrames": 3}, "numFrames is for appending"),
+        ({"file": "a", "reportInterval": 0}, "reportInterval is 0"),
     ):
         arguments = {"reportInterval": 5, **arguments}
         with pytest.raises(ValueError, match=message):

@@ -10,15 +10,16 @@ from scipy.optimize import check_grad
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich import axisymmetric, minima
-from openmmhelfrich.cli import app
-from openmmhelfrich.minima import (
-    DiscreteMinimum,
+from openmmhelfrich.analysis.convergence import (
     REDUCED_VOLUMES,
+    DiscreteMinimum,
     discreteMinimum,
     extrapolatedEnergy,
     orderOfConvergence,
 )
+from openmmhelfrich.cli import app
+from openmmhelfrich.geometry import axisymmetric
+from openmmhelfrich.pictures import sections
 
 POINTS = [(branch, v) for branch, volumes in REDUCED_VOLUMES.items() for v in volumes]
 
@@ -89,7 +90,7 @@ def test_derivatives_of_the_outline(symmetric, monkeypatch):
     )
     for i, row in enumerate(series.constraints(c, 0.6)[1]):
         assert check_grad(
-            lambda c: series.constraints(c, 0.6)[0][i], lambda c: series.constraints(c, 0.6)[1][i], c
+            lambda c, i=i: series.constraints(c, 0.6)[0][i], lambda c, i=i: series.constraints(c, 0.6)[1][i], c
         ) < 1e-6 * np.linalg.norm(row)
 
 
@@ -129,7 +130,9 @@ def test_minimum_of_642_vertices(branch, v):
 
 
 def test_thin_tube():
-    """What limits a narrow tube is the volume that its triangles cut off: the energy is that of the reduced volume with this added."""
+    """What limits a narrow tube is the volume that its triangles cut off: the energy is that of the reduced volume with
+    this added.
+    """
     minimum = discreteMinimum("prolate", 0.5, 642)
     assert minimum.result.converged and -0.02 < minimum.energyError < -0.01
     standsFor = mh.axisymmetricMinimum("prolate", 0.5 + (0.5 - minimum.inscribedVolume))
@@ -220,7 +223,7 @@ def test_command_refuses(arguments, problem):
 
 def test_section_of_a_sphere():
     """Every point of the section is in the plane, and nearly on the circle."""
-    lines = minima._section(mh.Mesh.icosphere(3))
+    lines = sections._section(mh.Mesh.icosphere(3))
     lengths = np.linalg.norm(lines[:, 0] - lines[:, 1], axis=1)
     assert np.linalg.norm(lines.reshape(-1, 2), axis=1) == pytest.approx(
         1, abs=0.01

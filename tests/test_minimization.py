@@ -1,4 +1,6 @@
-"""Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the way."""
+"""Minima: those of axisymmetric vesicles, with stiff penalties, from near and far; and that nothing else changes on the
+way.
+"""
 
 import csv
 import math
@@ -12,7 +14,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
-from openmmhelfrich.shapes import invaginatedSphere
+from openmmhelfrich.geometry.shapes import invaginatedSphere
 
 KAPPA = 50.0
 KJ = unit.kilojoules_per_mole
@@ -46,7 +48,9 @@ def axisymmetricMinima():
 
 @pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.8), ("oblate", 0.7)])
 def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
-    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the axisymmetric shapes."""
+    """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the
+    axisymmetric shapes.
+    """
     force, simulation = createSimulation(mh.spheroid(642, mh.spheroidAspectRatio(reducedVolume, kind)), reducedVolume)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and not result.warnings
@@ -83,16 +87,17 @@ def test_a_sphere_without_symmetry_falls():
 
 
 def test_stiff_penalties_from_far():
-    """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple the membrane."""
+    """A tenth of the volume and more must go: softened penalties lead to the minimum, at which the stiff ones crumple
+    the membrane.
+    """
     force, simulation = createSimulation(mh.spheroid(642, 1.3), 0.85)
     result = mh.minimizeFluid(simulation, force)
     assert result.converged and result.flips > 0
     geometry = force.getGeometryInContext(simulation.context)
     assert geometry.volume / force.getTargetVolume() == pytest.approx(1, abs=2e-4)
     assert geometry.area / force.getTargetArea() == pytest.approx(1, abs=2e-4)
-    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx(
-        (1.18964 + 1.38744) / 2, rel=0.02
-    )  # the branch between v = 0.9 and 0.8
+    # The branch between v = 0.9 and 0.8.
+    assert result.energies["bending"] / KJ / (8 * math.pi * KAPPA) == pytest.approx((1.18964 + 1.38744) / 2, rel=0.02)
     assert force.getAreaModulus() / KJ == force.getVolumeModulus() / KJ == 1e6 * KAPPA
 
 
@@ -180,7 +185,7 @@ def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
     for i in range(len(mesh.vertices)):
         wall.addParticle(i)
     force, simulation = createSimulation(mesh, 0.9, extra=[wall])
-    with pytest.raises(mm.OpenMMException, match="nan.*must be finite"):
+    with pytest.raises(mm.OpenMMException, match=r"nan.*must be finite"):
         function(simulation, force)
     assert np.array_equal(positionsOf(simulation.context), mesh.vertices)
     assert np.array_equal(force.getTrianglesInContext(simulation.context), mesh.triangles)
@@ -219,7 +224,7 @@ def test_without_bending_a_tolerance_is_asked_for():
     mesh = mh.Mesh.icosphere(1)
     force, simulation = createSimulation(mesh, 0.95, 1e3)
     force.setBendingModulus(0)
-    with pytest.raises(ValueError, match="bending modulus is 0.*give a tolerance"):
+    with pytest.raises(ValueError, match=r"bending modulus is 0.*give a tolerance"):
         mh.minimize(simulation, force)
 
 

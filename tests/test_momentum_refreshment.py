@@ -1,4 +1,6 @@
-"""Trajectories that keep a part of their velocities: how motions go on, how they turn back, and that what is sampled stays the same."""
+"""Trajectories that keep a part of their velocities: how motions go on, how they turn back, and that what is sampled
+stays the same.
+"""
 
 import numpy as np
 import openmm as mm
@@ -6,8 +8,8 @@ import pytest
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, forcesOf, kelvin, positionsOf
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.simulation import createForce, createSimulation
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import Scene
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
 
 ALMOST_NONE = 1e-9  # keeps all but 5e-19 of the velocities
@@ -23,7 +25,9 @@ def createRun(refreshment, platform="Reference", stepSize=0.002, steps=20, flipP
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_velocities_fade(platform):
-    """Of free particles' velocities a trajectory leaves the part (1-refreshment^2)^(1/2), and their variance is kT/m from the first on."""
+    """Of free particles' velocities a trajectory leaves the part (1-refreshment^2)^(1/2), and their variance is kT/m
+    from the first on.
+    """
     refreshment, masses, system = 0.6, np.repeat([1.0, 4.0], 2000), mm.System()
     for mass in masses:
         system.addParticle(mass)
@@ -76,7 +80,9 @@ def test_rejections_turn_back(platform):
 
 
 def test_sampling_stays_exact():
-    """<exp(-dH/kT)> = 1, <KE> = 3NkT/2 and <sum x.grad E> = (3N-3)kT, though trajectories are rejected and most of the velocities are kept, with flips."""
+    """<exp(-dH/kT)> = 1, <KE> = 3NkT/2 and <sum x.grad E> = (3N-3)kT, though trajectories are rejected and most of the
+    velocities are kept, with flips.
+    """
     mesh, integrator, context = createRun(0.3, stepSize=0.004, flipProbability=0.3)
     integrator.step(500)
     factors, kinetic, virial = [], [], []
@@ -97,6 +103,6 @@ def test_configuration():
         {"mesh": {"icosphere": 1}, "sampling": {"momentum_refreshment": 0.4}, "platform": {"name": "Reference"}}
     )
     mesh = mh.Mesh.icosphere(1)
-    integrator = createSimulation(config, mesh, createForce(config, mesh)).integrator
+    integrator = Scene.of(config, mesh).createIntegrator()
     assert integrator.getMomentumRefreshment() == integrator.getIntegrator(0).getMomentumRefreshment() == 0.4
     assert mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").getMomentumRefreshment() == 1

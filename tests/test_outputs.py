@@ -8,8 +8,8 @@ from openmm import app, unit
 from PIL import Image
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.studies import run
 
 TERMS = ["E_bending", "E_area", "E_volume", "E_areaDifference", "E_tether", "E_repulsion"]
 

@@ -18,8 +18,8 @@ from membranes import (
     positionsOf,
     termsOf,
 )
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.simulation import createForce as createForceOf, createSimulation, loadMesh
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import Scene
 
 KT = 2.5
 
@@ -46,9 +46,11 @@ def meanOf(samples):
 
 
 def forceErrors(mesh, terms):
-    """Return the relative root mean square errors of the forces on the CPU platform in double and in mixed precision, against the Reference platform's.
+    """Return the relative root mean square errors of the forces on the CPU platform in double and in mixed precision,
+    against the Reference platform's.
 
-    These are rounded once, from extended precision.  What mixed precision adds shows in where a single step of a trajectory leads: that goes by h^2/2m times the forces.
+    These are rounded once, from extended precision.  What mixed precision adds shows in where a single step of a
+    trajectory leads: that goes by h^2/2m times the forces.
     """
     exact, double = (
         forcesOf(createContext(mesh, createForce(mesh, terms), platform)) for platform in ("Reference", "CPU")
@@ -68,7 +70,9 @@ def forceErrors(mesh, terms):
 
 @pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids="+".join)
 def test_rounding_errors_of_forces(terms):
-    """They are those of some ten operations in the precision of each, and energies are as exact; repulsion is in double precision throughout."""
+    """They are those of some ten operations in the precision of each, and energies are as exact; repulsion is in double
+    precision throughout.
+    """
     mesh = createBlob(3)
     double, mixed = forceErrors(mesh, terms)
     assert 1e-17 < double < 1e-14
@@ -102,7 +106,9 @@ def test_mixed_precision_samples_the_same_distribution():
 
 
 def test_mixed_precision_hardly_changes_the_energy_of_a_trajectory():
-    """From the same start with the same momenta, the errors of the forces change dH by far less than kT, and yet by something."""
+    """From the same start with the same momenta, the errors of the forces change dH by far less than kT, and yet by
+    something.
+    """
     changes = {}
     for precision in ("double", "mixed"):
         mesh, force = createVesicle()
@@ -163,7 +169,7 @@ def test_integrators_refuse_other_precisions():
         mh.HamiltonianTrajectoryIntegrator(300, 0.1).setForcePrecision("single")
     custom = mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom")
     custom.setForcePrecision("double")
-    with pytest.raises(mm.OpenMMException, match="'mixed'.*other than 'double'"):
+    with pytest.raises(mm.OpenMMException, match=r"'mixed'.*other than 'double'"):
         custom.setForcePrecision("mixed")
     assert custom.getForcePrecision() == "double"
 
@@ -171,8 +177,8 @@ def test_integrators_refuse_other_precisions():
 def test_configuration():
     def simulationOf(**platform):
         config = parseConfig({"mesh": {"icosphere": 1}, "platform": platform})
-        mesh = loadMesh(config)
-        return createSimulation(config, mesh, createForceOf(config, mesh))
+        scene = Scene.of(config)
+        return scene.createSimulation(scene.createForce())
 
     assert simulationOf().integrator.getForcePrecision() == "double"
     assert simulationOf(precision="mixed").integrator.getForcePrecision() == "mixed"

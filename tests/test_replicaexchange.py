@@ -9,8 +9,8 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import createForce, energyOf, kelvin, positionsOf
-from openmmhelfrich.replicaexchange import ReplicaExchange, ThermodynamicState
-from test_flips import enumerateStates, energiesOf, octahedron, softForce, stateOf
+from openmmhelfrich.sampling.replicaexchange import ReplicaExchange, ThermodynamicState
+from test_flips import energiesOf, enumerateStates, octahedron, softForce, stateOf
 
 
 def simulate(mesh, force, integrator, platform="CPU"):
@@ -178,7 +178,9 @@ def everythingIn(exchange):
 
 
 def test_restart(tmp_path):
-    """A run that is saved and loaded goes on as one that was not interrupted, with its step sizes, and so does one with two workers."""
+    """A run that is saved and loaded goes on as one that was not interrupted, with its step sizes, and so does one with
+    two workers.
+    """
     whole, first, second, threaded = vesicles(), vesicles(), vesicles(stepSize=0.003), vesicles(workers=2)
     whole.run(9, 4)
     threaded.run(9, 4)
@@ -256,7 +258,7 @@ def test_an_integrator_without_temperature():
 def test_an_energy_that_is_not_a_number():
     exchange = oscillators([1, 2])
     exchange.simulations[1].context.setPositions([[math.inf, 0, 0]])
-    with pytest.raises((ValueError, mm.OpenMMException), match="not finite|must be numbers|NaN"):
+    with pytest.raises((ValueError, mm.OpenMMException), match=r"not finite|must be numbers|NaN"):
         exchange.run(1, 1)
     assert exchange.numRounds == 0
 
@@ -267,16 +269,16 @@ def test_files_that_do_not_fit(tmp_path):
     exchange.save(tmp_path / "a.zip")
     before = everythingIn(exchange)
     (tmp_path / "b.zip").write_bytes((tmp_path / "a.zip").read_bytes()[:3000])
-    with pytest.raises(FileNotFoundError, match="c.zip"):
+    with pytest.raises(FileNotFoundError, match=r"c.zip"):
         exchange.load(tmp_path / "c.zip")
-    with pytest.raises(ValueError, match="b.zip is not a file that ReplicaExchange.save wrote"):
+    with pytest.raises(ValueError, match=r"b.zip is not a file that ReplicaExchange.save wrote"):
         exchange.load(tmp_path / "b.zip")
     with pytest.raises(ValueError, match="has the seed 5; here it is 6"):
         vesicles(seed=6).load(tmp_path / "a.zip")
     with pytest.raises(ValueError, match="has the temperatures and parameters"):
         oscillators([1, 2, 3], seed=5).load(tmp_path / "a.zip")
     larger = vesicles(2)
-    with pytest.raises(ValueError, match="replica 0 of .*a.zip has 42 particles; here it has 162"):
+    with pytest.raises(ValueError, match=r"replica 0 of .*a.zip has 42 particles; here it has 162"):
         larger.load(tmp_path / "a.zip")
     assert larger.numRounds == 0
     assert everythingIn(exchange) == before

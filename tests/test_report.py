@@ -14,12 +14,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-import openmmhelfrich.report as report
+import openmmhelfrich.pictures.report as report
 from conftest import together
 from openmmhelfrich.cli import app
-from openmmhelfrich.pictures import smoothMeanCurvature
-from openmmhelfrich.report import writeReport
-from test_mesh_trajectory import frames, simulate  # noqa: F401
+from openmmhelfrich.pictures.curvature import smoothMeanCurvature
+from openmmhelfrich.pictures.report import writeReport
+from test_mesh_trajectory import simulate
 
 pytest.importorskip("plotly")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -47,7 +47,10 @@ def partsOf(page):
     """Return the data of a page, its warnings, its facts, and its settings."""
     text = page.read_text(encoding="utf-8")
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
-    inner = lambda pattern: [html.unescape(found) for found in re.findall(pattern, text, re.DOTALL)]
+
+    def inner(pattern):
+        return [html.unescape(found) for found in re.findall(pattern, text, re.DOTALL)]
+
     facts = dict(zip(inner("<tr><th>(.*?)</th>"), inner("<td>(.*?)</td>")))
     return data, inner("<li>(.*?)</li>"), facts, inner('<pre id="settings">(.*?)</pre>')[0]
 
@@ -227,12 +230,11 @@ def testInABrowser(results):
         "--virtual-time-budget=30000",
         "--enable-logging=stderr",
     ]
-    browse = lambda option, frame: subprocess.run(
-        [BROWSER, *options, option, f"file://{results / page}#frame={frame}"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+
+    def browse(option, frame):
+        address = f"file://{results / page}#frame={frame}"
+        return subprocess.run([BROWSER, *options, option, address], capture_output=True, text=True, timeout=120)
+
     dom = browse("--dump-dom", 3)
     assert 'data-ready="yes"' in dom.stdout and "step 16, frame 3" in dom.stdout
     assert not [
@@ -245,5 +247,5 @@ def testInABrowser(results):
         browse(f"--screenshot={results / 'page.png'}", frame)
         pictures.append(np.asarray(Image.open("page.png").convert("RGB")).astype(int)[100:600, :600])
     for picture in pictures:
-        assert (np.ptp(picture, axis=2) > 60).mean() > 0.05, "the shape should be there, in colour"
+        assert (np.ptp(picture, axis=2) > 60).mean() > 0.05, "the shape should be there, in color"
     assert np.abs(pictures[0] - pictures[1]).max() > 50

@@ -9,7 +9,7 @@ import pytest
 from openmm import app
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createForce, energyOf, forcesOf, positionsOf
+from membranes import PLATFORMS, TERMS, createBlob, createForce, energyOf, forcesOf
 
 DRIVERS = ["native", "custom", "flips", "langevin"]
 
@@ -110,7 +110,9 @@ def load(simulation, action):
 
 
 def main(driver, platform, action, output):
-    """Continue a run from a checkpoint or a State for 40 steps, with another seed and another number of threads, which must not matter."""
+    """Continue a run from a checkpoint or a State for 40 steps, with another seed and another number of threads, which
+    must not matter.
+    """
     # The random numbers of OpenMM's Langevin integrator do depend on the number of threads.
     simulation, force = createSimulation(driver, platform, seed=99, threads="1" if driver == "langevin" else "2")
     load(simulation, action)
@@ -264,7 +266,9 @@ def test_flips_continue_on_another_number_of_threads(threads, form, tmp_path):
 @pytest.mark.parametrize("sweeps", [990, 1010])
 @pytest.mark.parametrize("form", ["checkpoint", "state"])
 def test_restart_beside_a_new_order_of_the_vertices(sweeps, form, tmp_path):
-    """Long after the start a platform may store vertices in another order, which changes the last bits of sums: a restart must know it."""
+    """Long after the start a platform may store vertices in another order, which changes the last bits of sums: a
+    restart must know it.
+    """
     simulation, force = createSimulation("native", "CPU")
     flipsOf(simulation.integrator).step(sweeps)
     file = str(tmp_path / form)

@@ -9,14 +9,15 @@ import subprocess
 import sys
 import time
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig, readConfig
-from openmmhelfrich.outputs import Recorder
-from openmmhelfrich.studies import resume, run
+from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.outputs import Recorder
+from openmmhelfrich.runs.studies import resume, run
 
 STAGES = [
     {"kind": "sample", "steps": 60},
@@ -51,7 +52,7 @@ def configure(prefix, stages=STAGES, **sections):
 
 def contentsOf(prefix):
     """Return everything that runs with equal results must have in common."""
-    files = {ending: open(f"{prefix}.{ending}", "rb").read() for ending in ("csv", "dcd", "psf")}
+    files = {ending: Path(f"{prefix}.{ending}").read_bytes() for ending in ("csv", "dcd", "psf")}
     with mh.readMeshTrajectory(f"{prefix}.vtkhdf") as frames:
         meshes = [(frame.step, frame.mesh.vertices.tobytes(), frame.mesh.triangles.tobytes()) for frame in frames]
     final = mh.Mesh.read(f"{prefix}.ply")
@@ -100,8 +101,8 @@ def testStoppedAndResumed(uninterrupted, tmp_path, steps):
     assertSame(tmp_path / "a", uninterrupted)
 
 
-def testStoppedWhileItMinimises(uninterrupted, tmp_path):
-    """A minimisation is done as a whole: it begins anew where it was stopped."""
+def testStoppedWhileItMinimizes(uninterrupted, tmp_path):
+    """A minimization is done as a whole: it begins anew where it was stopped."""
 
     def stop(study):
         if study.stage.title == "minimize" and study.stage.position == 50:
@@ -166,10 +167,10 @@ def testRunThatIsComplete(tmp_path):
 
 
 def testNothingToResume(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there is no checkpoint .*a.checkpoint.*start one with run"):
+    with pytest.raises(FileNotFoundError, match=r"there is no checkpoint .*a.checkpoint.*start one with run"):
         resume(tmp_path / "a")
     (tmp_path / "a.checkpoint").write_text("no ZIP file")
-    with pytest.raises(ValueError, match="a.checkpoint is not a checkpoint of openmm-helfrich, or is damaged"):
+    with pytest.raises(ValueError, match=r"a.checkpoint is not a checkpoint of openmm-helfrich, or is damaged"):
         resume(tmp_path / "a")
 
 
@@ -281,8 +282,10 @@ def command(*arguments):
 
 
 def testKilledAtRandomMoments(inFolder):
-    """SIGKILL, 20 times, at any moment from the start of the interpreter on: some before there is anything, some while the run goes on."""
-    open("run.toml", "w").write(LONG)
+    """SIGKILL, 20 times, at any moment from the start of the interpreter on: some before there is anything, some while
+    the run goes on.
+    """
+    Path("run.toml").write_text(LONG)
     start = time.monotonic()
     reference = command("run", "run.toml", "--output", "reference")
     while not os.path.exists("reference.checkpoint"):
@@ -310,7 +313,7 @@ def testKilledAtRandomMoments(inFolder):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def testSignalsEndARunAfterACheckpoint(inFolder, number):
-    open("run.toml", "w").write(LONG.replace("steps = 2600", "steps = 100000"))
+    Path("run.toml").write_text(LONG.replace("steps = 2600", "steps = 100000"))
     process = command("run", "run.toml")
     while not os.path.exists("run.csv") or os.path.getsize("run.csv") < 3000:
         assert process.poll() is None

@@ -1,4 +1,6 @@
-"""Energies at several temperatures: known densities of states come out, and a chain that is not Boltzmann distributed is seen."""
+"""Energies at several temperatures: known densities of states come out, and a chain that is not Boltzmann distributed
+is seen.
+"""
 
 import math
 
@@ -69,7 +71,9 @@ def test_correlated_samples_count_less():
 
 
 def energiesOf(kT, flipTemperature, samples=8000):
-    """Return the energies of an octahedron whose vertices hang on springs, with trajectories and flips, each at a temperature: a good part of its energy depends on the triangulation."""
+    """Return the energies of an octahedron whose vertices hang on springs, with trajectories and flips, each at a
+    temperature: a good part of its energy depends on the triangulation.
+    """
     mesh = octahedron()
     edge = mesh.edgeLengths.mean()
     force = softForce(mesh, False)
@@ -95,7 +99,9 @@ def energiesOf(kT, flipTemperature, samples=8000):
 
 @pytest.mark.parametrize("flipTemperature", [1.6, 1.0])
 def test_the_temperature_of_flips(flipTemperature):
-    """Flips at the temperature of the trajectories sample the density of states, and flips at T = 1, whatever that temperature is, do not."""
+    """Flips at the temperature of the trajectories sample the density of states, and flips at T = 1, whatever that
+    temperature is, do not.
+    """
     result = mh.reweight([energiesOf(1.0, 1.0), energiesOf(1.6, flipTemperature)], [kelvin(1.0), kelvin(1.6)])
     deviation, p = (result.ratios[0] - 1) / result.ratioErrors[0], result.densityOfStates(30).pValue
     assert result.ratioErrors[0] < 0.03

@@ -9,7 +9,6 @@ import sys
 import numpy as np
 import openmm as mm
 import pytest
-from openmm import unit
 
 import openmmhelfrich as mh
 from test_wrapper import CORNERS, OCTAHEDRON, contextOf, octahedronForce

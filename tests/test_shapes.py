@@ -13,12 +13,11 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from conftest import together
 from openmmhelfrich.cli import app
-from openmmhelfrich.connectivity import trianglesFromEdges
-from openmmhelfrich.conversion import convert
-from openmmhelfrich.quality import assess, closestPair, crossings
-from openmmhelfrich.rendering import canRender
-from test_mesh_trajectory import frames, same, simulate  # noqa: F401
-
+from openmmhelfrich.geometry.connectivity import trianglesFromEdges
+from openmmhelfrich.geometry.quality import assess, closestPair, crossings
+from openmmhelfrich.io.conversion import convert
+from openmmhelfrich.pictures.rendering import canRender
+from test_mesh_trajectory import same, simulate
 
 in3D = pytest.mark.skipif(not canRender(), reason="there is no pyvista, or nothing that it could draw with")
 
@@ -33,7 +32,10 @@ def torus(around=24, across=12, radius=1.0, thickness=0.4):
     ring = radius + thickness * np.cos(v)
     vertices = np.stack((ring * np.cos(u), ring * np.sin(u), thickness * np.sin(v)), axis=-1).reshape(-1, 3)
     i, j = (index.ravel() for index in np.meshgrid(np.arange(around), np.arange(across), indexing="ij"))
-    at = lambda i, j: (i % around) * across + j % across
+
+    def at(i, j):
+        return (i % around) * across + j % across
+
     return mh.Mesh(
         vertices,
         np.concatenate(
@@ -46,7 +48,7 @@ def torus(around=24, across=12, radius=1.0, thickness=0.4):
 
 
 @pytest.fixture
-def folder(inFolder, frames):  # noqa: F811
+def folder(inFolder, frames):
     """A working folder with a trajectory of six frames and a mesh."""
     mh.writeMeshTrajectory("run.vtkhdf", frames, lengthUnit="um")
     frames[0].mesh.write("start.ply")
@@ -91,15 +93,20 @@ def testSheetsThatComeClose():
 
 @pytest.mark.parametrize("other", [mh.Mesh.icosphere(1), mh.Mesh.icosphere(0, radius=7)])
 def testCrossingsAreThoseOfAllPairs(other):
-    """Two spheres that meet, of similar or different triangles: as many crossings as trying every edge with every triangle finds."""
+    """Two spheres that meet, of similar or different triangles: as many crossings as trying every edge with every
+    triangle finds.
+    """
     mesh = together(mh.Mesh.icosphere(1), other)
     mesh.vertices[42:] += np.array([0.68, 0.45, 0.26]) * np.linalg.norm(other.vertices[0])
     found = {tuple(row) for row in crossings(mesh, block=50).tolist()}
     expected = set()
+
+    def volume(*points):
+        return np.linalg.det(mesh.vertices[list(points[1:])] - mesh.vertices[points[0]])
+
     for a, b in mesh.edges.tolist():
         for t, triangle in enumerate(mesh.triangles.tolist()):
             if not {a, b} & set(triangle):
-                volume = lambda *points: np.linalg.det(mesh.vertices[list(points[1:])] - mesh.vertices[points[0]])
                 x, y, z = triangle
                 sides = [volume(a, b, x, y) > 0, volume(a, b, y, z) > 0, volume(a, b, z, x) > 0]
                 if len(set(sides)) == 1 and (volume(x, y, z, a) > 0) != (volume(x, y, z, b) > 0):
@@ -153,7 +160,7 @@ def testCheckCommandRefuses(inFolder):
 # --- conversion
 
 
-def testEveryFormatHoldsTheFrame(folder, frames):  # noqa: F811
+def testEveryFormatHoldsTheFrame(folder, frames):
     mesh = frames[4].mesh
     for suffix in ("vtu", "ply", "stl", "obj", "off", "vtk", "msh"):
         assert convert("run.vtkhdf", f"a.{suffix}", frame=4) == [folder.relative_to(folder) / f"a.{suffix}"]
@@ -168,7 +175,7 @@ def testEveryFormatHoldsTheFrame(folder, frames):  # noqa: F811
         )
 
 
-def testSeries(folder, frames):  # noqa: F811
+def testSeries(folder, frames):
     pyvista = pytest.importorskip("pyvista")
     files = convert("run.vtkhdf", "a.pvd", every=2)
     assert [file.name for file in files] == ["a.pvd", "a_0000.vtu", "a_0002.vtu", "a_0004.vtu"]
@@ -186,7 +193,7 @@ def testSeries(folder, frames):  # noqa: F811
     )
 
 
-def testXYZ(folder, frames):  # noqa: F811
+def testXYZ(folder, frames):
     convert("run.vtkhdf", "a.xyz")
     trajectory = mdtraj.formats.XYZTrajectoryFile("a.xyz").read()
     assert trajectory == pytest.approx(np.array([10 * frame.mesh.vertices for frame in frames]), abs=1e-5)
@@ -195,7 +202,7 @@ def testXYZ(folder, frames):  # noqa: F811
 @pytest.fixture
 def dcd(inFolder, sphere):
     """A folder with a DCD trajectory without flips, its topologies, and the mesh trajectory beside it."""
-    pair = together(sphere, mh.Mesh(sphere.vertices + [0, 0, 3], sphere.triangles))
+    pair = together(sphere, mh.Mesh(sphere.vertices + np.array([0, 0, 3]), sphere.triangles))
     simulation, force = simulate(pair)
     simulation.integrator.setFlipProbability(0)
     simulation.reporters += [openmmapp.DCDReporter("a.dcd", 5), mh.MeshReporter("true.vtkhdf", 5, force)]
@@ -207,14 +214,18 @@ def dcd(inFolder, sphere):
     return inFolder
 
 
+def _rolled(triangles):
+    """Return triangles sorted, each from its smallest vertex on."""
+    return sorted(tuple(np.roll(t, -t.argmin())) for t in triangles)
+
+
 @pytest.mark.parametrize("topology", ["a.psf", "a.ply"])
 def testDCD(dcd, topology):
     result = invoke("convert", "a.dcd", "a.vtkhdf", "--topology", topology)
     assert result.exit_code == 0, result.output
     for frame, true in zip(mh.readMeshTrajectory("a.vtkhdf"), mh.readMeshTrajectory("true.vtkhdf"), strict=True):
         frame.mesh.check()
-        rolled = lambda triangles: sorted(tuple(np.roll(t, -t.argmin())) for t in triangles)
-        assert frame.step == true.step and rolled(frame.mesh.triangles) == rolled(true.mesh.triangles)
+        assert frame.step == true.step and _rolled(frame.mesh.triangles) == _rolled(true.mesh.triangles)
         assert frame.mesh.vertices == pytest.approx(true.mesh.vertices, abs=1e-6)
         assert frame.data["MeanCurvature"] == pytest.approx(true.data["MeanCurvature"], abs=1e-3)
 
@@ -313,7 +324,7 @@ def testPlotCommand(inFolder, sphere):
         assert result.exit_code == 1 and message in result.output
 
 
-def coloursOf(image):
+def colorsOf(image):
     """Return the part of a picture that is not white, and how much of it is red rather than blue."""
     pixels = np.asarray(image.convert("RGB")).astype(int)
     seen = pixels.min(axis=2) < 235
@@ -323,7 +334,7 @@ def coloursOf(image):
 @in3D
 def testRenderedPicture(folder, examples):
     assert invoke("render", examples / "red_blood_cell.stl", "-o", "cell.png").exit_code == 0
-    seen, red = coloursOf(Image.open("cell.png"))
+    seen, red = colorsOf(Image.open("cell.png"))
     assert 0.2 < seen < 0.8 and 0.5 < red < 0.98, "a convex rim around a dimple should fill the picture"
     assert invoke("render", "run.vtkhdf", "--frame", 2).exit_code == 0 and Image.open("run.png").size == (1024, 768)
 
@@ -335,7 +346,7 @@ def testCutPicture(inFolder):
     together(mh.Mesh.icosphere(3), mh.Mesh(inner.vertices, inner.triangles[:, ::-1])).write("nested.ply")
     for name, options in (("whole", ()), ("cut", ("--cut",))):
         assert invoke("render", "nested.ply", "-o", f"{name}.png", *options).exit_code == 0
-    blue = {name: coloursOf(Image.open(f"{name}.png"))[1] for name in ("whole", "cut")}
+    blue = {name: colorsOf(Image.open(f"{name}.png"))[1] for name in ("whole", "cut")}
     assert blue["whole"] > 0.9 > 0.8 > blue["cut"], "the inner sphere, turned inside out, should be blue"
 
 
@@ -347,7 +358,7 @@ def testRenderedFilm(folder):
     for i in range(film.n_frames):
         film.seek(i)
         images.append(np.asarray(film.convert("RGB")))
-    assert len(images) == 3 and all(coloursOf(Image.fromarray(image))[0] > 0.2 for image in images)
+    assert len(images) == 3 and all(colorsOf(Image.fromarray(image))[0] > 0.2 for image in images)
     assert not np.array_equal(images[0], images[2])
     imageio = pytest.importorskip("imageio.v2")
     pytest.importorskip("imageio_ffmpeg")
@@ -361,9 +372,9 @@ def testRenderWithout(folder, monkeypatch, missing):
         monkeypatch.setitem(sys.modules, "pyvista", None)
     else:
         pytest.importorskip("pyvista")
-        monkeypatch.setattr("openmmhelfrich.rendering._hasOpenGL", lambda: False)
+        monkeypatch.setattr("openmmhelfrich.pictures.rendering._hasOpenGL", lambda: False)
     assert invoke("render", "run.vtkhdf").exit_code == 0
-    assert coloursOf(Image.open("run.png"))[0] > 0.1
+    assert colorsOf(Image.open("run.png"))[0] > 0.1
     for arguments in (("-o", "run.gif"), ("-o", "cut.png", "--cut")):
         result = invoke("render", "run.vtkhdf", *arguments)
         assert (

@@ -7,7 +7,7 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
-from openmmhelfrich.config import parseConfig
+from openmmhelfrich.runs.config import parseConfig
 from test_hmc import KT, assertMean, softForce, velocitiesOf
 
 
@@ -59,8 +59,8 @@ def test_the_opposite_wave_leads_back():
 
 def test_jacobian_is_1():
     random, h = np.random.default_rng(2), 1e-5
-    centres = random.normal(size=(20, 3))
-    x = np.concatenate([centres + h * sign * axis for axis in np.eye(3) for sign in (1, -1)])
+    centers = random.normal(size=(20, 3))
+    x = np.concatenate([centers + h * sign * axis for axis in np.eye(3) for sign in (1, -1)])
     for u in displacementsOf(x, 20, amplitude=0.5):
         plus, minus = np.moveaxis((x + u).reshape(3, 2, 20, 3), 1, 0)
         jacobians = np.moveaxis((plus - minus) / (2 * h), 0, 2)
@@ -69,7 +69,9 @@ def test_jacobian_is_1():
 
 
 def test_waves():
-    """u(x) = a d sin(k.x+phi): d is perpendicular to k, |k| uniform between its bounds, a Gaussian with the standard deviation that is asked for at the least |k|."""
+    """u(x) = a d sin(k.x+phi): d is perpendicular to k, |k| uniform between its bounds, a Gaussian with the standard
+    deviation that is asked for at the least |k|.
+    """
     h, least, greatest = 0.001, 2.0, 6.0
     x = np.concatenate(
         [np.zeros((1, 3)), h * np.eye(3), -h * np.eye(3), np.random.default_rng(3).uniform(-10, 10, (400, 3))]
@@ -95,30 +97,33 @@ def test_waves():
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_harmonic_wells(platform):
     """Waves alone sample wells of known variance: kT/K for each coordinate."""
-    stiffness, centres = 100.0, np.random.default_rng(4).normal(size=(4, 3))
+    stiffness, centers = 100.0, np.random.default_rng(4).normal(size=(4, 3))
     system, well = mm.System(), mm.CustomExternalForce("0.5*k*((x-x0)^2+2*(y-y0)^2+4*(z-z0)^2)")
     well.addGlobalParameter("k", stiffness)
     for name in ("x0", "y0", "z0"):
         well.addPerParticleParameter(name)
-    for i, centre in enumerate(centres):
+    for i, center in enumerate(centers):
         system.addParticle(1)
-        well.addParticle(i, centre)
+        well.addParticle(i, center)
     system.addForce(well)
     waves = createWaves(0.3, 1, 6, 40)
     context = mm.Context(system, waves, mm.Platform.getPlatform(platform))
-    context.setPositions(centres)
+    context.setPositions(centers)
     waves.step(50)
     x = []
     for _ in range(2500):
         waves.step(1)
-        x.append(positionsOf(context) - centres)
+        x.append(positionsOf(context) - centers)
     assert 0.1 < waves.getNumAccepted() / waves.getNumAttempted() < 0.9
     for axis, factor in enumerate((1, 2, 4)):
         assertMean(np.mean(np.square(x)[:, :, axis], axis=1) * factor * stiffness / KT, 1)
 
 
 def test_membrane():
-    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.  With flips so few vertices fold now and then, and stay so for long."""
+    """<sum x.grad E> = (3N-3)kT, and <E> is that of trajectories alone.
+
+    With flips so few vertices fold now and then, and stay so for long.
+    """
     means, errors = [], []
     for probability in (0.4, 0):
         mesh, force, integrator, context = createRun(0, probability)
@@ -329,6 +334,7 @@ def test_configuration(amplitude, tmp_path):
 def test_probabilities_of_a_configuration(tmp_path):
     with pytest.raises(
         ValueError,
-        match=r"\[sampling\] flip_probability is 0.2 and shear_wave_probability 0.9; they must not add up to more than 1",
+        match=r"\[sampling\] flip_probability is 0.2 and shear_wave_probability 0.9; they must not add up to more than "
+        r"1",
     ):
         configure(tmp_path / "run", shear_wave_probability=0.9)

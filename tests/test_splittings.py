@@ -1,9 +1,7 @@
 """Splittings: what every one of them must conserve, and how small its errors are."""
 
 import numpy as np
-import openmm as mm
 import pytest
-from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, forcesOf, kelvin, positionsOf
@@ -31,7 +29,9 @@ def createRun(splitting, stepSize, steps, platform="Reference", subdivisions=1, 
 
 @pytest.mark.parametrize("splitting", SPLITTINGS)
 def test_coefficients(splitting):
-    """Kicks and drifts are palindromes of sum 1; the largest expected error of oscillators that leapfrog can follow at this cost is no larger for neighbouring coefficients."""
+    """Kicks and drifts are palindromes of sum 1; the largest expected error of oscillators that leapfrog can follow at
+    this cost is no larger for neighboring coefficients.
+    """
     kicks, drifts = SPLITTINGS[splitting]
     assert kicks == pytest.approx(kicks[::-1]) and drifts == pytest.approx(drifts[::-1])
     assert sum(kicks) == pytest.approx(1) and sum(drifts) == pytest.approx(1)
@@ -44,7 +44,9 @@ def test_coefficients(splitting):
 
 
 def largestError(kicks, drifts):
-    """Return the largest mean energy error of unit oscillators at kT = 1, for steps of up to a unit a stage (Blanes et al. 2014, section 4)."""
+    """Return the largest mean energy error of unit oscillators at kT = 1, for steps of up to a unit a stage (Blanes et
+    al. 2014, section 4).
+    """
     worst = 0.0
     for h in np.linspace(0.01, len(drifts), 1500):
         matrix = np.array([[1, 0], [-kicks[0] * h, 1]])
@@ -113,7 +115,9 @@ def test_a_reversed_trajectory_with_substeps_returns_to_its_start(splitting, pla
 @pytest.mark.parametrize("splitting, substeps", [*((splitting, 1) for splitting in SPLITTINGS), ("leapfrog", 3)])
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_trajectories_are_symplectic(splitting, substeps, platform):
-    """The Lagrange brackets of initial positions and of a scale of initial velocities: sum_k (dx_k/da dp_k/db - dx_k/db dp_k/da) at the end is what it is at the start."""
+    """The Lagrange brackets of initial positions and of a scale of initial velocities: sum_k (dx_k/da dp_k/db - dx_k/db
+    dp_k/da) at the end is what it is at the start.
+    """
     integrator, context = createRun(splitting, 0.004, 12, platform, 0, substeps=substeps)
     start = context.getState(positions=True).getPositions(asNumpy=True)._value
     checkpoint = context.createCheckpoint()
@@ -160,7 +164,9 @@ def test_energy_changes(splitting, stepSize, substeps):
 
 
 def test_errors():
-    """The energy error of a trajectory falls with the square of the step, and is smaller with two or three stages, for the same length and cost."""
+    """The energy error of a trajectory falls with the square of the step, and is smaller with two or three stages, for
+    the same length and cost.
+    """
     errors = {}
     for splitting in SPLITTINGS:
         for steps in (12, 24):
@@ -178,7 +184,9 @@ def test_errors():
 
 
 def test_lengths():
-    """The number of steps is rounded up to whole ones of the splitting; with jitter it is uniform, whatever becomes of the trajectories."""
+    """The number of steps is rounded up to whole ones of the splitting; with jitter it is uniform, whatever becomes of
+    the trajectories.
+    """
     for splitting, expected in (("leapfrog", 10), ("bcss2", 10), ("bcss3", 12)):
         integrator, context = createRun(splitting, 0.001, 10)
         assert integrator.getIntegrator(0).getLastNumSteps() == 0
@@ -195,9 +203,8 @@ def test_lengths():
     assert lengths[0] == lengths[1]
     counts = np.bincount(lengths[0])
     assert counts.size == 16 and counts[:5].sum() == 0
-    assert (
-        np.sum((counts[5:] - 300 / 11) ** 2 / (300 / 11)) < 25.2
-    )  # the 0.5% point of chi square with 10 degrees of freedom
+    # The 0.5% point of chi square with 10 degrees of freedom.
+    assert np.sum((counts[5:] - 300 / 11) ** 2 / (300 / 11)) < 25.2
 
 
 def test_leapfrog_is_the_default():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.config import parseConfig
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.studies import run
 
 
 def runStages(prefix, stages, progress=None, **sampling):
@@ -76,7 +76,9 @@ def testConditionsOfEachStage(tmp_path):
 
 
 def testAutomaticStepSize(tmp_path):
-    """It changes in the burn-in, whose rows are marked, and not after; trajectories are then accepted as often as they should be."""
+    """It changes in the burn-in, whose rows are marked, and not after; trajectories are then accepted as often as they
+    should be.
+    """
     summary = runStages(
         tmp_path / "a",
         [{"kind": "sample", "steps": 2400, "step_size": "auto"}],
@@ -138,8 +140,7 @@ def testTrajectoriesOfRandomLength(tmp_path):
     lengths = lengthsOf("a", trajectory_jitter=0.3)
     counts = np.bincount(lengths)[14:]
     assert min(lengths) == 14 and max(lengths) == 26 and counts.sum() == 400
-    assert (
-        np.sum((counts - 400 / 13) ** 2 / (400 / 13)) < 28.3
-    )  # the 0.5% point of chi square with 12 degrees of freedom
+    # The 0.5% point of chi square with 12 degrees of freedom.
+    assert np.sum((counts - 400 / 13) ** 2 / (400 / 13)) < 28.3
     assert lengthsOf("b", trajectory_jitter=0.3) == lengths != lengthsOf("c", trajectory_jitter=0.3, seed=4)
     assert set(lengthsOf("d")) == {20}

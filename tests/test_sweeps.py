@@ -1,4 +1,4 @@
-"""Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself, on the way."""
+"""Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself."""
 
 import csv
 import fcntl
@@ -19,9 +19,9 @@ from distributed import LocalCluster
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from openmmhelfrich import studies, sweeps
 from openmmhelfrich.cli import app
-from openmmhelfrich.grids import readGrid
+from openmmhelfrich.runs import studies, sweeps
+from openmmhelfrich.runs.grids import readGrid
 
 INTERVAL = 40
 GRID = f"""
@@ -169,9 +169,8 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
     waitUntil(isUnderWay(tmp_path, INTERVAL), process)
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait() == 128 + signal.SIGINT, process.stderr.read()
-    unfinished = {
-        row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"
-    }  # on a busy machine the first point may be done before the signal comes
+    # On a busy machine the first point may be done before the signal comes.
+    unfinished = {row["folder"] for row in summary(tmp_path) if row["status"] == "unfinished"}
     assert unfinished
     for name, step in checkpointSteps(tmp_path).items():
         assert 0 <= step - mh.readObservables(tmp_path / name / "run.csv")["step"][-1] < 10
@@ -185,17 +184,19 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
 
 def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
     """It is left alone, and comes last; the others do not wait for it."""
-    locked = list(expected)[0]
+    locked = next(iter(expected))
     (tmp_path / locked).mkdir()
-    lock = open(tmp_path / locked / "lock", "w")
+    lock = os.open(tmp_path / locked / "lock", os.O_WRONLY | os.O_CREAT)
     fcntl.flock(lock, fcntl.LOCK_EX)
-    order = []
+    order, isLocked = [], True
 
     def progress(states):
+        nonlocal isLocked
         order.extend(state.point.name for state in states if state.status == "done" and state.point.name not in order)
-        if len(order) == 3 and not lock.closed:
+        if len(order) == 3 and isLocked:
             assert not (tmp_path / locked / "run.checkpoint").exists()
-            lock.close()
+            os.close(lock)
+            isLocked = False
 
     sweeps.sweep(grid, tmp_path, cluster.scheduler_address, progress=progress)
     assert len(order) == 4 and order[-1] == locked
@@ -203,7 +204,10 @@ def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
 
 
 def testLockOfAKilledProcess(tmp_path):
-    program = "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', flush=True); time.sleep(60)"
+    program = (
+        "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', "
+        "flush=True); time.sleep(60)"
+    )
     holder = subprocess.Popen([sys.executable, "-c", program, tmp_path / "lock"], stdout=subprocess.PIPE)
     holder.stdout.readline()
     with open(tmp_path / "lock") as file, pytest.raises(BlockingIOError):
@@ -337,7 +341,8 @@ def testExamples(examples):
         (
             "0.95]",
             "1.95]",
-            r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point reduced_volume=1.95,seed=1 and 1 more\)",
+            r"\[membrane\] reduced_volume is 1.95; it must be less than or equal to 1 \(point "
+            r"reduced_volume=1.95,seed=1 and 1 more\)",
         ),
         (
             "[0.8, 0.95]",
@@ -409,7 +414,8 @@ def testOtherSettingsThanBefore(grid, tmp_path):
     other.write_text(GRID.replace("end_temperature = 30", "end_temperature = 3"))
     with pytest.raises(
         ValueError,
-        match="point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was 30.0; choose another",
+        match=r"point reduced_volume=0.8,seed=1 was begun with other settings: stage 2 end_temperature is 3.0, and was "
+        r"30.0; choose another",
     ):
         sweeps.sweep(other, tmp_path / "results")
 

@@ -3,39 +3,41 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from membranes import createContext, energyOf
 from openmmhelfrich.analysis import gyrationTensor
-from openmmhelfrich.config import parseConfig, readConfig
-from openmmhelfrich.studies import run
+from openmmhelfrich.runs.config import parseConfig, readConfig
+from openmmhelfrich.runs.scene import Scene
+from openmmhelfrich.runs.studies import run
 from openmmhelfrich.tradeoff import tradeoff
 from openmmhelfrich.tradeoff.measure import forceError, measure, timeOf
 from openmmhelfrich.tradeoff.settings import apply, forEdges, moduliRatios, tetherOf
-from openmmhelfrich.tradeoff.statistics import Motion, observe, shapeSeries
-from openmmhelfrich.simulation import createForce, loadMesh, resolve
-from membranes import createContext, energyOf
+from openmmhelfrich.tradeoff.statistics import Motion, shapeSeries, statisticsOf
 
 pytest.importorskip("emcee")
-SCENE = {
+SCENE: dict[str, Any] = {
     "mesh": {"icosphere": 1},
     "membrane": {"bending_modulus": 20, "area_modulus": 1e4, "volume_modulus": 1e4, "reduced_volume": 0.95},
     "tether": {"modulus": 737.3454528339315, "min_length": 0.4367126424657144, "max_length": 0.8151969326026669},
     "sampling": {"seed": 1, "step_size": 1e-4, "steps_per_trajectory": 20},
     "platform": {"threads": 1},
 }
-STIFF = {
+# So few vertices fold more easily the softer they are, and all settings shall sample the same shape.
+STIFF: dict[str, Any] = {
     **SCENE,
     "membrane": {**SCENE["membrane"], "bending_modulus": 60},
-}  # so few vertices fold more easily the softer they are, and all settings shall sample the same shape
+}
 
 
 def resolved(**sampling):
     config = parseConfig({**SCENE, "sampling": {**SCENE["sampling"], **sampling}})
-    mesh = loadMesh(config)
-    return resolve(config, mesh), mesh
+    scene = Scene.of(config)
+    return scene.config, scene.mesh
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,9 @@ def searched(tmp_path_factory):
 
 
 def knownProcess(correlation, length, columns=5):
-    """x_n = a x_(n-1) + noise, from its stationary distribution: an integrated autocorrelation time of (1+a)/(1-a), and a variance of 1."""
+    """x_n = a x_(n-1) + noise, from its stationary distribution: an integrated autocorrelation time of (1+a)/(1-a), and
+    a variance of 1.
+    """
     random = np.random.default_rng(1)
     x = [random.normal(size=columns)]
     for noise in random.normal(scale=math.sqrt(1 - correlation**2), size=(length - 1, columns)):
@@ -56,7 +60,7 @@ def knownProcess(correlation, length, columns=5):
 
 def test_statistics_of_a_known_process():
     """The time of a series that is long enough, within the error that is stated."""
-    result = observe(knownProcess(0.9, 4000), interval=3)
+    result = statisticsOf(knownProcess(0.9, 4000), interval=3)
     assert result.time == pytest.approx(3 * 19, rel=3 * result.timeError) and result.timeError < 0.15
     assert result.deviation == pytest.approx(1, rel=0.05) and abs(result.mean) < 3 * result.error
 
@@ -74,7 +78,7 @@ def test_a_slow_creep_behind_a_fast_decay():
     """Where a run is too short to know its time, but knows that there is more than the first decay, this counts."""
     fast, slow = knownProcess(0.9, 20000, 10), knownProcess(0.999, 20000, 10)
     series = math.sqrt(0.7) * fast[:, :5] + math.sqrt(0.3) * slow[:, 5:]
-    shape, motion = observe(series), Motion.of(series)
+    shape, motion = statisticsOf(series), Motion.of(series)
     time, error = timeOf(shape, motion, [1.0] * 5, 0.0)
     assert shape.timeError > 0.3 and motion.time([1.0] * 5, 0.0)[0] < 0.3 * time
     assert time == pytest.approx(0.7 * 19 + 0.3 * 1999, rel=2.5 * error)
@@ -86,7 +90,7 @@ def test_what_does_not_move_has_no_time():
 
 def test_shape_of_a_sphere_is_its_modes_of_degree_2():
     """Of each mode, the amplitude comes out in one column alone; that of another degree in none."""
-    from openmmhelfrich.analysis import _realHarmonics
+    from openmmhelfrich.analysis.fluctuations import _realHarmonics
 
     mesh = mh.Mesh.icosphere(3)
     harmonics = _realHarmonics(mesh.vertices, 3)
@@ -105,7 +109,9 @@ def test_shape_of_a_sphere_is_its_modes_of_degree_2():
 
 @pytest.mark.parametrize("sampling", [{"step_size": "auto"}, {"trajectory_jitter": 0.5, "flip_probability": 0.2}])
 def test_exact_settings_agree(sampling):
-    """Mean energy, area and volume do not depend on how they are sampled, and trajectories up in energy are accepted as often as those down."""
+    """Mean energy, area and volume do not depend on how they are sampled, and trajectories up in energy are accepted as
+    often as those down.
+    """
     results = []
     for settings in ({"steps_per_trajectory": 10, "step_size": 3e-4}, {"step_size": 2e-4, **sampling}):
         config, mesh = resolved(**settings)
@@ -149,14 +155,14 @@ def test_tether_of_a_coarser_mesh():
     setting = forEdges({**tetherOf(config), "sampling.steps_per_trajectory": 10}, 2.0)
     assert setting["sampling.steps_per_trajectory"] == 10
     energies = [
-        energyOf(createContext(m, createForce(c, m)))
+        energyOf(createContext(m, Scene.of(c, m).createForce()))
         for c, m in ((config, mesh), (apply(config, setting), mh.Mesh(2 * mesh.vertices, mesh.triangles)))
     ]
     assert energies[0] > 0 and energies[1] == pytest.approx(energies[0], rel=1e-10)
 
 
 def test_search(searched):
-    """All axes are measured, the recommendation keeps within the error and costs no more than what it is chosen from."""
+    """All axes are measured, and what is recommended keeps within the error and costs no more than any other."""
     search, best, prefix = searched
     assert [point.axis for point in search.points[:3]] == ["scene", "reference", "step size"]
     assert {
@@ -195,7 +201,9 @@ def test_what_lacks_a_term_has_a_shape_of_its_own(searched):
 
 
 def test_recommendation_runs(searched, tmp_path):
-    """The configuration that is written is one that runs, and its averages are those of the reference, as far as so short a search can tell."""
+    """The configuration that is written is one that runs, and its averages are those of the reference, as far as so
+    short a search can tell.
+    """
     search, best, prefix = searched
     config = readConfig(f"{prefix}.toml")
     assert config.sampling.step_size == pytest.approx(best.measurement.stepSize, rel=1e-3)
@@ -213,7 +221,9 @@ def test_recommendation_runs(searched, tmp_path):
 
 
 def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
-    """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a recommendation."""
+    """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a
+    recommendation.
+    """
     for folder in ("scenes", "meshes", "results"):
         (tmp_path / folder).mkdir()
     mh.Mesh.icosphere(1).write(tmp_path / "meshes" / "a.ply")

@@ -249,7 +249,7 @@ def test_cast_rejects_other_classes():
     other = mm.HarmonicBondForce()
     for notMembrane in (other, None, "force", mm.VerletIntegrator(1)):
         assert not mh.HelfrichForce.isinstance(notMembrane)
-    with pytest.raises(TypeError, match="HelfrichForce.cast: the object, a HarmonicBondForce, is not a HelfrichForce"):
+    with pytest.raises(TypeError, match=r"HelfrichForce.cast: the object, a HarmonicBondForce, is not a HelfrichForce"):
         mh.HelfrichForce.cast(other)
     assert other.thisown
     with pytest.raises(TypeError, match="EdgeFlipIntegrator"):

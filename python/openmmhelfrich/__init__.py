@@ -1,42 +1,43 @@
-"""Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo."""
+"""Fluid membranes in OpenMM: Helfrich elasticity, edge flips and Hybrid Monte Carlo.
 
+Everything is imported when it is first asked for: what reads a configuration loads no OpenMM, and scripts start faster.
+"""
+
+import os
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
-from .adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, adaptStepSize
-from .annealing import anneal
-from .continuation import ContinuationResult, continueTo
-from .helfrich import (
-    CustomTrajectoryIntegrator,
-    EdgeFlipIntegrator,
-    HamiltonianTrajectoryIntegrator,
-    HelfrichForce,
-    HybridMonteCarloIntegrator,
-    MonteCarloIntegrator,
-    ShearWaveIntegrator,
-)
-from .mesh import Mesh, reducedVolume
-from .minimization import MinimizationResult, minimize, minimizeFluid
-from .psf import writePSF
-from .reporters import MeshReporter, ObservablesReporter, readObservables
-from .schedules import ExponentialSchedule, TableSchedule, createSchedule
-from .vtkhdf import MeshFrame, meshFrame, readMeshTrajectory, writeMeshTrajectory
-
-try:
-    __version__ = version("openmm-helfrich")
-except PackageNotFoundError:  # a source tree on the path, not installed
-    __version__ = "unknown"
-
-
-# What is imported when it is asked for, by the module it is in: scripts that do without start faster.
-_LATER = {
-    "axisymmetric": ["axisymmetricMinimum"],
-    "studies": ["resume", "run"],
-    "replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
-    "grids": ["readGrid"],
-    "sweeps": ["sweep"],
-    "reweighting": ["reweight"],
-    "shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
+# What scripts use, by the module that has it.
+_HOMES = {
+    "helfrich": [
+        "CustomTrajectoryIntegrator",
+        "EdgeFlipIntegrator",
+        "HamiltonianTrajectoryIntegrator",
+        "HelfrichForce",
+        "HybridMonteCarloIntegrator",
+        "MonteCarloIntegrator",
+        "ShearWaveIntegrator",
+    ],
+    "geometry.axisymmetric": ["axisymmetricMinimum"],
+    "geometry.measures": ["reducedVolume"],
+    "geometry.mesh": ["Mesh"],
+    "geometry.shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
+    "io.psf": ["writePSF"],
+    "io.vtkhdf": ["MeshFrame", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory"],
+    "sampling.adaptation": [
+        "AmplitudeAdapter",
+        "AmplitudeTracker",
+        "StepSizeAdapter",
+        "StepSizeTracker",
+        "adaptStepSize",
+    ],
+    "sampling.annealing": ["anneal"],
+    "sampling.continuation": ["ContinuationResult", "continueTo"],
+    "sampling.minimization": ["MinimizationResult", "minimize", "minimizeFluid"],
+    "sampling.observables": ["readObservables"],
+    "sampling.replicaexchange": ["ReplicaExchange", "ThermodynamicState"],
+    "sampling.reporters": ["MeshReporter", "ObservablesReporter"],
+    "sampling.schedules": ["ExponentialSchedule", "TableSchedule", "createSchedule"],
     "analysis": [
         "autocorrelationTime",
         "classifyShape",
@@ -46,65 +47,29 @@ _LATER = {
         "meanAndError",
         "vertexDiffusion",
     ],
+    "analysis.reweighting": ["reweight"],
+    "runs.grids": ["readGrid"],
+    "runs.studies": ["resume", "run"],
+    "runs.sweeps": ["sweep"],
+    "version": ["__version__"],
 }
+_MODULES = {name: module for module, names in _HOMES.items() for name in names}
+_PACKAGES = ("analysis", "cli", "geometry", "helfrich", "io", "pictures", "runs", "sampling", "tradeoff")
+__all__ = [name for name in _MODULES if not name.startswith("__")]
 
 
-def __getattr__(name):
-    for module, names in _LATER.items():
-        if name == module or name in names:
-            found = import_module(f".{module}", __name__)
-            return found if name == module else getattr(found, name)
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    if name in _PACKAGES:
+        return import_module(f".{name}", __name__)
     raise AttributeError(f"module 'openmmhelfrich' has no attribute '{name}'")
 
 
-__all__ = [
-    "CustomTrajectoryIntegrator",
-    "MonteCarloIntegrator",
-    "EdgeFlipIntegrator",
-    "HamiltonianTrajectoryIntegrator",
-    "HelfrichForce",
-    "HybridMonteCarloIntegrator",
-    "Mesh",
-    "ObservablesReporter",
-    "readObservables",
-    "writePSF",
-    "AmplitudeAdapter",
-    "AmplitudeTracker",
-    "ShearWaveIntegrator",
-    "StepSizeAdapter",
-    "StepSizeTracker",
-    "adaptStepSize",
-    "anneal",
-    "MinimizationResult",
-    "axisymmetricMinimum",
-    "minimize",
-    "minimizeFluid",
-    "reducedVolume",
-    "spheroid",
-    "spheroidAspectRatio",
-    "surfaceOfRevolution",
-    "ContinuationResult",
-    "continueTo",
-    "resume",
-    "run",
-    "readGrid",
-    "sweep",
-    "autocorrelationTime",
-    "classifyShape",
-    "describeShape",
-    "describeTrajectory",
-    "fluctuationSpectrum",
-    "meanAndError",
-    "vertexDiffusion",
-    "ReplicaExchange",
-    "ThermodynamicState",
-    "reweight",
-    "ExponentialSchedule",
-    "TableSchedule",
-    "createSchedule",
-    "MeshFrame",
-    "MeshReporter",
-    "meshFrame",
-    "readMeshTrajectory",
-    "writeMeshTrajectory",
-]
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES, *_PACKAGES})
+
+
+# OpenMM loads the plugin when it is imported itself, unless this names another folder: then the extension does.
+if "OPENMM_PLUGIN_DIR" in os.environ:
+    import_module(".helfrich", __name__)

@@ -2,17 +2,20 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Union
+from typing import TypeAlias
 
-PathLike = Union[str, os.PathLike]
+PathLike: TypeAlias = str | os.PathLike[str]
 
 
 @contextlib.contextmanager
-def replacing(file):
-    """Give a path to write to; when that is done without an error, its file takes the place of another in a single step.
+def replacing(file: PathLike) -> Iterator[Path]:
+    """Give a path to write to; when that is done without an error, its file takes the place of another in a single
+    step.
 
-    Whatever happens meanwhile, a full disk or the end of the machine, the file is the old one or the new one, never half of one.
+    Whatever happens meanwhile, a full disk or the end of the machine, the file is the old one or the new one, never
+    half of one.
     """
     path = Path(file)
     part = path.with_name(f".{path.name}.part")
@@ -25,7 +28,7 @@ def replacing(file):
         part.unlink(missing_ok=True)
 
 
-def sync(file):
+def sync(file: PathLike) -> None:
     """Wait until a file is on the disk."""
     with open(file, "rb") as written:
         os.fsync(written.fileno())

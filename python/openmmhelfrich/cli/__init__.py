@@ -1,10 +1,13 @@
-"""The command openmm-helfrich.  Each module of this package holds related commands, in a typer application of its own."""
+"""The command openmm-helfrich.
+
+Each module of this package holds related commands, in a typer application of its own.
+"""
 
 from typing import Annotated
 
-import openmm as mm
 import typer
 
+from ..version import __version__
 from . import minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(
@@ -22,14 +25,14 @@ app.add_typer(tradeoff.app)
 
 
 @app.callback(invoke_without_command=True)
-def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False):
+def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
     if version:
-        from .. import __version__
+        import openmm as mm
 
         print(f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")
         raise typer.Exit()
 
 
-def main():
+def main() -> None:
     """Run the command."""
     app()

@@ -2,47 +2,65 @@
 
 import sys
 import time
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress as Bar,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..runs.stages import Stage
+    from ..runs.studies import Study
 
 SECONDS_BETWEEN_LINES = 10
 SECONDS_BETWEEN_UPDATES = 0.5
 
 
+Own = TypeVar("Own", bound="Bars")
+
+
 class Bars:
     """Bars on a terminal; None elsewhere, and when quiet.  The text at the end of each is its field "text"."""
 
-    def __init__(self, quiet, *columns):
+    def __init__(self, quiet: bool, *columns: ProgressColumn):
         console = Console(stderr=True)
-        columns = (
+        shown = (
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
             MofNCompleteColumn(),
             *columns,
             TextColumn("{task.fields[text]}"),
         )
-        self._bar = Bar(*columns, console=console) if console.is_terminal and not quiet else None
+        self._bar = Bar(*shown, console=console) if console.is_terminal and not quiet else None
         self._quiet = quiet
 
-    def __enter__(self):
+    def __enter__(self: Own) -> Own:
         if self._bar:
             self._bar.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         if self._bar:
             self._bar.stop()
 
 
 class Progress(Bars):
-    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often; nothing when quiet.  Called with the Study."""
+    """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often;
+    nothing when quiet.  Called with the Study.
+    """
 
-    def __init__(self, quiet):
+    def __init__(self, quiet: bool):
         super().__init__(quiet, TimeRemainingColumn())
-        self._stage, self._shownAt = None, 0.0
+        self._stage: Stage | None = None
+        self._shownAt = 0.0
 
-    def __call__(self, study):
+    def __call__(self, study: "Study") -> None:
         stage, now = study.stage, time.monotonic()
         if self._quiet:
             return

@@ -2,7 +2,7 @@
 
 import signal
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -11,8 +11,8 @@ from .errors import friendly
 app = typer.Typer()
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Platform = Annotated[Optional[str], typer.Option(help="OpenMM platform: CPU or Reference.")]
-Threads = Annotated[Optional[int], typer.Option(min=1, help="Threads of the CPU platform.")]
+Platform = Annotated[str | None, typer.Option(help="OpenMM platform: CPU or Reference.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads of the CPU platform.")]
 
 
 @app.command(epilog="Example: openmm-helfrich run examples/red_blood_cell.toml --output results/cell")
@@ -21,22 +21,22 @@ def run(
     config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="The configuration of the run.")],
     platform: Platform = None,
     threads: Threads = None,
-    seed: Annotated[Optional[int], typer.Option(min=1, max=2**31 - 1, help="Seed of all random numbers.")] = None,
-    steps: Annotated[Optional[int], typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
+    seed: Annotated[int | None, typer.Option(min=1, max=2**31 - 1, help="Seed of all random numbers.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Number of Monte Carlo steps.")] = None,
     output: Annotated[
-        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+        str | None, typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the results of an earlier run.")] = False,
     quiet: Quiet = False,
-):
-    """Do the stages that a configuration describes: minimise, sample, anneal, continue to other targets.
+) -> None:
+    """Do the stages that a configuration describes: minimize, sample, anneal, continue to other targets.
 
-    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the settings with all
-    defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped the run.  Options take the place of the
-    configuration's values.
+    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the
+    settings with all defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped
+    the run.  Options take the place of the configuration's values.
     """
-    from ..config import readConfig
-    from ..studies import run as runConfig
+    from ..runs.config import readConfig
+    from ..runs.studies import run as runConfig
 
     settings = readConfig(config)
     _override(settings.platform, name=platform, threads=threads)
@@ -52,17 +52,17 @@ def resume(
         str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")
     ],
     steps: Annotated[
-        Optional[int], typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
+        int | None, typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
     ] = None,
     platform: Platform = None,
     threads: Threads = None,
     quiet: Quiet = False,
-):
+) -> None:
     """Go on with a run that was stopped or killed, or make more steps.
 
     The files become what they would be if the run had never been stopped, to the last byte.
     """
-    from ..studies import resume as resumeRun
+    from ..runs.studies import resume as resumeRun
 
     _report(lambda progress: resumeRun(prefix.removesuffix(".checkpoint"), steps, progress, platform, threads), quiet)
 
@@ -71,17 +71,17 @@ def resume(
 @friendly
 def config(
     fromTrimem: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option("--from-trimem", metavar="FILE.inp", help="Convert a configuration of TriMem instead."),
     ] = None,
-):
+) -> None:
     """Print a configuration file with every key, its default, and the reason for it."""
-    from ..configfile import defaultText
+    from ..runs.configfile import defaultText
 
     if fromTrimem is None:
         print(defaultText(), end="")
         return
-    from ..trimem import convertConfig
+    from ..runs.trimem import convertConfig
 
     print(convertConfig(fromTrimem), end="")
 
@@ -93,7 +93,10 @@ def _override(section, **values):
 
 
 def _report(work, quiet):
-    """Do a run with its progress shown, and print its summary.  A run that was stopped ends the command as the signal would have."""
+    """Do a run with its progress shown, and print its summary.
+
+    A run that was stopped ends the command as the signal would have.
+    """
     from .progress import Progress
 
     with Progress(quiet) as progress:

@@ -1,7 +1,7 @@
 """Commands that look at meshes and at the results of runs."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -10,10 +10,10 @@ from .errors import friendly
 app = typer.Typer()
 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
-Frame = Annotated[Optional[int], typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
+Frame = Annotated[int | None, typer.Option(metavar="N", help="One frame only, counted from 0; -1 is the last.")]
 Every = Annotated[int, typer.Option(min=1, metavar="N", help="The first of every N frames.")]
 Topology = Annotated[
-    Optional[Path], typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")
+    Path | None, typer.Option(metavar="FILE", help="What has the triangles of a DCD file: a mesh or a PSF file.")
 ]
 
 
@@ -25,16 +25,17 @@ def check(
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,
     length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm",
-):
+) -> None:
     """Describe a mesh, and say what to simulate it with.
 
-    Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes through itself, area and volume, and the
-    tether's bounds and the step size that a run takes by default.  Ends with exit code 1 if the mesh cannot be simulated, and says why.
+    Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes
+    through itself, area and volume, and the tether's bounds and the step size that a run takes by default.  Ends with
+    exit code 1 if the mesh cannot be simulated, and says why.
 
     Example: openmm-helfrich check cell.stl --scale 0.001
     """
-    from ..mesh import Mesh
-    from ..quality import assess
+    from ..geometry.mesh import Mesh
+    from ..geometry.quality import assess
 
     surface = Mesh.read(mesh, unit=scale)
     try:
@@ -60,10 +61,11 @@ def convert(
     every: Every = 1,
     topology: Topology = None,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Convert trajectories and meshes.
 
-    VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with numbers in their names.
+    VTKHDF, PVD and XYZ files hold all frames; the other formats one, so that several frames become several files with
+    numbers in their names.
 
     Examples:
 
@@ -73,7 +75,7 @@ def convert(
 
     openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
     """
-    from ..conversion import convert as convertFile
+    from ..io.conversion import convert as convertFile
 
     files = convertFile(source, output, frame, every, topology, overwrite)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
@@ -86,20 +88,20 @@ def plot(
         Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")
     ],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png."
         ),
     ] = None,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Plot energies by term, area, volume and acceptance against steps.
 
     Example: openmm-helfrich plot results/cell -o cell.pdf
     """
-    from ..conversion import requireNew
-    from ..pictures import plotObservables
-    from ..reporters import observableUnits, readObservables
+    from ..io.conversion import requireNew
+    from ..pictures.plots import plotObservables
+    from ..sampling.observables import observableUnits, readObservables
 
     table = source if source.suffix.lower() == ".csv" else source.with_name(source.name + ".csv")
     if not table.exists():
@@ -116,7 +118,7 @@ def plot(
 def render(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(
             "--output",
             "-o",
@@ -134,13 +136,14 @@ def render(
     ] = False,
     fps: Annotated[float, typer.Option(min=0.1, help="Frames per second of an animation.")] = 10.0,
     length_unit: Annotated[
-        Optional[str], typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
+        str | None, typer.Option(metavar="NAME", help="Name of the unit of length; by default what the file says.")
     ] = None,
     overwrite: Overwrite = False,
-):
-    """Render a membrane, coloured by its mean curvature: a picture of the last frame, or an animation of all.
+) -> None:
+    """Render a membrane, colored by its mean curvature: a picture of the last frame, or an animation of all.
 
-    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG is drawn with matplotlib.
+    Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG
+    is drawn with matplotlib.
 
     Examples:
 
@@ -150,15 +153,16 @@ def render(
 
     openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
     """
-    from ..conversion import openFrames, requireNew, selectFrames
-    from ..rendering import render as renderFrames, requireFormat
+    from ..io.conversion import ChosenFrames, openFrames, requireNew, selectFrames
+    from ..pictures.rendering import render as renderFrames, requireFormat
 
     output = output or source.with_suffix(".png")
     requireFormat(output)
     requireNew([output], source, overwrite)
     frames = openFrames(source, topology)
-    chosen = _Chosen(frames, selectFrames(source, frames, frame, every))
-    renderFrames(chosen, output, length_unit or getattr(frames, "lengthUnit", "nm"), elevation, azimuth, fps, cut)
+    chosen = ChosenFrames(frames, selectFrames(source, frames, frame, every))
+    lengthUnit = length_unit or str(getattr(frames, "lengthUnit", "nm"))
+    renderFrames(chosen, output, lengthUnit, elevation, azimuth, fps, cut)
     print(output)
 
 
@@ -167,63 +171,39 @@ def render(
 def report(
     prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
     output: Annotated[
-        Optional[Path], typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
     ] = None,
     max_frames: Annotated[
         int, typer.Option(min=1, metavar="N", help="The largest number of frames, which are taken at equal distances.")
     ] = 101,
     overwrite: Overwrite = False,
-):
+) -> None:
     """Write a page about a run: its shape in 3D to turn and to play, observables, settings, versions and warnings.
 
-    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install 'openmm-helfrich\\[looking]'.
+    The page is one HTML file that opens offline in any browser.  Takes plotly, which comes with pip install
+    'openmm-helfrich\\[looking]'.
 
     Example: openmm-helfrich report results/cell
     """
-    from ..report import writeReport
+    from ..pictures.report import writeReport
 
     page = writeReport(prefix, output, max_frames, overwrite)
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 
-class _Chosen:
-    """Some of a sequence of frames, each read when it is asked for."""
-
-    def __init__(self, frames, indices):
-        self._frames, self._indices = frames, indices
-
-    def __len__(self):
-        return len(self._indices)
-
-    def __getitem__(self, i):
-        return self._frames[self._indices[i]]
-
-
 def _suggestions(mesh, scale, unit):
     """Return what a run does with a mesh by default, or that it needs another scale first."""
-    import math
-
-    from ..config import parseConfig
-    from ..simulation import defaultStepSize, tetherParameters
+    from ..runs.config import parseConfig
+    from ..runs.scene import GREATEST_EDGE, LEAST_EDGE, Scene, betterScale
 
     length = mesh.edgeLengths.mean()
-    if not 0.01 <= length <= 10:
-        better = scale * 10 ** -round(math.log10(4 * length))
-        return [
-            (
-                "warning",
-                f"the mean edge length is {length:.3g} {unit}; runs take 0.01 to 10, so give them scale = {better:g} in [mesh]",
-            )
-        ]
-    config = parseConfig({"mesh": {"file": "mesh"}})
-    modulus, minLength, maxLength, lengthScale = tetherParameters(config, mesh)
-    return [
-        (
-            "tether",
-            f"min_length {minLength:.4g}, max_length {maxLength:.4g}, modulus {modulus:.4g} kT, length_scale {lengthScale:.4g} by default",
-        ),
-        ("step size", f"{defaultStepSize(config, mesh):.3g} ps by default"),
-    ]
+    if not LEAST_EDGE <= length <= GREATEST_EDGE:
+        needed = f"runs take {LEAST_EDGE:g} to {GREATEST_EDGE:g}, so give them scale = {betterScale(scale, length):g}"
+        return [("warning", f"the mean edge length is {length:.3g} {unit}; {needed} in [mesh]")]
+    scene = Scene.of(parseConfig({"mesh": {"file": "mesh"}}), mesh)
+    bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
+    energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"
+    return [("tether", f"{bounds}, {energy} by default"), ("step size", f"{scene.stepSize:.3g} ps by default")]
 
 
 def _print(lines):

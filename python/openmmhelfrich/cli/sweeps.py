@@ -3,13 +3,17 @@
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.progress import TaskID
 
 from .errors import friendly
-from .progress import Bars, SECONDS_BETWEEN_LINES
+from .progress import SECONDS_BETWEEN_LINES, Bars
 from .runs import Quiet
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..runs.sweeps import PointStatus
 
 app = typer.Typer()
 
@@ -21,27 +25,29 @@ def sweep(
         Path, typer.Argument(metavar="GRID.toml", help="A configuration, and lists of values for its keys.")
     ],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option(metavar="FOLDER", help="Where the results go; by default a folder of the grid's name."),
     ] = None,
     scheduler: Annotated[
-        Optional[str],
+        str | None,
         typer.Option(
             metavar="ADDRESS",
             help="A Dask scheduler whose workers run the points; by default processes on this machine do.",
         ),
     ] = None,
     workers: Annotated[
-        Optional[int], typer.Option(min=1, help="Number of these processes; one for each core by default.")
+        int | None, typer.Option(min=1, help="Number of these processes; one for each core by default.")
     ] = None,
     quiet: Quiet = False,
-):
-    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a configuration.
+) -> None:
+    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a
+    configuration.
 
-    Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is finished stays, and what had begun goes on
-    from its last checkpoint.  A table, summary.csv, has a row for each point.
+    Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is
+    finished stays, and what had begun goes on from its last checkpoint.  A table, summary.csv, has a row for each
+    point.
     """
-    from ..sweeps import sweep as runSweep
+    from ..runs.sweeps import sweep as runSweep
 
     start = time.monotonic()
     with _SweepProgress(quiet) as progress:
@@ -63,13 +69,18 @@ def sweep(
 
 
 class _SweepProgress(Bars):
-    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.  Called with the states of the points."""
+    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.
 
-    def __init__(self, quiet):
+    Called with the states of the points.
+    """
+
+    def __init__(self, quiet: bool):
         super().__init__(quiet)
-        self._tasks, self._known, self._shownAt = {}, {}, 0.0
+        self._tasks: dict[str, TaskID] = {}
+        self._known: dict[str, str] = {}
+        self._shownAt = 0.0
 
-    def __call__(self, states):
+    def __call__(self, states: "list[PointStatus]") -> None:
         if self._quiet:
             return
         if not self._known:
@@ -79,7 +90,7 @@ class _SweepProgress(Bars):
                 self._known[state.point.name] = state.status
                 self._say(f"{state.point.name}: {state.status}{f': {state.reason}' if state.reason else ''}")
         if self._bar:
-            self._draw(states)
+            self._draw(self._bar, states)
         elif time.monotonic() >= self._shownAt + SECONDS_BETWEEN_LINES:
             self._shownAt = time.monotonic()
             running = [
@@ -95,19 +106,19 @@ class _SweepProgress(Bars):
         else:
             print(text, file=sys.stderr, flush=True)
 
-    def _draw(self, states):
-        self._show("points", "points", self._count(states), len(states), "")
+    def _draw(self, bar, states):
+        self._show(bar, "points", self._count(states), len(states), "")
         for state in states:
             name = state.point.name
             if state.status == "running":
-                self._show(name, name, state.position, state.steps, state.stage)
+                self._show(bar, name, state.position, state.steps, state.stage)
             elif name in self._tasks:
-                self._bar.remove_task(self._tasks.pop(name))
+                bar.remove_task(self._tasks.pop(name))
 
-    def _show(self, key, title, done, total, text):
-        if key not in self._tasks:
-            self._tasks[key] = self._bar.add_task(title, total=total, text=text)
-        self._bar.update(self._tasks[key], completed=done, total=total, text=text)
+    def _show(self, bar, name, done, total, text):
+        if name not in self._tasks:
+            self._tasks[name] = bar.add_task(name, total=total, text=text)
+        bar.update(self._tasks[name], completed=done, total=total, text=text)
 
     @staticmethod
     def _count(states):

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -12,7 +12,8 @@ app = typer.Typer()
 
 
 @app.command(
-    epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output results/cell"
+    epilog="Example: openmm-helfrich tradeoff examples/red_blood_cell.toml --error 1e-3 --minutes 15 --output "
+    "results/cell"
 )
 @friendly
 def tradeoff(
@@ -23,31 +24,32 @@ def tradeoff(
         float, typer.Option(help="Relative error of the averages of bending energy, area and volume that is allowed.")
     ] = 1e-3,
     minutes: Annotated[
-        Optional[float],
+        float | None,
         typer.Option(min=0, help="Processor time after which no measurement is begun; a later call goes on."),
     ] = None,
     effort: Annotated[
         float, typer.Option(min=0, help="Largest number of force evaluations at a setting times vertices, in millions.")
     ] = 300.0,
     axes: Annotated[
-        Optional[str],
+        str | None,
         typer.Option(
             metavar="NAMES", help="What to vary, separated by commas, such as 'tether,length'; everything by default."
         ),
     ] = None,
     output: Annotated[
-        Optional[str], typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
+        str | None, typer.Option(metavar="PREFIX", help="Folder and first part of the names of all results.")
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Begin anew instead of going on with an earlier search.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
-):
+) -> None:
     """Measure what a scene's settings cost and how accurate they are, and recommend the cheapest for an error.
 
-    Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other around the best so far, and measures the
-    processor time to an independent sample of the shape.  Writes a table (PREFIX.md), a picture (PREFIX.png), and a configuration for openmm-helfrich run (PREFIX.toml).
-    Every measurement is kept in PREFIX.json: after whatever stopped the command, calling it again goes on.
+    Varies step size, length of trajectories, flips, tether, constraints, resolution and terms, one after the other
+    around the best so far, and measures the processor time to an independent sample of the shape.  Writes a table
+    (PREFIX.md), a picture (PREFIX.png), and a configuration for openmm-helfrich run (PREFIX.toml). Every measurement is
+    kept in PREFIX.json: after whatever stopped the command, calling it again goes on.
     """
     from ..tradeoff import tradeoff as measureSettings
     from ..tradeoff.settings import describe
@@ -66,7 +68,8 @@ def tradeoff(
         )
     if best is None:
         print(
-            f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is spent, call the command again to go on",
+            f"openmm-helfrich: {len(search.points)} settings are measured and kept in {prefix}.json; the time is "
+            "spent, call the command again to go on",
             file=sys.stderr,
         )
         raise typer.Exit(3)
@@ -74,10 +77,11 @@ def tradeoff(
         return
     for label, text in (
         ("recommended", describe(best.setting)),
-        ("step size", f"{best.measurement.stepSize:.3g} ps, {best.measurement.acceptance:.0%} accepted"),
+        ("step size", f"{best.measured.stepSize:.3g} ps, {best.measured.acceptance:.0%} accepted"),
         (
             "cost",
-            f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of the shape",
+            f"{search.seconds(best):.3g} s ± {search.time(best)[1]:.0%} of processor time to an independent sample of "
+            "the shape",
         ),
         ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
         ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json"),

@@ -1,22 +1,37 @@
 """Speed for accuracy: the settings of a scene measured, and the cheapest that keeps within an error.
 
-:mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and :mod:`.report` writes down what was found.
+:mod:`.settings` says what can be traded, :mod:`.measure` measures one setting, :mod:`.search` goes through them, and
+:mod:`.report` writes down what was found.
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from ..config import Config, parseConfig, readConfig
+from ..files import PathLike
+from ..runs.config import Config, parseConfig, readConfig
 from .report import recommendationText, tableText, writeReport
 from .search import OutOfTime, Point, Search
 
 __all__ = ["Point", "Search", "recommendationText", "tableText", "tradeoff", "writeReport"]
 
 
-def tradeoff(config, prefix=None, error=1e-3, effort=3e8, minutes=None, axes=None, overwrite=False, progress=None):
+def tradeoff(
+    config: Config | dict[str, Any] | PathLike,
+    prefix: PathLike | None = None,
+    error: float = 1e-3,
+    effort: float = 3e8,
+    minutes: float | None = None,
+    axes: Sequence[str] | None = None,
+    overwrite: bool = False,
+    progress: Callable[[Point], None] | None = None,
+) -> tuple[Search, Point | None]:
     """Measure the settings of a scene, and find the cheapest one that keeps within an error.
 
-    The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes once through the axes, and from each with its best choice to the next.
-    Each measurement is kept in PREFIX.json, from which a search that was stopped goes on.  For a seed all results are the same but for times, and choices that follow from them.
+    The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes
+    once through the axes, and from each with its best choice to the next. Each measurement is kept in PREFIX.json, from
+    which a search that was stopped goes on.  For a seed all results are the same but for times, and choices that follow
+    from them.
 
     Parameters
     ----------

@@ -3,19 +3,23 @@
 import math
 import time
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import openmm as mm
 from openmm import unit
 
-from ..adaptation import adaptStepSize
-from ..analysis import classifyShape, gyrationTensor, vertexDiffusion
-from ..mesh import Mesh
-from ..reporters import ENERGY_TERMS, thermalEnergy, valueIn
-from ..simulation import createForce, createSimulation, currentMesh, defaultStepSize, platformOf
+from ..analysis.description import classifyShape, gyrationTensor
+from ..analysis.diffusion import vertexDiffusion
+from ..geometry.mesh import Mesh
+from ..runs.config import Config
+from ..runs.scene import Scene, currentMesh, defaultStepSize
+from ..sampling.adaptation import adaptStepSize
+from ..sampling.observables import ENERGY_TERMS
+from ..units import valueIn
 from .settings import apply
-from .statistics import Motion, Observable, observe, shapeSeries
+from .statistics import Motion, SeriesStatistics, shapeSeries, statisticsOf
 
 OBSERVABLES = ("shape", "bending", "area", "volume")
 RELATIVE_TIME_ERROR = 0.2  # of the shape's correlation time, at which a run is long enough
@@ -29,7 +33,9 @@ FRAMES = 24
 
 @dataclass
 class Measurement:
-    """What a run at one setting says.  Energies are in kT, lengths in the scene's unit, times in seconds of one processor.
+    """What a run at one setting says.
+
+    Energies are in kT, lengths in the scene's unit, times in seconds of one processor.
 
     Attributes
     ----------
@@ -42,22 +48,28 @@ class Measurement:
     acceptance, flipAcceptance, diverged : float
         fractions of trajectories and of flips accepted, and of trajectories that diverged
     energyError : float
-        what |dH| along a trajectory, in kT, is below in two of three: a root mean square would be that of a few that meet needle-shaped triangles
+        what |dH| along a trajectory, in kT, is below in two of three: a root mean square would be that of a few that
+        meet needle-shaped triangles
     balance : list of float
-        mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the volume of phase space, for then those that win energy
-        come as often as their reverse.  Unlike the mean of exp(-dH/kT), which is 1, it does not hang on rare events
+        mean of sgn(dH) min(1, exp(-dH/kT)) and its standard error: 0 where trajectories are reversible and keep the
+        volume of phase space, for then those that win energy come as often as their reverse.  Unlike the mean of
+        exp(-dH/kT), which is 1, it does not hang on rare events
     observables : dict
-        an :class:`Observable` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of the gyration tensor; see :func:`shapeSeries`)
+        an :class:`SeriesStatistics` of "bending", "area", "volume", "tether" (energy), and "shape" (the components of
+        the gyration tensor; see :func:`shapeSeries`)
     motion : Motion
         of the shape
     reweighted : dict
-        mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where these are the setting's
+        mean and standard error of "bending", "area" and "volume", corrected to the scene's own moduli; empty where
+        these are the setting's
     effectiveFraction : float
         what reweighting leaves of the number of samples, (sum w)^2/(n sum w^2) (L. Kish, Survey Sampling, 1965)
     stepsPerEdge : float
-        Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if it does not
+        Monte Carlo steps in which a vertex diffuses along the surface by a mean edge length l, l^2 = 4Dt; infinite if
+        it does not
     forceError : float
-        root mean square of the forces' deviation from those of the Reference platform, in extended precision, relative to that of the forces
+        root mean square of the forces' deviation from those of the Reference platform, in extended precision, relative
+        to that of the forces
     numVertices : int
         of the membrane
     """
@@ -80,15 +92,17 @@ class Measurement:
     forceError: float = math.nan
     numVertices: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.observables = {
-            name: values if isinstance(values, Observable) else Observable(**values)
+            name: values if isinstance(values, SeriesStatistics) else SeriesStatistics(**values)
             for name, values in self.observables.items()
         }
         self.motion = self.motion if isinstance(self.motion, Motion) else Motion(**self.motion)
 
-    def shapeTime(self, variances=None, error=0.0):
-        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.  Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
+    def shapeTime(self, variances: Sequence[float] | None = None, error: float = 0.0) -> tuple[float, float]:
+        """Return the shape's integrated autocorrelation time in Monte Carlo steps and its relative standard error.
+
+        Where the run is too short to know it by itself, it is a lower bound, for which :meth:`Motion.time` counts, too.
 
         Parameters
         ----------
@@ -100,33 +114,45 @@ class Measurement:
         return timeOf(self.observables["shape"], self.motion, variances, error)
 
     @property
-    def isShort(self):
+    def isShort(self) -> bool:
         """Whether the run is too short to know the shape's correlation time by itself."""
         return self.observables["shape"].timeError >= TOO_SHORT
 
     @property
-    def evaluationsPerStep(self):
+    def evaluationsPerStep(self) -> float:
         """The mean number of force evaluations in a Monte Carlo step."""
         return self.evaluations / self.steps
 
 
-def timeOf(shape, motion, variances, error):
-    """Return the integrated autocorrelation time of the Observable and the Motion of a shape, and its relative standard error: see :meth:`Measurement.shapeTime`."""
+def timeOf(
+    shape: SeriesStatistics, motion: Motion, variances: Sequence[float] | None, error: float
+) -> tuple[float, float]:
+    """Return the integrated autocorrelation time of the SeriesStatistics and the Motion of a shape, and its relative
+    standard error: see :meth:`Measurement.shapeTime`.
+    """
     own = shape.time, shape.timeError
     if variances is None or shape.timeError < TOO_SHORT:
         return own
-    # In a short run both are too small: the one knows a part of the variance only, the other the first decay of the correlation only.
+    # In a short run both are too small: the one knows a part of the variance only, the other the first decay of the
+    # correlation only.
     moved = motion.time(variances, error)
     return max(own, moved) if math.isfinite(moved[0]) else own
 
 
 def measure(
-    config, mesh, effort, hopeless=math.inf, moduli=None, accuracy=math.inf, isEquilibrated=True, variances=(None, 0.0)
-):
+    config: Config,
+    mesh: Mesh,
+    effort: float,
+    hopeless: float = math.inf,
+    moduli: Mapping[str, float] | None = None,
+    accuracy: float = math.inf,
+    isEquilibrated: bool = True,
+    variances: tuple[Sequence[float] | None, float] = (None, 0.0),
+) -> Measurement:
     """Run a membrane at a setting, and return a :class:`Measurement`.
 
-    The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly long, or the effort is spent.  Where that is
-    does not depend on how fast the machine is.
+    The run ends when the correlation time of the shape is known to a relative error of 0.2, or is sure to be hopelessly
+    long, or the effort is spent.  Where that is does not depend on how fast the machine is.
 
     Parameters
     ----------
@@ -139,12 +165,14 @@ def measure(
     hopeless : float
         the number of evaluations to an independent sample of the shape that is not worth a longer run
     moduli : dict, optional
-        terms whose moduli are those of another ensemble, for which averages are corrected: the ratio of its modulus to that of the setting by term
+        terms whose moduli are those of another ensemble, for which averages are corrected: the ratio of its modulus to
+        that of the setting by term
 
     accuracy : float
         the relative error of the mean bending energy that is wanted, too
     isEquilibrated : bool
-        whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it has come nearer
+        whether the membrane is one of the setting's own distribution; if not, the step size is sought once more when it
+        has come nearer
     variances : (list of float, float)
         the arguments of :meth:`Measurement.shapeTime`, to see what is hopeless
 
@@ -162,7 +190,7 @@ def measure(
         shape = run.shape()
         time, timeError = timeOf(shape, run.motion(), *variances)
         surely = (1 - 2 * timeError) * time * run.evaluations / run.steps if timeError < 0.5 else 0.0
-        if surely > hopeless or shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy:
+        if surely > hopeless or (shape.timeError < RELATIVE_TIME_ERROR and run.relativeError() < accuracy):
             break
         run.sample(min(run.evaluations / 2, limit - run.evaluations))
     return run.result(moduli or {})
@@ -172,9 +200,10 @@ class _Run:
     """A membrane at a setting, and the series that come of it."""
 
     def __init__(self, config, mesh):
-        self._config, self._kT = config, thermalEnergy(config.sampling.temperature)
-        self._force = createForce(config, mesh)
-        self._simulation = createSimulation(config, mesh, self._force)
+        scene = Scene.of(config, mesh)
+        self._config, self._kT = config, scene.kT
+        self._force = scene.createForce()
+        self._simulation = scene.createSimulation(self._force)
         self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
         sampling = config.sampling
         self._probabilities = {
@@ -195,11 +224,8 @@ class _Run:
         self._interval = max(1, round(EVALUATIONS_PER_ROW / perStep))
         self._diffusion = _DiffusionProbe(mesh)
         self._rows, self._tensors, self._changes = [], [], []
-        self._kinds = {
-            "trajectory": [],
-            "flips": [],
-            "waves": [],
-        }  # for each step of a kind, its seconds and evaluations
+        # For each step of a kind, its seconds and evaluations.
+        self._kinds: dict[str, list[tuple[float, int]]] = {"trajectory": [], "flips": [], "waves": []}
         self._forceError = forceError(config, mesh)
 
     @property
@@ -211,7 +237,9 @@ class _Run:
         return sum(evaluations for steps in self._kinds.values() for _, evaluations in steps)
 
     def adapt(self, limit):
-        """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy error grows no further."""
+        """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy
+        error grows no further.
+        """
         sampling = self._config.sampling
         if sampling.step_size != "auto":
             return
@@ -271,8 +299,8 @@ class _Run:
         return int(BURN_IN * len(self._rows))
 
     def shape(self):
-        """Return the Observable of the shape."""
-        return observe(self._shapeSeries(), self._interval)
+        """Return the SeriesStatistics of the shape."""
+        return statisticsOf(self._shapeSeries(), self._interval)
 
     def motion(self):
         """Return the Motion of the shape."""
@@ -283,7 +311,7 @@ class _Run:
 
     def relativeError(self):
         """Return that of the mean bending energy."""
-        bending = observe(self._series()["bending"])
+        bending = statisticsOf(self._series()["bending"])
         return bending.error / abs(bending.mean) if bending.mean else 0.0
 
     def result(self, moduli):
@@ -291,7 +319,7 @@ class _Run:
         series, integrator = self._series(), self._integrator
         observables = {
             "shape": self.shape(),
-            **{name: observe(series[name], self._interval) for name in ("bending", "area", "volume", "tether")},
+            **{name: statisticsOf(series[name], self._interval) for name in ("bending", "area", "volume", "tether")},
         }
         changes = np.array(self._changes)
         diverged = float(np.mean(~np.isfinite(changes)))
@@ -328,25 +356,31 @@ class _Run:
         )
 
 
-def forceError(config, mesh):
-    """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the Reference platform: see :class:`Measurement`."""
+def forceError(config: Config, mesh: Mesh) -> float:
+    """Return the deviation of the forces on a mesh, as a configuration computes them in trajectories, from those of the
+    Reference platform: see :class:`Measurement`.
+    """
+
+    scene = Scene.of(config, mesh)
 
     def forces(platform, properties):
         system = mesh.createSystem()
-        system.addForce(createForce(config, mesh))
+        system.addForce(scene.createForce())
         context = mm.Context(system, mm.VerletIntegrator(1e-3), platform, properties)
         context.setPositions(mesh.vertices)
         return context.getState(forces=True).getForces(asNumpy=True)._value
 
     reference = forces(mm.Platform.getPlatformByName("Reference"), {})
-    error = forces(*platformOf(config)) - reference
+    error = forces(scene.platform, scene.platformProperties) - reference
     if config.platform.precision != "double":
         error += _errorOfPrecision(config, mesh)
     return float(np.linalg.norm(error) / np.linalg.norm(reference))
 
 
 def _errorOfPrecision(config, mesh):
-    """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by (h^2/2m) F beside what the velocities do, which are the same."""
+    """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by
+    (h^2/2m) F beside what the velocities do, which are the same.
+    """
     step, ends = 0.2 * defaultStepSize(config, mesh), []
     for precision in (config.platform.precision, "double"):
         changed = apply(
@@ -360,7 +394,8 @@ def _errorOfPrecision(config, mesh):
                 "sampling.shear_wave_probability": 0.0,
             },
         )
-        simulation = createSimulation(changed, mesh, createForce(changed, mesh))
+        scene = Scene.of(changed, mesh)
+        simulation = scene.createSimulation(scene.createForce())
         simulation.integrator.step(1)
         if simulation.integrator.getNumAcceptedTrajectories() != 1:
             return np.full(mesh.vertices.shape, math.nan)
@@ -369,7 +404,9 @@ def _errorOfPrecision(config, mesh):
 
 
 def _reweight(series, observables, moduli, kT):
-    """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that is left."""
+    """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that
+    is left.
+    """
     if not moduli:
         return {}, 1.0
     change = sum(
@@ -393,11 +430,14 @@ def _reweight(series, observables, moduli, kT):
 
 
 class _DiffusionProbe:
-    """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a few."""
+    """Some frames of a membrane, so far apart that vertices have begun to diffuse between them, and never more than a
+    few.
+    """
 
     def __init__(self, mesh):
         self.mesh, self._square = mesh, float(mesh.edgeLengths.mean()) ** 2
-        self._frames, self._spacing, self._count = deque(maxlen=FRAMES), 1, 0
+        self._frames: deque[Mesh] = deque(maxlen=FRAMES)
+        self._spacing, self._count = 1, 0
 
     def add(self, mesh):
         if self._count % self._spacing == 0:

@@ -3,15 +3,15 @@
 import math
 from pathlib import Path
 
-from ..configfile import configText
-from ..files import replacing
-from .search import AVERAGES
+from ..files import PathLike, replacing
+from ..runs.configfile import configText
+from .search import AVERAGES, Point, Search
 from .settings import apply, describe, isExact
 
 SHAPE_SAMPLES = 20  # independent ones that a recommended run has at least
 
 
-def writeReport(search, prefix, recommended=None):
+def writeReport(search: Search, prefix: PathLike, recommended: Point | None = None) -> list[str]:
     """Write PREFIX.md, PREFIX.png and, if there is a Point to recommend, PREFIX.toml, and return their names."""
     files = [f"{prefix}.md", f"{prefix}.png"]
     with replacing(files[0]) as part:
@@ -24,8 +24,8 @@ def writeReport(search, prefix, recommended=None):
     return files
 
 
-def tableText(search, recommended=None):
-    """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimisations."""
+def tableText(search: Search, recommended: Point | None = None) -> str:
+    """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimizations."""
     tables = []
     for columns in (_costs, _accuracies):
         rows = [
@@ -49,7 +49,8 @@ def _minimaText(search):
         "| --: | --: | --: | --: | --: | --- |",
     ]
     lines += [
-        f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy - lowest:.3g} | {m.bending:.2f} | {m.reason} |"
+        f"| {m.tolerance:.3g} | {m.seconds:.2f} | {m.iterations} | {m.energy - lowest:.3g} | {m.bending:.2f} | "
+        f"{m.reason} |"
         for m in search.minima
     ]
     return "\n".join(lines) + "\n"
@@ -61,7 +62,7 @@ def _head(search, point, recommended):
 
 
 def _costs(search, point):
-    m = point.measurement
+    m = point.measured
     bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep * m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
     return {
@@ -70,7 +71,9 @@ def _costs(search, point):
         "flips accepted": f"{m.flipAcceptance:.1%}",
         "µs per evaluation": f"{1e6 * m.secondsPerEvaluation:.1f}",
         "ms per step": f"{1e3 * m.secondsPerStep:.2f}",
-        "evaluations per sample, shape": f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}",
+        "evaluations per sample, shape": (
+            f"{'≥ ' if m.isShort else ''}{search.evaluations(point):.0f} ± {search.time(point)[1]:.0%}"
+        ),
         "E_B": f"{m.evaluationsPerStep * bending.time:.0f} ± {bending.timeError:.0%}",
         "s per sample, shape": f"{search.seconds(point):.3g}",
         "s per edge of diffusion": diffusion,
@@ -79,11 +82,14 @@ def _costs(search, point):
 
 
 def _accuracies(search, point):
-    m, reference = point.measurement, search.reference.measurement.observables["bending"]
+    m, reference = point.measured, search.reference.measured.observables["bending"]
     corrected = ""
     if m.reweighted:
         mean, error = m.reweighted["bending"]
-        corrected = f"{1e3 * (mean / reference.mean - 1):.1f} ± {1e3 * math.hypot(error, reference.error) / abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+        corrected = (
+            f"{1e3 * (mean / reference.mean - 1):.1f} ± "
+            f"{1e3 * math.hypot(error, reference.error) / abs(reference.mean):.1f}, {m.effectiveFraction:.1%} left"
+        )
     return {
         "diverged": f"{m.diverged:.1%}",
         "ΔH, kT": f"{m.energyError:.2g}",
@@ -98,9 +104,11 @@ def _accuracies(search, point):
     }
 
 
-def stepsFor(search, point):
-    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are half of the search's error, and the shape has been sampled."""
-    observables = point.measurement.observables
+def stepsFor(search: Search, point: Point) -> int:
+    """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are
+    half of the search's error, and the shape has been sampled.
+    """
+    observables = point.measured.observables
     needed = [
         (observables[name].deviation / (observables[name].mean * search.error / 2)) ** 2 * observables[name].time
         for name in AVERAGES
@@ -108,9 +116,12 @@ def stepsFor(search, point):
     return math.ceil(max(*needed, SHAPE_SAMPLES * search.time(point)[0]))
 
 
-def recommendationText(search, point):
-    """Return a configuration of the scene at a setting, for openmm-helfrich run.  It has twice the steps that the error takes, for a run's summary averages over the second half."""
-    measurement, steps = point.measurement, 2 * stepsFor(search, point)
+def recommendationText(search: Search, point: Point) -> str:
+    """Return a configuration of the scene at a setting, for openmm-helfrich run.
+
+    It has twice the steps that the error takes, for a run's summary averages over the second half.
+    """
+    measurement, steps = point.measured, 2 * stepsFor(search, point)
     setting = {name: value for name, value in point.setting.items() if name != "sampling.target_acceptance"}
     if setting.get("sampling.step_size") == "auto":
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
@@ -125,24 +136,28 @@ def recommendationText(search, point):
     else:
         data["sampling"]["steps"] = steps
     comments = [
-        f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and volume.",
-        f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the shape, 1/{search.gain(point):.3g} of the scene's as it stood; "
-        f"about {steps * measurement.secondsPerStep:.3g} s in all.",
+        f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and "
+        "volume.",
+        f"{describe(point.setting)}: {search.seconds(point):.3g} s of processor time to an independent sample of the "
+        f"shape, 1/{search.gain(point):.3g} of the scene's as it stood; about {steps * measurement.secondsPerStep:.3g} "
+        "s in all.",
     ]
     return configText(data, comments)
 
 
-def plot(search, file, recommended=None):
-    """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the Pareto front."""
+def plot(search: Search, file: PathLike, recommended: Point | None = None) -> None:
+    """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the
+    Pareto front.
+    """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     points = [point for point in search.points if point.measurement is not None]
     axes = list(dict.fromkeys(point.axis for point in points))
-    colours = dict(zip(axes, colormaps["tab20"].colors))
+    colors = {axis: colormaps["tab20"](i) for i, axis in enumerate(axes)}
     figure = Figure(figsize=(13, 2 + 0.2 * len(points)), layout="constrained")
     costs, pareto = figure.subplots(1, 2)
-    _plotCosts(costs, search, points, colours)
+    _plotCosts(costs, search, points, colors)
     places = {i: (search.seconds(point), _bound(search, point)) for i, point in enumerate(points)}
     for i, (x, y) in places.items():
         isBest = points[i] is recommended
@@ -151,7 +166,7 @@ def plot(search, file, recommended=None):
             y,
             "*" if isBest else "o" if isExact(points[i].setting) else "s",
             ms=16 if isBest else 6,
-            color=colours[points[i].axis],
+            color=colors[points[i].axis],
         )
     offered = [place for i, place in places.items() if points[i].axis != "terms"]
     front = sorted(
@@ -166,18 +181,18 @@ def plot(search, file, recommended=None):
         ylabel="relative deviation of ⟨E$_B$⟩, ⟨A⟩ or ⟨V⟩ plus its error",
     )
     pareto.xaxis.set_minor_formatter("")
-    handles = [pareto.plot([], [], "o", color=colour, label=axis)[0] for axis, colour in colours.items()]
+    handles = [pareto.plot([], [], "o", color=color, label=axis)[0] for axis, color in colors.items()]
     pareto.legend(
         handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small"
     )
     figure.savefig(file, dpi=110)
 
 
-def _plotCosts(axes, search, points, colours):
+def _plotCosts(axes, search, points, colors):
     cost = [search.seconds(point) for point in points]
     errors = [c * min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
-    axes.barh(places, cost, xerr=errors, color=[colours[point.axis] for point in points], ecolor="0.4")
+    axes.barh(places, cost, xerr=errors, color=[colors[point.axis] for point in points], ecolor="0.4")
     axes.set_yticks(
         places,
         [f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis for point in points],

@@ -1,27 +1,29 @@
-"""The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a file."""
+"""The search: the settings of a scene tried one after the other around the best so far, and every measurement kept in a
+file.
+"""
 
 import json
 import math
 import time
 import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Optional
 
 import openmm as mm
 
-from ..config import SampleStage, stagesOf
-from ..continuation import currentTargets
-from ..files import replacing
-from ..mesh import Mesh
-from ..simulation import createForce, createSimulation, currentMesh, loadMesh, resolve
-from ..stages import createStage
-from ..studies import versions
+from ..files import PathLike, replacing
+from ..geometry.mesh import Mesh
+from ..runs.config import MODULI, Config, stagesOf
+from ..runs.scene import Scene, currentMesh, loadMesh, resolve
+from ..runs.stages import createStage
+from ..runs.stagesettings import SampleStage
+from ..runs.studies import versions
+from ..sampling.targets import currentTargets
 from .measure import Measurement, measure
-from .minimiser import FACTORS, Minimum, minimise
+from .minimization import FACTORS, Minimum, minimumOf
 from .settings import (
     COARSER,
-    MODULI,
     apply,
     axes,
     changes,
@@ -37,23 +39,33 @@ AUTOMATIC = {"sampling.step_size": "auto"}
 EQUILIBRATION = 600  # Monte Carlo steps at least
 HOPELESS = 3.0  # a setting that costs so many times more than the best one is not measured any better
 AVERAGES = ("bending", "area", "volume")
+_FORMERLY = {"minimiser": "minimization"}  # names of axes
 WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was, which is known to some 20% only
 
 
 @dataclass
 class Point:
-    """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene has it."""
+    """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene
+    has it.
+    """
 
     axis: str
     choice: dict
     setting: dict
     effort: float
-    measurement: Optional[Measurement]
+    measurement: Measurement | None
     problem: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if isinstance(self.measurement, dict):
             self.measurement = Measurement(**self.measurement)
+
+    @property
+    def measured(self) -> Measurement:
+        """The measurement of a setting that could be measured; a ValueError is raised for others."""
+        if self.measurement is None:
+            raise ValueError(f"{self.axis} was not measured: {self.problem}")
+        return self.measurement
 
 
 class OutOfTime(Exception):
@@ -66,37 +78,52 @@ class Search:
     Attributes
     ----------
     config, scene : Config
-        the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead to
+        the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead
+        to
     points : list of Point
-        what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a long run
+        what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a
+        long run
     minima : list of Minimum
-        what minimisations with coarser and finer tolerances come to
+        what minimizations with coarser and finer tolerances come to
     error : float
         the relative error of averages that is allowed
     """
 
-    def __init__(self, config, prefix, error=1e-3, effort=3e8, minutes=None, names=None, progress=None):
+    def __init__(
+        self,
+        config: Config,
+        prefix: PathLike,
+        error: float = 1e-3,
+        effort: float = 3e8,
+        minutes: float | None = None,
+        names: Sequence[str] | None = None,
+        progress: Callable[[Point], None] | None = None,
+    ):
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
-        self._names, self._progress = names, progress or (lambda *_: None)
+        self._names = None if names is None else [_FORMERLY.get(name, name) for name in names]
+        self._progress = progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time() + 60 * minutes
-        self._file, self.points, self.minima = Path(f"{prefix}.json"), [], []
-        self._seen = []  # those that the search has come to: what it knows, so that one that goes on decides as before
+        self._file = Path(f"{prefix}.json")
+        self.points: list[Point] = []
+        self.minima: list[Minimum] = []
+        # Those that the search has come to: what it knows, so that one that goes on decides as before.
+        self._seen: list[Point] = []
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
         self._coarse = None
 
     @property
-    def baseline(self):
+    def baseline(self) -> Point:
         """The scene as it stands."""
         return self.points[0]
 
     @property
-    def reference(self):
+    def reference(self) -> Point:
         """The scene with short steps, in a long run."""
         return self.points[1]
 
-    def run(self):
+    def run(self) -> Point:
         """Measure what has not been measured, and return the Point to recommend.
 
         Raises OutOfTime when the time is spent.
@@ -107,30 +134,33 @@ class Search:
         best = self._descend(available)
         if self.bias(best) > self.error:  # it promised more than a longer run confirms
             best = self._descend([axis for axis in available if axis.isExact])
-        self._minimise()
+        self._findMinima()
         return min(best, self.baseline, key=self.seconds)
 
-    def time(self, point):
-        """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard error.
+    def time(self, point: Point) -> tuple[float, float]:
+        """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard
+        error.
 
-        Points that sample about the same distribution share the variance of the shape, which the best of them knows best.
+        Points that sample about the same distribution share the variance of the shape, which the best of them knows
+        best.
         """
-        return point.measurement.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
+        return point.measured.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
 
-    def seconds(self, point):
+    def seconds(self, point: Point) -> float:
         """Return the cost of an independent sample of the shape in seconds of one processor."""
-        return point.measurement.secondsPerStep * self.time(point)[0]
+        return point.measured.secondsPerStep * self.time(point)[0]
 
-    def evaluations(self, point):
+    def evaluations(self, point: Point) -> float:
         """Return the number of force evaluations to an independent sample of the shape."""
-        return point.measurement.evaluationsPerStep * self.time(point)[0]
+        return point.measured.evaluationsPerStep * self.time(point)[0]
 
     def _variances(self):
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
         if not known:
             return None, 0.0
         long = [measurement for measurement in known if not measurement.isShort]
-        # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part of it.
+        # Where all runs are short, the one that came farthest has seen most of the variance; the others know but a part
+        # of it.
         best = (
             min(long, key=lambda measurement: measurement.observables["shape"].timeError)
             if long
@@ -141,11 +171,11 @@ class Search:
             best.observables["shape"].time / (motion.interval * motion.length * len(motion.variances))
         )
 
-    def deviations(self, point):
+    def deviations(self, point: Point) -> dict[str, tuple[float, float]]:
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
         result = {}
         for name in AVERAGES:
-            own, true = point.measurement.observables[name], self.reference.measurement.observables[name]
+            own, true = point.measured.observables[name], self.reference.measured.observables[name]
             result[name] = (
                 (own.mean / true.mean - 1, math.hypot(own.error, true.error) / abs(true.mean))
                 if point is not self.reference
@@ -153,19 +183,23 @@ class Search:
             )
         return result
 
-    def bias(self, point):
-        """Return the largest relative deviation of an average from the reference's that is certain: more than twice its standard error; 0 where the distribution is the same."""
+    def bias(self, point: Point) -> float:
+        """Return the largest relative deviation of an average from the reference's that is certain: more than twice its
+        standard error; 0 where the distribution is the same.
+        """
         if isExact(point.setting):
             return 0.0
         return max(max(0.0, abs(deviation) - 2 * error) for deviation, error in self.deviations(point).values())
 
-    def gain(self, point):
-        """Return how many times more independent samples of the shape a point gives in a time than the scene as it stands."""
+    def gain(self, point: Point) -> float:
+        """Return how many times more independent samples of the shape a point gives in a time than the scene as it
+        stands.
+        """
         return self.seconds(self.baseline) / self.seconds(point)
 
     def _axes(self):
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
-        known = [axis.name for axis in available] + ["minimiser"]
+        known = [*(axis.name for axis in available), "minimization"]
         unknown = set(self._names or ()) - set(known)
         if unknown:
             raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
@@ -176,7 +210,9 @@ class Search:
         return {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, **_moves(self.scene)}
 
     def _descend(self, available):
-        """Go through the axes once, from each with the best choice to the next, and return the point at the end after a longer run there."""
+        """Go through the axes once, from each with the best choice to the next, and return the point at the end after a
+        longer run there.
+        """
         automatic = self._measure("step size", AUTOMATIC, {}, self._effort)
         best = automatic if automatic.measurement else self.baseline
         for axis in available:
@@ -192,13 +228,13 @@ class Search:
         longer = self._measure("recommended", {}, best.setting, 2 * self._effort, accuracy=self.error / 4)
         return longer if longer.measurement else best
 
-    def _minimise(self):
-        if self._names is not None and "minimiser" not in self._names or self.scene.membrane.bending_modulus == 0:
+    def _findMinima(self):
+        if (self._names is not None and "minimization" not in self._names) or self.scene.membrane.bending_modulus == 0:
             return
         iterations = int(self._effort / len(self._mesh.vertices) / 10)
         for factor in FACTORS[len(self.minima) :]:
             self._checkTime()
-            self.minima.append(minimise(self.scene, self._mesh, factor, max(1, iterations)))
+            self.minima.append(minimumOf(self.scene, self._mesh, factor, max(1, iterations)))
             self._save()
 
     def _checkTime(self):
@@ -259,18 +295,22 @@ class Search:
         return self._coarse
 
     def _begin(self, config, name):
-        """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that moment.  The mesh is kept in a file."""
+        """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that
+        moment.  The mesh is kept in a file.
+        """
         mesh = loadMesh(config)
         scene = resolve(config, mesh)
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
-        if last.kind != "sample":
+        if not last.isSteady:
             raise ValueError(
-                f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must be 'sample'"
+                f"the last stage has the kind '{last.kind}'; trade-offs are measured where a scene samples, so it must "
+                "be 'sample'"
             )
         if last.temperature not in (None, scene.sampling.temperature):
             raise ValueError(
-                f"the last stage has the temperature {last.temperature:g} K and [sampling] {scene.sampling.temperature:g} K; they must be equal"
+                f"the last stage has the temperature {last.temperature:g} K and [sampling] "
+                f"{scene.sampling.temperature:g} K; they must be equal"
             )
         scene.sampling.step_size = last.step_size or scene.sampling.step_size
         if scene.platform.name == "CPU":
@@ -287,7 +327,8 @@ class Search:
 
     def _prepare(self, scene, mesh, last, file):
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
-        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and with a tether that lets few edges flip, for ever.
+        # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and
+        # with a tether that lets few edges flip, for ever.
         fast = apply(
             scene,
             {
@@ -296,9 +337,8 @@ class Search:
                 "sampling.steps_per_trajectory": max(300, scene.sampling.steps_per_trajectory),
             },
         )
-        equilibration = max(
-            EQUILIBRATION, int(2 * self._effort / len(mesh.vertices) / 150)
-        )  # at some 150 evaluations a step twice what a setting takes
+        # At some 150 evaluations a step twice what a setting takes.
+        equilibration = max(EQUILIBRATION, int(2 * self._effort / len(mesh.vertices) / 150))
         mesh, targets = _advance(fast, mesh, fast.stages[:-1])
         tethers = tetherPath(scene, float(mesh.edgeLengths.mean()))
         for i, tether in enumerate(tethers):
@@ -319,7 +359,8 @@ class Search:
             data = json.loads(self._file.read_text(encoding="utf-8"))
             if data["scene"] != self._identity():
                 raise ValueError(
-                    f"{self._file} has the measurements of another scene, or of other versions; choose another output prefix, or ask to overwrite files"
+                    f"{self._file} has the measurements of another scene, or of other versions; choose another output "
+                    "prefix, or ask to overwrite files"
                 )
             self.points, self.minima = (
                 [Point(**point) for point in data["points"]],
@@ -350,19 +391,22 @@ def _moves(scene):
 
 
 def _isAlike(point):
-    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it, unless it is left out."""
+    """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it,
+    unless it is left out.
+    """
     return not any(
-        name.startswith(("membrane.", "mesh.")) or name in MODULI.values() and value == 0
+        name.startswith(("membrane.", "mesh.")) or (name in MODULI.values() and value == 0)
         for name, value in point.setting.items()
     )
 
 
 def _advance(config, mesh, stages):
     """Do stages, and return the mesh and the targets that they lead to."""
-    force = createForce(config, mesh)
-    simulation = createSimulation(config, mesh, force)
+    scene = Scene.of(config, mesh)
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
     for settings in stages:
-        stage = createStage(settings, config, simulation, force)
+        stage = createStage(settings, scene, simulation, force)
         while not stage.isDone:
             stage.advance()
     return currentMesh(simulation, force), currentTargets(simulation.context, force)

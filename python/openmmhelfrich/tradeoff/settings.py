@@ -1,24 +1,18 @@
 """Settings: what of a scene can be traded, and the values to try.
 
-A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as the scene has it.
+A setting is a dict of configuration keys, like "sampling.flip_fraction", and their values; what it does not name is as
+the scene has it.
 """
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, TypeAlias, get_args
 
-from ..config import parseConfig, sections
+from ..runs.config import MODULI, Config, parseConfig, sections, valueOf
 
 COARSER = "mesh.icosphere"
-MODULI = {
-    "bending": "membrane.bending_modulus",
-    "area": "membrane.area_modulus",
-    "volume": "membrane.volume_modulus",
-    "areaDifference": "membrane.area_difference_modulus",
-    "tether": "tether.modulus",
-    "repulsion": "repulsion.modulus",
-}
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
 
 # Of moves that help each other no single one may pay: more flips let the shape relax that kept momenta carry away.
@@ -28,6 +22,9 @@ TOGETHER = {
     "sampling.momentum_refreshment": 0.5,
     "sampling.target_acceptance": 0.9,
 }
+
+
+Setting: TypeAlias = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -49,13 +46,14 @@ class Axis:
     isOffered: bool = True
 
     @property
-    def isExact(self):
+    def isExact(self) -> bool:
         """Whether all choices sample the same distribution."""
         return all(map(isExact, self.choices))
 
 
-def axes(config, scene, edge):
-    """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes first.
+def axes(config: Config, scene: Config, edge: float) -> list[Axis]:
+    """Return every Axis of a scene, in the order in which a search goes through them: what others depend on comes
+    first.
 
     Parameters
     ----------
@@ -96,7 +94,7 @@ def axes(config, scene, edge):
     ]
 
 
-def apply(config, setting, asWritten=False):
+def apply(config: Config, setting: Setting, asWritten: bool = False) -> Config:
     """Return a Config changed by a setting, or raise a ValueError if this has a value that is not allowed.
 
     Parameters
@@ -115,34 +113,38 @@ def apply(config, setting, asWritten=False):
     return parseConfig(data, "setting")
 
 
-def changes(scene, setting, choice):
+def changes(scene: Config, setting: Setting, choice: Setting) -> bool:
     """Return whether a choice is anything new beside a setting."""
     return any(
         setting.get(name, valueOf(scene, name) if name != COARSER else None) != value for name, value in choice.items()
     )
 
 
-def tetherOf(scene):
+def tetherOf(scene: Config) -> dict[str, Any]:
     """Return the tether of a scene with every default filled in, as a setting."""
     return {name: valueOf(scene, name) for name in ("tether.modulus", *TETHER_LENGTHS)}
 
 
-def forEdges(setting, ratio):
-    """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are measured by edges."""
+def forEdges(setting: Setting, ratio: float) -> dict[str, Any]:
+    """Return a setting for a mesh whose edges are longer by a ratio: with a tether that is the same if lengths are
+    measured by edges.
+    """
     return {name: value * ratio if name in TETHER_LENGTHS else value for name, value in setting.items()}
 
 
-def isExact(setting):
-    """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors alone."""
+def isExact(setting: Setting) -> bool:
+    """Return whether a setting samples the scene's own distribution, so that averages differ by statistical errors
+    alone.
+    """
     return all(name.split(".")[0] in ("sampling", "platform") for name in setting)
 
 
-def keyOf(setting):
+def keyOf(setting: Setting) -> str:
     """Return a string that is the same for equal settings."""
     return json.dumps(setting, sort_keys=True)
 
 
-def describe(setting):
+def describe(setting: Setting) -> str:
     """Return a setting in a few words."""
     return (
         ", ".join(
@@ -153,8 +155,10 @@ def describe(setting):
     )
 
 
-def moduliRatios(scene, setting):
-    """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting needs; empty if that cannot correct the setting."""
+def moduliRatios(scene: Config, setting: Setting) -> dict[str, float]:
+    """Return, for each term whose modulus a setting changes, the ratio of the scene's to its own, which reweighting
+    needs; empty if that cannot correct the setting.
+    """
     own = {term: setting[name] for term, name in MODULI.items() if name in setting}
     if (
         0 in own.values()
@@ -166,19 +170,14 @@ def moduliRatios(scene, setting):
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
 
 
-def valueOf(config, name):
-    """Return the value of a key of a Config by its name, like "tether.modulus"."""
-    section, key = name.split(".")
-    return getattr(getattr(config, section), key)
-
-
 def _title(name):
     section, key = name.split(".")
     return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
 
 
-def tetherPath(scene, edge, stages=6):
-    """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own: an abruptly stiffer one would set free what bends the membrane out of shape.
+def tetherPath(scene: Config, edge: float, stages: int = 6) -> list[dict[str, Any]]:
+    """Return settings that lead from a tether with the scene's bounds with which edges flip easily to the scene's own:
+    an abruptly stiffer one would set free what bends the membrane out of shape.
 
     The easy one costs 20 kT for an edge of 1.45 mean lengths: a softer one lets needle-shaped triangles in.
     """
@@ -207,9 +206,11 @@ def _naturalTether(edge, modulus, least, greatest):
 
 
 def _tethers(scene, edge):
-    """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and with others.
+    """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and
+    with others.
 
-    There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which goes as l^r.
+    There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which
+    goes as l^r.
     """
     modulus, least, greatest = (
         float(x) for x in (scene.tether.modulus, scene.tether.min_length / edge, scene.tether.max_length / edge)
@@ -220,7 +221,7 @@ def _tethers(scene, edge):
         _naturalTether(edge, *tether)
         for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))
     ]
-    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}] + natural
+    return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}, *natural]
 
 
 def _softer(scene):

@@ -1,0 +1,1 @@
+"""Triangulated surfaces: their connectivity, measures, files and simple shapes."""

@@ -1,0 +1,264 @@
+"""The connectivity of a triangulated surface, in numpy: who is whose neighbor, and whether it is a membrane.
+
+A halfedge h = 3*t+corner leads from that corner of triangle t to the next one.  An edge of a closed surface is a pair
+of halfedges that run in opposite directions.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+IndexArray: TypeAlias = NDArray[np.int64]
+
+
+def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
+    """Return the origins and the targets of all halfedges, each of shape (3T,), as int64."""
+    triangles = np.asarray(triangles, dtype=np.int64)
+    return triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+
+
+def groupHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
+    """Sort the halfedges by the edge to which they belong.
+
+    Returns
+    -------
+    order : (3T,) array
+        the halfedges, those of an edge in succession
+    start : (E,) array
+        where each edge begins in `order`; edges ascend by (smaller vertex, larger vertex)
+    """
+    origin, target = halfedges(triangles)
+    key = np.minimum(origin, target) * numVertices + np.maximum(origin, target)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    start = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, dtype=int)
+    return order, start
+
+
+def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
+    """Return the two halfedges of each edge of a closed surface, as two arrays of shape (E,).
+
+    Raises ValueError if an edge has not exactly two.  :func:`check` says more.
+    """
+    order, start = groupHalfedges(triangles, numVertices)
+    if len(order) != 2 * len(start) or np.any(start != 2 * np.arange(len(start))):
+        raise ValueError("the surface is not closed: not every edge belongs to exactly two triangles")
+    return order[0::2], order[1::2]
+
+
+def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:
+    """Return the number of connected membranes and the membrane of each vertex, numbered by first appearance."""
+    count, labels = _connect(*halfedges(triangles), numVertices)
+    _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
+    return count, np.argsort(np.argsort(first))[labels]
+
+
+def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]) -> IndexArray:
+    """Return the triangles of a set of closed membranes of which only the edges are known.
+
+    Parameters
+    ----------
+    edges : (E, 2) integer array
+        the vertices of each edge
+    vertices : (N, 3) array
+        positions, which tell the inside from the outside
+
+    Raises
+    ------
+    ValueError
+        if an edge is not part of exactly two rings of three edges, so that the triangles are not certain
+    """
+    neighbors: list[set[int]] = [set() for _ in range(len(vertices))]
+    for i, j in edges.tolist():
+        neighbors[i].add(j)
+        neighbors[j].add(i)
+    rings = {(i, j): neighbors[i] & neighbors[j] for i, j in np.sort(edges, axis=1).tolist()}
+    for edge, corners in rings.items():
+        if len(corners) != 2:
+            raise ValueError(
+                f"the bond {edge} belongs to {len(corners)} rings of three bonds, not two, so that bonds do not tell "
+                "the triangles; give a mesh file"
+            )
+    triangles = np.array([(i, j, k) for (i, j), corners in rings.items() for k in corners if k > j]).reshape(-1, 3)
+    return _orient(triangles, vertices)
+
+
+def _turns(count, first, second, agree):
+    """Return which triangles to turn so that all neighbors agree, if those in `first` and `second` share an edge and
+    agree or not.
+    """
+    beyond: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
+    for f, g, same in zip(first.tolist(), second.tolist(), agree.tolist()):
+        beyond[f].append((g, same))
+        beyond[g].append((f, same))
+    turned: list[bool | None] = [None] * count
+    for start in range(count):
+        if turned[start] is not None:
+            continue
+        turned[start], waiting = False, [start]
+        while waiting:
+            f = waiting.pop()
+            for g, same in beyond[f]:
+                if turned[g] is None:
+                    turned[g] = turned[f] == same
+                    waiting.append(g)
+    return np.array(turned, dtype=bool)
+
+
+def _orient(triangles, vertices):
+    """Turn the triangles of closed membranes so that neighbors agree and volumes are positive."""
+    first, second = pairHalfedges(triangles, len(vertices))
+    origin, _ = halfedges(triangles)
+    turned = _turns(len(triangles), first // 3, second // 3, origin[first] != origin[second])
+    triangles = np.where(turned[:, np.newaxis], triangles[:, [0, 2, 1]], triangles)
+    count, label = labelComponents(triangles, len(vertices))
+    for membrane in range(count):
+        mine = label[triangles[:, 0]] == membrane
+        if signedVolume(vertices, triangles[mine]) < 0:
+            triangles[mine] = triangles[mine][:, [0, 2, 1]]
+    return triangles
+
+
+def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None:
+    """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed,
+    oriented, manifold surfaces that enclose a positive volume.
+
+    Parameters
+    ----------
+    vertices : (N, 3) array
+        positions, in nm
+    triangles : (T, 3) integer array
+        vertices of each triangle, counter-clockwise seen from outside
+    """
+    if len(triangles) == 0:
+        raise ValueError("the mesh has no triangles")
+    _checkTriangles(vertices, triangles)
+    order, start = groupHalfedges(triangles, len(vertices))
+    _checkEdges(triangles, order, start)
+    _checkVertices(triangles, len(vertices), order[0::2], order[1::2])
+    _checkVolumes(vertices, triangles)
+
+
+def _connect(a, b, size):
+    """Return the number of connected components of a graph with edges a-b, and the component of each node."""
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
+    return connected_components(graph, directed=False)
+
+
+def _checkTriangles(vertices, triangles):
+    a, b, c = triangles.T
+    repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
+    if len(repeated):
+        raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
+    x = vertices[triangles]
+    sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+    huge = np.flatnonzero(~np.isfinite(doubleArea))
+    if len(huge):
+        raise ValueError(
+            f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not "
+            "those of a membrane"
+        )
+    # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
+    flat = np.flatnonzero(doubleArea <= 1e-12 * np.einsum("sti,sti->st", sides, sides).max(axis=0))
+    if len(flat):
+        raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
+
+
+def _checkEdges(triangles, order, start):
+    count = np.diff(start, append=len(order))
+    wrong = np.flatnonzero(count != 2)
+    if len(wrong):
+        _checkRepeatedTriangles(triangles)
+        crowded = np.flatnonzero(count > 2)
+        if len(crowded):
+            e = crowded[0]
+            owners = ", ".join(str(h // 3) for h in np.sort(order[start[e] : start[e] + count[e]]))
+            raise ValueError(
+                f"{_edge(triangles, order[start[e]])} belongs to {count[e]} triangles ({owners}); "
+                "an edge must belong to exactly two"
+            )
+        raise ValueError(
+            f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle "
+            f"{order[start[wrong[0]]] // 3} only ({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane "
+            "must be closed"
+        )
+    origin, _ = halfedges(triangles)
+    first, second = order[0::2], order[1::2]
+    same = np.flatnonzero(origin[first] == origin[second])
+    if len(same):
+        h = first[same[0]]
+        raise ValueError(
+            f"triangles {h // 3} and {second[same[0]] // 3} run along {_edge(triangles, h)} in the same direction; "
+            "all triangles must be counter-clockwise seen from outside"
+        )
+    _checkRepeatedTriangles(triangles)
+
+
+def _checkRepeatedTriangles(triangles):
+    corners = np.sort(triangles, axis=1)
+    order = np.lexsort(corners.T)
+    same = np.flatnonzero(np.all(corners[order[1:]] == corners[order[:-1]], axis=1))
+    if len(same):
+        first, second = sorted(order[same[0] : same[0] + 2])
+        raise ValueError(
+            f"{_triangle(triangles, second)} has the same three vertices as triangle {first}; "
+            "a triangle must appear once"
+        )
+
+
+def _checkVertices(triangles, numVertices, first, second):
+    """Check that the triangles around each vertex form one closed fan of at least three."""
+    origin, _ = halfedges(triangles)
+    valence = np.bincount(origin, minlength=numVertices)
+    few = np.flatnonzero(valence < 3)
+    if len(few):
+        v = few[0]
+        raise ValueError(
+            f"vertex {v} belongs to no triangle"
+            if valence[v] == 0
+            else f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three"
+        )
+    opposite = np.empty(len(origin), dtype=np.int64)
+    opposite[first], opposite[second] = second, first
+    previous = np.arange(len(origin)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
+    fans, fan = _connect(np.arange(len(origin)), opposite[previous], len(origin))
+    if fans > numVertices:
+        _, example = np.unique(fan, return_index=True)
+        v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]
+        raise ValueError(
+            f"the surface touches itself at vertex {v}, whose triangles form more than one fan; "
+            "give each sheet a vertex of its own"
+        )
+
+
+def _checkVolumes(vertices, triangles):
+    count, label = labelComponents(triangles, len(vertices))
+    for membrane in range(count):
+        part = triangles[label[triangles[:, 0]] == membrane] if count > 1 else triangles
+        v = signedVolume(vertices, part)
+        if v <= 0:
+            raise ValueError(
+                f"the membrane of vertex {part.min()} is inside out: its volume is {v:.6g}; reverse its triangles, "
+                "which must be counter-clockwise seen from outside"
+            )
+
+
+def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
+    """Return the volume that the triangles enclose, positive if they are counter-clockwise seen from outside."""
+    # The center is subtracted so that a mesh far from the origin loses no digits.
+    x = vertices[triangles] - vertices[triangles[:, 0]].mean(axis=0)
+    return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
+
+
+def _triangle(triangles, t):
+    return f"triangle {t} ({', '.join(map(str, triangles[t]))})"
+
+
+def _edge(triangles, h):
+    t, corner = divmod(int(h), 3)
+    return f"edge ({triangles[t, corner]}, {triangles[t, (corner + 1) % 3]})"

@@ -1,0 +1,21 @@
+"""Measures that compare closed surfaces of different sizes."""
+
+import math
+
+
+def reducedVolume(area: float, volume: float) -> float:
+    """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape."""
+    return 6 * math.sqrt(math.pi) * volume / area**1.5
+
+
+def volumeOfReduced(reducedVolume: float, area: float) -> float:
+    """Return the volume of a surface of a reduced volume."""
+    return reducedVolume * area**1.5 / (6 * math.sqrt(math.pi))
+
+
+def reducedAreaDifference(area: float, meanCurvature: float) -> float:
+    """Return the reduced area difference M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi).
+
+    It is 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991).
+    """
+    return meanCurvature / math.sqrt(4 * math.pi * area)

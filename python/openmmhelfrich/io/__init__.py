@@ -1,0 +1,1 @@
+"""Files of topologies and trajectories."""

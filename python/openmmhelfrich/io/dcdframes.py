@@ -1,0 +1,91 @@
+"""DCD trajectories as sequences of meshes.
+
+DCD has positions alone: the triangles come from a topology, and stay as they are there.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..files import PathLike
+from ..geometry.connectivity import trianglesFromEdges
+from ..geometry.mesh import Mesh
+from ..optional import require
+from .vtkhdf import Frames, meshFrame
+
+
+class DCDTrajectory(Frames):
+    """The frames of a DCD file, with the triangles of a topology."""
+
+    lengthUnit = "nm"
+
+    def __init__(self, file: PathLike, topology: PathLike | None):
+        """Open a DCD file.
+
+        Parameters
+        ----------
+        file : path
+            the DCD file; 10 angstroms in it are 1 nm
+        topology : path
+            a mesh file, or a PSF file whose bonds are the edges of closed membranes
+
+        Raises
+        ------
+        FileNotFoundError
+            if there is no such file
+        ValueError
+            if a file is damaged, the topology is missing or has another number of vertices, or its bonds do not tell
+            triangles
+        """
+        formats = require("mdtraj", "reading DCD files").formats
+        self._path = Path(file)
+        if topology is None:
+            raise ValueError(
+                f"{file} has no triangles; give a topology that has them: a mesh file, or the PSF file of the run"
+            )
+        for path in (self._path, Path(topology)):
+            if not path.exists():
+                raise FileNotFoundError(f"there is no file {path}")
+        with self._complaint("is not a complete DCD file"):
+            self._file = formats.DCDTrajectoryFile(str(file))
+            start, interval = np.fromfile(file, "<i4", 5)[3:5].tolist()
+            self.steps = start + interval * np.arange(len(self._file), dtype=np.int64)
+            first = self._positions(0)
+        self._triangles = _trianglesOf(Path(topology), first, self._path)
+
+    def _positions(self, i):
+        self._file.seek(i)
+        return self._file.read(1)[0][0].astype(np.float64) / 10
+
+    def _read(self, i):
+        return meshFrame(int(self.steps[i]), Mesh(self._positions(i), self._triangles))
+
+
+def _trianglesOf(topology, positions, dcd):
+    """Return the triangles that a mesh file or a PSF file gives to these positions."""
+    if topology.suffix.lower() != ".psf":
+        mesh = Mesh.read(topology)
+        _requireSize(topology, len(mesh.vertices), dcd, positions)
+        return mesh.triangles
+    bonds, size = _readBonds(topology)
+    _requireSize(topology, size, dcd, positions)
+    try:
+        return trianglesFromEdges(bonds, positions)
+    except ValueError as error:
+        raise ValueError(f"{topology}: {error}") from None
+
+
+def _requireSize(topology, size, dcd, positions):
+    if size != len(positions):
+        raise ValueError(
+            f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal"
+        )
+
+
+def _readBonds(file):
+    """Return the bonds of a PSF file as a (E, 2) array, and the number of its atoms."""
+    try:
+        topology = require("mdtraj", "reading PSF files").load_topology(str(file))
+    except Exception as error:  # a damaged file raises anything
+        raise ValueError(f"{file} is not a complete PSF file: {error}") from None
+    return np.array([(a.index, b.index) for a, b in topology.bonds], dtype=np.int64).reshape(-1, 2), topology.n_atoms

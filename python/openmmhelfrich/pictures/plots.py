@@ -1,0 +1,181 @@
+"""Pictures: the observables of a run against its steps, and a membrane's shape colored by mean curvature."""
+
+import re
+import threading
+
+import numpy as np
+
+from ..files import PathLike
+from ..geometry.mesh import Mesh
+from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
+from ..tables import Table, headOf
+from .curvature import smoothMeanCurvature
+
+_drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
+
+# matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so
+# that no display is needed and no setting of the caller's is touched.
+
+
+def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
+    """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
+
+    Parameters
+    ----------
+    table : Table
+        the columns, as :func:`readObservables` returns them
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit, energyUnit : str
+        names for the axes
+    """
+    from matplotlib.figure import Figure
+
+    panels = [panel for panel in PANELS if curves(panel, table)]
+    own = [panel.title for panel in panels if not panel.beside]
+    figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
+    axes = dict(zip(own, figure.subplots(len(own), 1, sharex=True, squeeze=False)[:, 0]))
+    axes[own[-1]].set_xlabel("Monte Carlo step")
+    for panel in panels:
+        shown = curves(panel, table)
+        place = axes[panel.beside].twinx() if panel.beside else axes[panel.title]
+        for observable in shown:
+            _plotCurve(place, table, observable, isThin=observable.isTerm or bool(panel.beside))
+        isShared = panel.beside or panel.title in {other.beside for other in panels}
+        label = headOf(panel.title, _mathUnit(shown[0], lengthUnit, energyUnit))
+        place.set_ylabel(label, color=shown[0].color if isShared else "black")
+        if panel.range:
+            place.set_ylim(panel.range)
+        place.ticklabel_format(useOffset=False)
+        if len(shown) > 1 and not isTarget(shown[1]):
+            place.legend(fontsize="small", ncols=3 if len(shown) > 3 else 1)
+    _save(figure, file)
+
+
+def _plotCurve(axes, table, observable, isThin):
+    steps, values = table["step"], table[observable.name]
+    if isTarget(observable):
+        axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
+    else:
+        axes.plot(
+            steps, values, color=observable.color, lw=1 if isThin else None, label=observable.label or observable.title
+        )
+
+
+def _mathUnit(observable, lengthUnit, energyUnit):
+    return re.sub(r"\^(\d)", r"$^\1$", observable.unitIn(lengthUnit, energyUnit))
+
+
+def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
+    """Plot the average energy and shape in each window of a continuation against lambda, the ways there and back apart.
+
+    Parameters
+    ----------
+    windows : Table
+        the averages, as :func:`averageWindows` returns them
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit, energyUnit : str
+        names for the axes
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 7), layout="constrained")
+    shown = [observable for observable in OBSERVABLES if observable.onPath]
+    for axes, observable in zip(figure.subplots(len(shown), 1, sharex=True), shown):
+        for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
+            _plotBranches(
+                axes,
+                windows if stage is None else windows.where(windows["stage"] == stage),
+                observable.name,
+                "" if stage is None else f"stage {stage:.0f}, ",
+            )
+        axes.set_ylabel(headOf(observable.title, _mathUnit(observable, lengthUnit, energyUnit)))
+        axes.ticklabel_format(useOffset=False)
+        if axes.lines:
+            axes.legend(fontsize="small")
+    axes.set_xlabel("$\\lambda$; bars are standard deviations")
+    _save(figure, file)
+
+
+def _plotBranches(axes, windows, name, prefix):
+    last = int(np.argmax(windows["lambda"]))
+    for part, style, text in ((slice(last + 1), "o-", "there"), (slice(last, None), "s--", "back")):
+        if windows["lambda"][part].size > 1:
+            axes.errorbar(
+                windows["lambda"][part],
+                windows[name][part],
+                windows[name + "Deviation"][part],
+                fmt=style,
+                capsize=3,
+                label=prefix + text,
+            )
+
+
+def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: float = 30, azimuth: float = -60) -> None:
+    """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is
+    convex.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        what to draw
+    file : path
+        the picture to write; its suffix tells the format
+    lengthUnit : str
+        the name of the unit of length
+    elevation, azimuth : float
+        direction of view, in degrees
+    """
+    from matplotlib.colors import LightSource, TwoSlopeNorm
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    curvature = smoothMeanCurvature(mesh)
+    bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
+    norm = TwoSlopeNorm(0, -bound, bound)
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    colors = _colorMap()(norm(curvature[mesh.triangles].mean(axis=1)))
+    # Edges of the triangles' own color hide the seams between them.
+    axes.add_collection3d(
+        Poly3DCollection(
+            mesh.vertices[mesh.triangles],
+            facecolors=colors,
+            edgecolors=colors,
+            linewidths=0.3,
+            shade=True,
+            lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
+        )
+    )
+    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
+    _colorBar(figure, axes, norm, lengthUnit)
+    _save(figure, file)
+
+
+def _colorMap():
+    from matplotlib import colormaps
+
+    return colormaps["coolwarm"]
+
+
+def _save(figure, file):
+    with _drawing:
+        figure.savefig(file, dpi=120)
+
+
+def _frame(axes, vertices, elevation, azimuth, lengthUnit):
+    """Show all of the vertices at equal scales."""
+    middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
+    for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
+        set_limits(center - size / 2, center + size / 2)
+    axes.set_box_aspect((1, 1, 1), zoom=1.3)
+    axes.view_init(elevation, azimuth)
+    axes.set_axis_off()
+    axes.set_title(f"{size:.3g} {lengthUnit} across", y=0, fontsize="medium")
+
+
+def _colorBar(figure, axes, norm, lengthUnit):
+    from matplotlib.cm import ScalarMappable
+
+    figure.colorbar(ScalarMappable(norm, _colorMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")

@@ -1,0 +1,281 @@
+"""A page to look at: a run's shape in 3D with its frames, its observables, settings and warnings, in one HTML file that
+needs nothing else.
+"""
+
+import base64
+import html
+import json
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+import openmm as mm
+
+from ..files import PathLike, replacing
+from ..geometry.mesh import Mesh
+from ..geometry.quality import assess
+from ..io.conversion import requireNew
+from ..io.vtkhdf import MeshFrame, readMeshTrajectory
+from ..optional import require
+from ..sampling.averages import lateRows
+from ..sampling.observables import (
+    OBSERVABLES,
+    PANELS,
+    curves,
+    divergence,
+    observableUnits,
+    readObservables,
+)
+from ..tables import headOf
+from ..version import __version__
+from .curvature import smoothMeanCurvature
+
+MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
+MAX_FRAMES = 101  # the start and a hundred more
+MAX_ROWS = 2000  # of the table: more than a plot has pixels
+TEMPLATE = Path(__file__).with_name("report.html")
+
+
+def writeReport(
+    prefix: PathLike, file: PathLike | None = None, maxFrames: int = MAX_FRAMES, overwrite: bool = False
+) -> Path:
+    """Write a page about the results of a run.
+
+    It has the shape in 3D, to turn and to play, colored by mean curvature, from PREFIX.vtkhdf or, if there is none,
+    the final mesh; the observables against steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages,
+    versions and warnings.  What is missing is left out and listed among the warnings.  The page is self-contained and
+    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances; a shape of
+    which not even one frame fits is left out. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
+    their range.
+
+    Parameters
+    ----------
+    prefix : path
+        the prefix of the run's files
+    file : path, optional
+        the page to write; PREFIX_report.html by default
+    maxFrames : int
+        the largest number of frames
+    overwrite : bool
+        replace a page that exists
+
+    Returns
+    -------
+    Path
+        the page
+
+    Raises
+    ------
+    FileNotFoundError
+        if there is neither a trajectory nor a table nor a final mesh
+    FileExistsError
+        if the page exists and is not to be overwritten
+    ValueError
+        if a file is damaged, or plotly is not there
+    """
+    if maxFrames < 1:
+        raise ValueError(f"the number of frames is {maxFrames}; it must be 1 or more")
+    prefix = Path(prefix)
+    file = _beside(prefix, "_report.html") if file is None else Path(file)
+    plotly = require("plotly.offline", "writing a report").get_plotlyjs()
+    requireNew([file], _beside(prefix, ".csv"), overwrite)
+    warnings: list[str] = []
+    frames, (table, units), settings = (
+        _readFrames(prefix, warnings),
+        _readTable(prefix, warnings),
+        _readSettings(prefix, warnings),
+    )
+    if not len(frames) and table is None:
+        raise FileNotFoundError(f"there are no results {prefix}.vtkhdf, {prefix}.csv or {prefix}.ply")
+    lengthUnit = units.get("area", getattr(frames, "lengthUnit", "nm") + "^2").removesuffix("^2")
+    data = {
+        "shape": _shape(frames, maxFrames, MAX_BYTES - len(plotly.encode()) - 500e3, lengthUnit, warnings)
+        if len(frames)
+        else None,
+        "panels": _panels(table, units) if table is not None else None,
+    }
+    if table is not None:
+        _judge(table, warnings)
+    text = _fill(
+        TEMPLATE.read_text(encoding="utf-8"),
+        {
+            "title": html.escape(prefix.name),
+            "plotly": plotly,
+            "data": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+            "facts": "".join(
+                f"<tr><th>{html.escape(label)}</th><td>{html.escape(text)}</td></tr>"
+                for label, text in _facts(frames, table, units)
+            ),
+            "warnings": "".join(f"<li>{html.escape(line)}</li>" for line in warnings),
+            "settings": html.escape(settings),
+        },
+    )
+    with replacing(file) as part:
+        part.write_text(text, encoding="utf-8")
+    return file
+
+
+def _beside(prefix, ending):
+    return prefix.with_name(prefix.name + ending)
+
+
+def _readFrames(prefix, warnings):
+    """Return the frames of the trajectory, or the final mesh as the only one, or none."""
+    trajectory = _beside(prefix, ".vtkhdf")
+    if trajectory.exists():
+        return readMeshTrajectory(trajectory)
+    for suffix in (".ply", ".stl", ".obj", ".off", ".vtu", ".vtk", ".msh"):
+        if _beside(prefix, suffix).exists():
+            warnings.append(
+                f"There is no mesh trajectory {trajectory.name}; the shape is that of {prefix.name}{suffix}."
+            )
+            return [MeshFrame(0, Mesh.read(_beside(prefix, suffix)), {})]
+    warnings.append(f"There is neither a mesh trajectory {trajectory.name} nor a final mesh; no shape can be shown.")
+    return []
+
+
+def _readTable(prefix, warnings):
+    """Return the table and its units, or None and no units."""
+    file = _beside(prefix, ".csv")
+    if not file.exists():
+        warnings.append(f"There is no table of observables {file.name}.")
+        return None, {}
+    units, table = observableUnits(file), readObservables(file)
+    if not len(table["step"]):
+        raise ValueError(f"{file} has no rows")
+    return table, units
+
+
+def _readSettings(prefix, warnings):
+    file = _beside(prefix, ".resolved.toml")
+    if file.exists():
+        return file.read_text(encoding="utf-8")
+    warnings.append(f"There are no settings {file.name}.")
+    return ""
+
+
+def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
+    """Return what the page needs to draw the frames, or None if there is no room for one."""
+    first = frames[0].mesh
+    indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
+    frameBytes = 4 / 3 * (7 * len(first.vertices) + 3 * np.dtype(indexType).itemsize * len(first.triangles)) + 200
+    count = int(max(0, min(len(frames), maxFrames, maxBytes // frameBytes)))
+    if count < len(frames):
+        warnings.append(f"The page shows {count} of {len(frames)} frames.")
+    if count == 0:
+        return None
+    chosen = (
+        np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int)).tolist()
+        if count > 1
+        else [len(frames) - 1]
+    )
+    shown = [(frames[i].step, frames[i].mesh) for i in chosen]
+    _judgeMesh(*shown[-1], warnings)
+    return {"lengthUnit": lengthUnit, "index": chosen, "wide": indexType == "u4", **_encode(shown, indexType)}
+
+
+def _encode(shown, indexType):
+    """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
+    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
+    size, low = max(high - low), (low + high - max(high - low)) / 2  # a cube around all
+    curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
+    bound = max(*(np.quantile(np.abs(curvature), 0.99) for curvature in curvatures), 1e-12)
+    frames = [
+        {
+            "step": step,
+            "positions": _base64((mesh.vertices - low).T / size * 65535, "u2"),
+            "triangles": _base64(mesh.triangles.T, indexType),
+            "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
+        }
+        for (step, mesh), curvature in zip(shown, curvatures)
+    ]
+    return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
+
+
+def _base64(values, kind):
+    """Return numbers, rounded to little-endian integers of a kind, as text."""
+    return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
+
+
+def _panels(table, units):
+    """Return the curves of each panel of the plot."""
+    rows = np.unique(np.linspace(0, len(table["step"]) - 1, MAX_ROWS).round().astype(int))
+
+    shown = [(panel, curves(panel, table)) for panel in PANELS]
+    panels = [
+        {
+            "title": headOf(panel.title, units.get(observables[0].name, "")),
+            "curves": [{"name": o.label or o.title, "values": _rounded(table[o.name][rows])} for o in observables],
+        }
+        for panel, observables in shown
+        if observables
+    ]
+    return {"steps": [int(step) for step in table["step"][rows]], "panels": panels}
+
+
+def _rounded(values):
+    return [float(f"{value:.7g}") if np.isfinite(value) else None for value in values]
+
+
+def _facts(frames, table, units):
+    """Return a label and a text for what the run was like on average."""
+    facts = []
+    if len(frames):
+        mesh = frames[len(frames) - 1].mesh
+        facts += [
+            ("membrane", f"{len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles"),
+            ("frames", str(len(frames))),
+        ]
+    if table is not None:
+        late = lateRows(table)
+        facts += [
+            ("steps", f"{int(table['step'][-1])}"),
+            ("averages", f"with standard deviations, from step {int(late['step'][0])} on"),
+        ]
+        facts += [(o.title, _fact(o, table, late, units)) for o in OBSERVABLES if o.onPage and o.name in table]
+    versions = f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}"
+    return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
+
+
+def _fact(observable, table, late, units):
+    """Return the average of an observable, or its last value, as text."""
+    name = observable.name
+    if observable.onPage == "last":
+        return f"{table[name][-1]:.1%}"
+    return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
+
+
+def _judge(table, warnings):
+    """Add what looks wrong in the table."""
+    bad = [name for name, values in table.items() if not np.all(np.isfinite(values))]
+    if bad:
+        warnings.append(f"There are values in the table that are not finite numbers: {', '.join(bad)}.")
+    if np.any(np.diff(table["step"]) <= 0):
+        warnings.append("The steps in the table do not ascend: rows of several runs may be mixed.")
+    rate = table.get("acceptance", [1])[-1]
+    if rate < 0.2:
+        warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
+    diverged = int(table.get("diverged", [0])[-1])
+    if diverged:
+        warnings.append(divergence(diverged))
+    if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
+        warnings.append("No flip was accepted: the membrane does not flow.")
+
+
+def _judgeMesh(step, mesh, warnings):
+    """Add what is wrong with the last shape."""
+    try:
+        crossings = assess(mesh).crossings
+    except ValueError as error:
+        warnings.append(f"The mesh at step {step} is not sound: {error}.")
+        return
+    if len(crossings):
+        warnings.append(
+            f"The surface passes through itself {len(crossings)} times at step {step}; a repulsion prevents this."
+        )
+
+
+def _fill(template, parts):
+    """Put the parts in the places that the template marks as @@name@@, each found before any is filled."""
+    pieces = template.split("@@")
+    return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))

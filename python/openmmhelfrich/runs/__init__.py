@@ -1,0 +1,1 @@
+"""Whole runs and grids of runs: from configurations to results."""

@@ -1,0 +1,190 @@
+"""The configuration of a run: a TOML file, read and validated before anything else happens, without OpenMM."""
+
+import difflib
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from ..files import PathLike
+from ..units import Scales, lengthUnit, plainNumber, thermalEnergy
+from .sections import (
+    MembraneSection,
+    MeshSection,
+    OutputSection,
+    PlatformSection,
+    RepulsionSection,
+    SamplingSection,
+    Section,
+    TetherSection,
+)
+from .stagesettings import STAGES, AnyStage, SampleStage
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+class Config(Section):
+    """A whole configuration."""
+
+    mesh: MeshSection
+    membrane: MembraneSection = MembraneSection()
+    tether: TetherSection = TetherSection()
+    repulsion: RepulsionSection = RepulsionSection()
+    sampling: SamplingSection = SamplingSection()
+    platform: PlatformSection = PlatformSection()
+    output: OutputSection = OutputSection()
+    stages: list[AnyStage] = Field(default_factory=list)
+
+
+# The keys of the terms' moduli, in kT.
+MODULI = {
+    "bending": "membrane.bending_modulus",
+    "area": "membrane.area_modulus",
+    "volume": "membrane.volume_modulus",
+    "areaDifference": "membrane.area_difference_modulus",
+    "tether": "tether.modulus",
+    "repulsion": "repulsion.modulus",
+}
+
+
+def valueOf(config: Config, name: str) -> Any:
+    """Return the value of a key of a Config by its name, like "tether.modulus"."""
+    section, key = name.split(".")
+    return getattr(getattr(config, section), key)
+
+
+def stagesOf(config: Config) -> list[Any]:
+    """Return the stages of a Config: those it lists, or one that samples.
+
+    Raises a ValueError if [sampling] has steps that no stage would make.
+    """
+    if not config.stages:
+        return [SampleStage(kind="sample", steps=config.sampling.steps)]
+    if "steps" in config.sampling.model_fields_set:
+        raise ValueError("[sampling] steps is given, and stages too; stages have steps of their own")
+    return config.stages
+
+
+def readConfig(file: PathLike) -> Config:
+    """Read and validate a configuration file.
+
+    Returns a Config whose mesh file and output prefix are paths that can be opened from the working folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        if there is no such file
+    ValueError
+        if it is not TOML, or has an unknown key or a value out of range; the message names section, key and what is
+        allowed
+    """
+    path = Path(file)
+    config = parseConfig(readTOML(path), str(path))
+    if config.mesh.file is not None:
+        config.mesh.file = str(path.parent / config.mesh.file)
+    if config.output.prefix is None:
+        config.output.prefix = path.stem
+    return config
+
+
+def readTOML(file: PathLike) -> dict[str, Any]:
+    """Return the nested dict of a configuration file; raise a FileNotFoundError or ValueError that names the file."""
+    path = Path(file)
+    if not path.exists():
+        raise FileNotFoundError(f"there is no configuration file {path}")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{path} is not TOML: {error}") from None
+
+
+def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
+    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
+    try:
+        return Config.model_validate(data, context=_scales(data))
+    except ValidationError as error:
+        raise ValueError("\n".join(f"{source}: {_explain(mistake)}" for mistake in error.errors())) from None
+
+
+def sections() -> dict[str, type[Section]]:
+    """Return the sections of a configuration by name, in order; stages are none of them."""
+    models = {name: field.annotation for name, field in Config.model_fields.items()}
+    return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
+
+
+def _scales(data):
+    """Return the units of the plain numbers of a file, as far as they can be told before it is validated."""
+    try:
+        kT = thermalEnergy(plainNumber(data["sampling"]["temperature"], "temperature", Scales(1.0)))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        kT = thermalEnergy(SamplingSection.model_fields["temperature"].default)
+    try:
+        name = data["mesh"].get("length_unit", "nm")
+        return Scales(kT, lengthUnit(name), name)
+    except (KeyError, TypeError, AttributeError):
+        return Scales(kT)
+
+
+def _explain(mistake):
+    """Return a sentence for one of pydantic's errors."""
+    place, kind = mistake["loc"], mistake["type"]
+    if kind == "extra_forbidden":
+        return _explainUnknown(place)
+    name = _placeName(place)
+    if kind == "missing":
+        return f"{name} is missing{'; the mesh to begin with has no default' if place[0] == 'mesh' else ''}"
+    message = requirement(mistake)
+    if kind == "union_tag_not_found":
+        return f"{name} has no kind; it must be one of {', '.join(STAGES)}"
+    if kind == "union_tag_invalid":
+        return (
+            f"{name} has the kind "
+            f"{mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+        )
+    if kind == "value_error" and isinstance(mistake["input"], dict):
+        return f"{name} {message}"  # a key of this table
+    if kind == "model_type":
+        return f"{name} is {mistake['input']!r}; it must be a table of keys"
+    return f"{name} is {mistake['input']!r}; {message}"
+
+
+def requirement(mistake: ErrorDetails) -> str:
+    """Return what one of pydantic's errors says must be."""
+    message = mistake["msg"].removeprefix("Value error, ")
+    return (
+        message.replace("Input should be", "it must be")
+        .replace("a valid integer", "a whole number")
+        .replace("a valid ", "a ")
+    )
+
+
+def _placeName(place):
+    """Return where a mistake is: "[sampling] steps" or "stage 2 (anneal) rate"."""
+    if not place:
+        return "the file"
+    if place[0] == "stages":
+        kind = f" ({place[2]})" if len(place) > 2 else ""
+        return " ".join([f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages", *map(str, place[3:])])
+    return f"[{place[0]}] {' '.join(map(str, place[1:]))}".strip()
+
+
+def _explainUnknown(place):
+    *home, key = place
+    if not home:
+        return f"there is no section or key '{key}'{nearest(key, Config.model_fields)}"
+    known = (STAGES[home[2]] if home[0] == "stages" else sections()[home[0]]).model_fields
+    homes = [name for name, model in sections().items() if key in model.model_fields]
+    where = f"{_placeName(home)} has no key '{key}'"
+    return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)
+
+
+def nearest(word: Any, known: Iterable[str], otherwise: str = "it has") -> str:
+    """Return the end of a sentence about an unknown word: the known one that it resembles, or all of them."""
+    match = difflib.get_close_matches(str(word).lower(), known, n=1)
+    return f"; did you mean '{match[0]}'?" if match else f"; {otherwise} {', '.join(known)}"

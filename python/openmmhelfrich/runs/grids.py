@@ -1,0 +1,348 @@
+"""Grids of runs: a configuration, and the values that some of its keys take, each with each.
+
+A grid is a TOML file with a configuration, ``base``, which is a file's name or a table, and lists of values by the
+names of keys::
+
+    base = "vesicle.toml"
+    seeds = 2
+    [grid]
+    membrane.reduced_volume = {start = 0.5, stop = 0.9, step = 0.1}
+    stages.cool.end_temperature = [3, 30]
+
+Tables ``[variants.NAME]`` are one more axis: each is a part of a configuration, which takes the place of the base's
+keys.
+"""
+
+import copy
+import hashlib
+import itertools
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from ..files import PathLike
+from ..geometry.mesh import Mesh
+from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
+from .scene import loadMesh, platformOf, tetherOf
+from .sections import Section
+
+MOST_POINTS = 100_000
+_RANGE = "a list of values, or a table of start, stop and step"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a grid.
+
+    Attributes
+    ----------
+    name : str
+        what tells it from the others, fit for a folder's name
+    parameters : dict
+        its place in the grid: values by the short names of the axes
+    config : Config
+        what to do.  Its seed follows from the point's name, so that neither the order of points nor their number
+        matters
+    """
+
+    name: str
+    parameters: dict
+    config: Config
+
+
+class Range(Section):
+    """Equal steps from start to stop, which is among the values if a whole number of steps leads there."""
+
+    start: int | float
+    stop: int | float
+    step: int | float
+
+    @model_validator(mode="after")
+    def _count(self):
+        if self.step == 0 or (self.stop - self.start) / self.step < 0:
+            raise ValueError(f"leads from {self.start} to {self.stop} by steps of {self.step}, which never arrive")
+        if (self.stop - self.start) / self.step >= MOST_POINTS:
+            raise ValueError(f"has more than {MOST_POINTS} values")
+        return self
+
+    def values(self) -> list[int | float]:
+        """Return the values, without the rounding errors of sums."""
+        count = math.floor((self.stop - self.start) / self.step * (1 + 1e-12) + 1e-9) + 1
+        return [
+            value if isinstance(value, int) else round(value, 12)
+            for value in (self.start + i * self.step for i in range(count))
+        ]
+
+
+def _axes(tables):
+    """Return the values of each axis by its key, "section.key", of nested tables."""
+    if not isinstance(tables, dict):
+        raise ValueError("it must be a table")
+    return {key: _valuesOf(key, value) for key, value in _flat(tables)}
+
+
+def _flat(tables, prefix=""):
+    for name, value in tables.items():
+        if (
+            isinstance(value, dict)
+            and value
+            and not any(key in Range.model_fields and not isinstance(part, dict) for key, part in value.items())
+        ):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _valuesOf(key, value):
+    if isinstance(value, dict):
+        try:
+            value = Range.model_validate(value).values()
+        except ValidationError as error:
+            raise ValueError(f"{key} {_explainRange(error.errors()[0])}") from None
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{key} is {value!r}; it must be {_RANGE}")
+    texts = [_text(v) for v in value]
+    twice = next((text for i, text in enumerate(texts) if text in texts[:i]), None)
+    if twice is not None:
+        raise ValueError(f"{key} has the value {twice} twice")
+    return value
+
+
+def _explainRange(mistake):
+    if mistake["type"] == "extra_forbidden":
+        return f"has no key '{mistake['loc'][0]}'{nearest(mistake['loc'][0], Range.model_fields)}"
+    if mistake["type"] == "missing":
+        return f"has no {mistake['loc'][0]}; it must be {_RANGE}"
+    return (
+        requirement(mistake)
+        if mistake["type"] == "value_error"
+        else f"{mistake['loc'][0]} is {mistake['input']!r}; {requirement(mistake)}"
+    )
+
+
+class Grid(Section):
+    """The file of a grid."""
+
+    base: Annotated[
+        Any, Field(description="the configuration from which the points differ: the name of a file, or a table")
+    ]
+    seeds: int = Field(
+        1,
+        ge=1,
+        le=MOST_POINTS,
+        description="how many runs each point of the grid stands for, each with random numbers of its own",
+    )
+    grid: Annotated[dict[str, list[Any]], BeforeValidator(_axes)] = Field(default_factory=dict)
+    variants: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _check(self):
+        if not isinstance(self.base, (str, dict)):
+            raise ValueError(f"base is {self.base!r}; it must be the name of a configuration file, or a table")
+        if "sampling.seed" in self.grid and self.seeds > 1:
+            raise ValueError("seeds and the axis sampling.seed are both given; give one of them")
+        if "output.prefix" in self.grid:
+            raise ValueError("output.prefix is an axis; each point has a folder of its own already")
+        count = self.seeds * max(1, len(self.variants)) * math.prod(len(values) for values in self.grid.values())
+        if count > MOST_POINTS:
+            raise ValueError(f"the grid has {count} points; there may be {MOST_POINTS}")
+        return self
+
+
+def readGrid(file: PathLike) -> list[Point]:
+    """Read and check a grid and return its points.
+
+    Raises
+    ------
+    FileNotFoundError
+        if the file, or that of its base, does not exist
+    ValueError
+        if a key is unknown, or a value is not allowed or no simulation can begin with it: a line for each mistake,
+        which names the points that have it
+    """
+    path = Path(file)
+    grid = _parse(readTOML(path), path)
+    base = grid.base if isinstance(grid.base, dict) else _readBase(path.parent / grid.base)
+    mistakes = _Mistakes()
+    meshes: dict[str, Mesh] = {}
+    points = [
+        _createPoint(base, variant, values, parameters, path, mistakes, meshes)
+        for variant, values, parameters in _places(grid)
+    ]
+    mistakes.raiseAny(len(points))
+    return points
+
+
+def _parse(data, path):
+    try:
+        return Grid.model_validate(data)
+    except ValidationError as error:
+        raise ValueError("\n".join(f"{path}: {_explain(mistake)}" for mistake in error.errors())) from None
+
+
+def _explain(mistake):
+    place, kind = ".".join(map(str, mistake["loc"])), mistake["type"]
+    if kind == "extra_forbidden":
+        isSection = place in Config.model_fields
+        hint = f"; a configuration goes into [base]: [base.{place}]" if isSection else nearest(place, Grid.model_fields)
+        return f"there is no key '{place}'{hint}"
+    if kind == "missing":
+        return f"{place} is missing; it must be the name of a configuration file, or a table"
+    if kind == "value_error":
+        return requirement(mistake)
+    return f"{place} is {mistake['input']!r}; {requirement(mistake)}"
+
+
+def _readBase(file):
+    """Return the nested dict of a configuration whose mesh can be found from any folder."""
+    data = readTOML(file)
+    mesh = data.get("mesh")
+    if isinstance(mesh, dict) and isinstance(mesh.get("file"), str):
+        mesh["file"] = str((file.parent / mesh["file"]).resolve())
+    return data
+
+
+def _places(grid):
+    """Yield the part of a configuration, the values by key, the short names of the keys, and the number of the repeat,
+    for each point.
+    """
+    names = _shortNames(grid.grid)
+    for variant in grid.variants or [None]:
+        for values in itertools.product(*grid.grid.values()):
+            for repeat in range(1, grid.seeds + 1):
+                parameters = {} if variant is None else {"variant": variant}
+                parameters.update(zip(names, values))
+                if "sampling.seed" not in grid.grid:
+                    parameters["seed"] = repeat
+                yield grid.variants.get(variant, {}), dict(zip(grid.grid, values)), parameters
+
+
+def _shortNames(keys):
+    last = [key.split(".")[-1] for key in keys]
+    return [name if last.count(name) == 1 else key for name, key in zip(last, keys)]
+
+
+def _createPoint(base, variant, values, parameters, path, mistakes, meshes):
+    """Return a Point, or None if it cannot be, after noting why."""
+    name = _nameOf(parameters)
+    with mistakes.of(name):
+        data = _merge(copy.deepcopy(base), variant)
+        for key, value in values.items():
+            _set(data, key, value, path)
+        config = parseConfig(data, str(path))
+        if "sampling.seed" not in values:
+            config.sampling.seed = _seed(config.sampling.seed, name)
+        if config.mesh.file is not None:
+            config.mesh.file = str((path.parent / config.mesh.file).resolve())
+        if config.platform.threads is None and config.platform.name == "CPU":
+            config.platform.threads = 1  # what there is to do side by side are points
+        _checkRun(config, meshes)
+        return Point(name, parameters, config)
+
+
+def _checkRun(config, meshes):
+    """Raise what a run would raise before its first step."""
+    key = config.mesh.model_dump_json()
+    if key not in meshes:
+        meshes[key] = loadMesh(config)
+    tetherOf(config, meshes[key])
+    stagesOf(config)
+    platformOf(config)
+
+
+def _nameOf(parameters):
+    text = ",".join(f"{name}={_text(value)}" for name, value in parameters.items())
+    plain = re.sub(r"[^\w.,=+-]+", "-", text)
+    return (
+        plain
+        if plain == text and len(text) <= 150
+        else f"{plain[:120]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    )
+
+
+def _text(value):
+    """Return a value as text, the same for 1 and 1.0."""
+    return str(int(value) if isinstance(value, float) and value.is_integer() else value)
+
+
+def _seed(seed, name):
+    """Return a seed that follows from that of the base and the name of a point."""
+    return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") % (2**31 - 1) + 1
+
+
+def _merge(data, part):
+    for name, value in part.items():
+        if isinstance(value, dict) and isinstance(data.get(name), dict):
+            _merge(data[name], value)
+        else:
+            data[name] = copy.deepcopy(value)
+    return data
+
+
+def _set(data, key, value, path):
+    """Set a key, "section.key" or "stages.NAME.key", of a nested dict."""
+    *home, last = key.split(".")
+    if not home:
+        raise ValueError(f"{path}: '{key}' names no section; a key is written like membrane.reduced_volume")
+    for name in home:
+        data = _stage(data, name, key, path) if isinstance(data, list) else data.setdefault(name, {})
+    if not isinstance(data, dict):
+        raise ValueError(
+            f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the "
+            "stage's name, kind or number"
+        )
+    data[last] = copy.deepcopy(value)
+
+
+def _stage(stages, name, key, path):
+    """Return the stage of a name, or if none has it of a kind or number."""
+    stages = [stage for stage in stages if isinstance(stage, dict)]
+    for which in (
+        [stage.get("name") for stage in stages],
+        [stage.get("kind") for stage in stages],
+        [str(i + 1) for i in range(len(stages))],
+    ):
+        if which.count(name) == 1:
+            return stages[which.index(name)]
+    titles = [str(stage.get("name") or stage.get("kind")) for stage in stages]
+    raise ValueError(
+        f"{path}: '{key}' does not name one stage; the stages are "
+        f"{', '.join(f'{i + 1} ({title})' for i, title in enumerate(titles)) or 'none'}"
+    )
+
+
+class _Mistakes:
+    """Collects the mistakes of points, to tell each once."""
+
+    def __init__(self):
+        self._points = {}
+
+    def of(self, name):
+        """Return a context that notes the errors in it as those of a point."""
+        self._name = name
+        return self
+
+    def __enter__(self):
+        pass
+
+    def __exit__(self, kind, error, _):
+        if kind is None or not issubclass(kind, (ValueError, OSError)):
+            return False
+        for line in str(error).splitlines():
+            self._points.setdefault(line, []).append(self._name)
+        return True
+
+    def raiseAny(self, count):
+        """Raise a ValueError of all mistakes, if there are any, out of a number of points."""
+        if self._points:
+            raise ValueError("\n".join(f"{line} ({self._where(names, count)})" for line, names in self._points.items()))
+
+    @staticmethod
+    def _where(names, count):
+        if len(names) == count and count > 1:
+            return "every point"
+        return f"point {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")

@@ -1,0 +1,206 @@
+"""The files that a run writes."""
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from openmm import app
+
+from ..files import PathLike, sync
+from ..helfrich import HelfrichForce
+from ..io.dcd import TrajectoryReporter
+from ..sampling.observables import OBSERVABLES, Place
+from ..sampling.reporters import MeshReporter, ObservablesReporter
+from .config import Config
+from .scene import Scene
+
+
+@dataclass
+class Outputs:
+    """The names of the files, all of which begin with the run's prefix."""
+
+    trajectory: Path
+    meshTrajectory: Path | None
+    topology: Path
+    table: Path
+    mesh: Path
+    plot: Path
+    picture: Path
+    path: Path | None
+    pathPlot: Path | None
+    settings: Path
+    checkpoint: Path
+
+    @classmethod
+    def of(cls, config: Config) -> "Outputs":
+        """Return the names that a Config asks for, or raise a ValueError if its prefix is only a folder."""
+        prefix, output = config.output.prefix or "", config.output
+        if Path(prefix + "x").stem == "x":
+            raise ValueError(
+                f"[output] prefix is '{prefix}'; the first part of the files' names must follow the folder"
+            )
+        hasPath = any(stage.hasPath for stage in config.stages)
+        return cls(
+            trajectory=Path(prefix + ".dcd"),
+            meshTrajectory=Path(prefix + ".vtkhdf") if output.mesh_trajectory else None,
+            topology=Path(prefix + ".psf"),
+            table=Path(prefix + ".csv"),
+            mesh=Path(f"{prefix}.{output.mesh_format}"),
+            plot=Path(prefix + "_observables.png"),
+            picture=Path(prefix + "_shape.png"),
+            path=Path(prefix + "_path.csv") if hasPath else None,
+            pathPlot=Path(prefix + "_path.png") if hasPath else None,
+            settings=Path(prefix + ".resolved.toml"),
+            checkpoint=Path(prefix + ".checkpoint"),
+        )
+
+    def paths(self) -> list[Path]:
+        """Return the paths of all files that the run writes."""
+        return [path for path in vars(self).values() if path is not None]
+
+    def prepare(self, source: PathLike | None, overwrite: bool = False) -> None:
+        """Make sure that every file can be written, and create their folder, before the first is opened.
+
+        Raises FileExistsError if one exists already and is not to be overwritten, or is the mesh file that the run
+        reads (None if there is none), and another OSError if their folder does not take files.
+        """
+        if source is not None and any(path.exists() and path.samefile(source) for path in self.paths()):
+            raise FileExistsError(
+                f"the results would replace the mesh file {source}; choose another output prefix or mesh_format"
+            )
+        existing = [path for path in self.paths() if path.exists()]
+        if existing and not (overwrite and all(path.is_file() for path in existing)):
+            hint = "; resume goes on with the run that wrote them" if self.checkpoint in existing else ""
+            raise FileExistsError(
+                f"{', '.join(map(str, existing))} exist{'s' if len(existing) == 1 else ''} already; "
+                f"choose another output prefix, or ask to overwrite files{hint}"
+            )
+        folder = self.table.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise NotADirectoryError(f"{folder} is not a folder; choose another output prefix") from None
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise PermissionError(
+                f"{folder} is not writable ({error.strerror}); choose another output prefix"
+            ) from None
+        for path in existing:
+            if not os.access(path, os.W_OK):
+                raise PermissionError(f"{path} is not writable; choose another output prefix")
+
+
+class Recorder:
+    """The files to which a run appends, and the reporters that do so.
+
+    What a file held at the last checkpoint stays when a run goes on; what came later is dropped, since it will be made
+    again.
+    """
+
+    def __init__(
+        self,
+        outputs: Outputs,
+        scene: Scene,
+        simulation: app.Simulation,
+        force: HelfrichForce,
+        place: Callable[[], Place],
+        sizes: Mapping[str, int],
+    ):
+        """Open the files.
+
+        Parameters
+        ----------
+        outputs : Outputs
+            their names
+        scene : Scene
+            the intervals and units
+        simulation, force
+            what is reported
+        place : callable
+            returns the :class:`Place` in the run
+        sizes : dict
+            what sync() returned at the checkpoint to go on from; empty for a new run
+
+        Raises
+        ------
+        ValueError
+            if a file has become shorter since the checkpoint
+        """
+        files = {"table": outputs.table, "trajectory": outputs.trajectory}
+        for name, file in files.items():
+            _checkLength(file, sizes.get(name, 0))
+        if sizes.get("table", 0) > 0:
+            os.truncate(outputs.table, sizes["table"])
+        output = scene.config.output
+        self._simulation, self._files = simulation, files
+        self.table = ObservablesReporter(
+            outputs.table,
+            output.observables_interval,
+            force,
+            scene.temperature,
+            scene.lengthUnit,
+            append=sizes.get("table", 0) > 0,
+            observables=OBSERVABLES,
+            place=place,
+        )
+        self._trajectory = TrajectoryReporter(
+            outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0)
+        )
+        self._meshes = None
+        if outputs.meshTrajectory is not None:
+            frames = sizes.get("meshFrames", 0)
+            self._meshes = MeshReporter(
+                outputs.meshTrajectory,
+                output.trajectory_interval,
+                force,
+                frames > 0,
+                frames or None,
+                lengthUnit=scene.lengthUnit,
+            )
+        simulation.reporters += self._reporters()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: Any) -> None:
+        self._simulation.reporters.clear()
+        for reporter in self._reporters():
+            with (
+                contextlib.suppress(OSError) if kind else contextlib.nullcontext()
+            ):  # an error of a full disk has been raised already
+                reporter.close()
+
+    def report(self) -> None:
+        """Write a row and a frame of the present."""
+        state = self._simulation.context.getState(positions=True)
+        for reporter in self._reporters():
+            reporter.report(self._simulation, state)
+
+    def sync(self) -> dict[str, int]:
+        """Wait until everything is on the disk, and return how much each file holds: bytes, and frames of the mesh
+        trajectory.
+        """
+        sizes = {"table": self.table.sync(), "trajectory": self._trajectory.sync()}
+        for file in self._files.values():
+            sync(file)
+        if self._meshes:
+            self._meshes.flush()
+            sizes["meshFrames"] = self._meshes.getNumFrames()
+        return sizes
+
+    def _reporters(self):
+        return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
+
+
+def _checkLength(file, size):
+    length = file.stat().st_size if file.exists() else 0
+    if length < size:
+        raise ValueError(
+            f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that "
+            "the run cannot go on"
+        )

@@ -1,0 +1,332 @@
+"""From a configuration to a scene: everything that a run needs to know before its first step, and its Simulation."""
+
+import math
+import random
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import openmm as mm
+from openmm import app
+
+from ..geometry.measures import volumeOfReduced
+from ..geometry.mesh import Mesh
+from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
+from ..units import thermalEnergy
+from .config import MODULI, Config, stagesOf, valueOf
+from .stagesettings import StageSettings
+
+# Where the power laws of tether and repulsion are meant to be used.
+LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
+
+
+class Tether(NamedTuple):
+    """A tether: its modulus, in kT, the least and greatest length of an edge, and the length scale of its energy."""
+
+    modulus: float
+    minLength: float
+    maxLength: float
+    lengthScale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A membrane and the conditions of a run, with a value for everything.
+
+    Attributes
+    ----------
+    config : Config
+        the configuration, with every default filled in: what settings files and checkpoints hold
+    mesh : Mesh
+        the membrane at the beginning
+    lengthUnit : str
+        what 1 nm is called
+    temperature, kT : float
+        in K, and in kJ/mol: the unit of the energies in results
+    moduli : dict of float
+        the modulus of each term, in kJ/mol
+    targets : dict of float
+        "area", "volume" and "areaDifference", in powers of nm
+    tether : Tether
+        the bounds of edges
+    repulsionOnset : float
+        the distance below which vertices repel each other, in nm
+    stepSize, waveAmplitude : float
+        those to begin with, in ps and nm
+    adaptsStepSize, adaptsWaveAmplitude : bool
+        whether they adapt
+    seed : int
+        of all random numbers
+    stages : tuple of StageSettings
+        what to do
+    platform : openmm.Platform
+        where to compute
+    platformProperties : dict of str
+        the properties of that
+    """
+
+    config: Config
+    mesh: Mesh
+    lengthUnit: str
+    temperature: float
+    kT: float
+    moduli: dict[str, float]
+    targets: dict[str, float]
+    tether: Tether
+    repulsionOnset: float
+    stepSize: float
+    adaptsStepSize: bool
+    waveAmplitude: float
+    adaptsWaveAmplitude: bool
+    seed: int
+    stages: tuple[StageSettings, ...]
+    platform: mm.Platform
+    platformProperties: dict[str, str]
+
+    @classmethod
+    def of(cls, config: Config, mesh: Mesh | None = None) -> "Scene":
+        """Create the Scene of a Config, with the mesh that it names or another.
+
+        Raises
+        ------
+        ValueError, OSError
+            if the mesh cannot be simulated, or a value of the configuration does not go with it
+        """
+        mesh = loadMesh(config) if mesh is None else mesh
+        config = resolve(config, mesh)
+        platform, properties = platformOf(config)
+        sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
+        area, volume, areaDifference = _targets(config, mesh)
+        tether = tetherOf(config, mesh)
+        adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
+        return cls(
+            config=config,
+            mesh=mesh,
+            lengthUnit=config.mesh.length_unit,
+            temperature=sampling.temperature,
+            kT=kT,
+            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
+            targets={"area": area, "volume": volume, "areaDifference": areaDifference},
+            tether=tether,
+            repulsionOnset=config.repulsion.onset or tether.minLength,
+            stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
+            adaptsStepSize=adaptsStepSize,
+            waveAmplitude=_defaultAmplitude(area, mesh) if adaptsWaves else sampling.shear_wave_amplitude,
+            adaptsWaveAmplitude=adaptsWaves,
+            seed=sampling.seed or 0,
+            stages=tuple(config.stages),
+            platform=platform,
+            platformProperties=properties,
+        )
+
+    def createForce(self) -> HelfrichForce:
+        """Create the membrane's force."""
+        membrane, tether, repulsion, moduli = self.config.membrane, self.tether, self.config.repulsion, self.moduli
+        force = HelfrichForce()
+        force.setTriangles(self.mesh.triangles)
+        force.setBendingModulus(moduli["bending"])
+        force.setAreaModulus(moduli["area"])
+        force.setVolumeModulus(moduli["volume"])
+        force.setAreaDifferenceModulus(moduli["areaDifference"])
+        force.setLeafletSeparation(membrane.leaflet_separation)
+        force.setTargetArea(self.targets["area"])
+        force.setTargetVolume(self.targets["volume"])
+        force.setTargetAreaDifference(self.targets["areaDifference"])
+        force.setTether(moduli["tether"], tether.minLength, tether.maxLength, self.config.tether.exponent)
+        force.setTetherLengthScale(tether.lengthScale)
+        if moduli["repulsion"] > 0:
+            force.setRepulsion(moduli["repulsion"], self.repulsionOnset, repulsion.exponent, repulsion.exclusion_level)
+        return force
+
+    def createIntegrator(self) -> HybridMonteCarloIntegrator:
+        """Create the integrator."""
+        sampling = self.config.sampling
+        integrator = HybridMonteCarloIntegrator(
+            self.temperature,
+            self.stepSize,
+            sampling.steps_per_trajectory,
+            sampling.flip_fraction,
+            sampling.flip_probability,
+        )
+        integrator.setSplitting(sampling.integrator)
+        integrator.setTetherSubsteps(sampling.tether_substeps)
+        integrator.setTrajectoryJitter(sampling.trajectory_jitter)
+        integrator.setMomentumRefreshment(sampling.momentum_refreshment)
+        if sampling.shear_wave_probability > 0:
+            integrator.addShearWaves(self._createShearWaves(), sampling.shear_wave_probability)
+        integrator.setForcePrecision(self.config.platform.precision)
+        integrator.setRandomNumberSeed(self.seed)
+        return integrator
+
+    def createSimulation(self, force: HelfrichForce) -> app.Simulation:
+        """Create the Simulation of a force that :meth:`createForce` made, at the mesh's positions."""
+        system = self.mesh.createSystem(self.config.sampling.mass)
+        system.addForce(force)
+        integrator, topology = self.createIntegrator(), self.mesh.topology()
+        simulation = app.Simulation(topology, system, integrator, self.platform, self.platformProperties)
+        simulation.context.setPositions(self.mesh.vertices)
+        return simulation
+
+    def _createShearWaves(self):
+        """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area."""
+        sampling, radius = self.config.sampling, _radius(self.targets["area"])
+        return ShearWaveIntegrator(
+            self.temperature,
+            self.waveAmplitude,
+            1 / radius,
+            sampling.shear_wave_cutoff / radius,
+            sampling.shear_waves_per_step,
+        )
+
+
+def loadMesh(config: Config) -> Mesh:
+    """Read or make, and check, the mesh of a Config, in its length unit."""
+    if config.mesh.icosphere is not None:
+        source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
+    else:
+        source = str(config.mesh.file)
+        mesh = Mesh.read(source, unit=config.mesh.scale)
+    try:
+        mesh.check()
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+    length = mesh.edgeLengths.mean()
+    if not LEAST_EDGE <= length <= GREATEST_EDGE:
+        raise ValueError(
+            f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between "
+            f"{LEAST_EDGE:g} and {GREATEST_EDGE:g}, where the tether's power laws are meant to be used: "
+            f"try scale = {betterScale(config.mesh.scale, length):g} in [mesh]"
+        )
+    return mesh
+
+
+def betterScale(scale: float, edgeLength: float) -> float:
+    """Return the power of ten times a scale of a mesh that brings the mean length of its edges to about 1/4."""
+    return scale * 10 ** -round(math.log10(4 * edgeLength))
+
+
+def currentMesh(simulation: app.Simulation, force: HelfrichForce) -> Mesh:
+    """Return a Mesh of the present positions and live triangles."""
+    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
+    return Mesh(positions, force.getTrianglesInContext(simulation.context))
+
+
+def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
+    """Return the Platform that a Config asks for, and its properties."""
+    names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
+    name, threads = config.platform.name, config.platform.threads
+    if name not in names:
+        raise ValueError(f"[platform] name is '{name}'; it must be one of {', '.join(names)}")
+    if threads is not None and name != "CPU":
+        raise ValueError(f"[platform] threads is {threads}; only the CPU platform has threads, not {name}")
+    if config.platform.precision != "double" and name != "CPU":
+        raise ValueError(
+            f"[platform] precision is '{config.platform.precision}'; only the CPU platform has another than 'double', "
+            f"not {name}"
+        )
+    return mm.Platform.getPlatformByName(name), {} if threads is None else {"Threads": str(threads)}
+
+
+def resolve(config: Config, mesh: Mesh) -> Config:
+    """Return a copy of a Config in which every default is a number, also those that follow from the mesh, and the
+    stages are listed.
+
+    Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
+    """
+    config = config.model_copy(deep=True)
+    membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
+    area, volume, areaDifference = _targets(config, mesh)
+    membrane.target_area, membrane.target_volume, membrane.reduced_volume = area, volume, None
+    membrane.target_area_difference = areaDifference or None
+    tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, mesh)
+    repulsion.onset = repulsion.onset or tether.min_length
+    sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
+    sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
+    config.stages = stagesOf(config)
+    sampling.model_fields_set.discard("steps")
+    # However short the run is, its end is there, and every window of a continuation.
+    steps, output = sum(stage.totalSteps for stage in config.stages), config.output
+    output.trajectory_interval = min(output.trajectory_interval, steps)
+    longest = min(stage.longestInterval for stage in config.stages)
+    output.observables_interval = int(min(output.observables_interval, steps, longest))
+    if config.mesh.file is not None:
+        config.mesh.file = str(Path(config.mesh.file).resolve())
+    return config
+
+
+def tetherOf(config: Config, mesh: Mesh) -> Tether:
+    """Return the Tether that a Config asks for.
+
+    The defaults are soft where edges are short, so that steps are long, and their pull and push on the area of a fluid
+    membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
+    back.
+    """
+    tether, mean = config.tether, mesh.edgeLengths.mean()
+    minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
+    if minLength >= maxLength:
+        raise ValueError(
+            f"[tether] min_length is {minLength:.4g} and max_length {maxLength:.4g}; min_length must be less"
+        )
+    r, modulus = tether.exponent, tether.modulus
+    lengthScale = tether.length_scale or (mean if modulus is None else 1.0)
+    if modulus is None:
+        modulus = 4 / (r ** (r + 1) * (0.1 * mean / lengthScale) ** r)
+    return Tether(modulus, minLength, maxLength, lengthScale)
+
+
+def defaultStepSize(config: Config, mesh: Mesh) -> float:
+    """Return the size of a leapfrog step, in ps, for a Config that names none.
+
+    Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
+    trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on
+    spheres of 162 to 2562 vertices and on the red blood cell, to accept about three trajectories in four and to let
+    none of two thousand diverge.
+    """
+    sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
+    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
+
+
+def _stiffness(config, mesh):
+    """Estimate the largest second derivative of the energy, in kT per squared length unit.
+
+    The estimates are those for a vertex of a flat sheet of equilateral triangles (bending, with thermal roughness:
+    area), for all vertices moving along the normal (volume), for an edge so short that the tether's exponential branch
+    holds 1 kT, and for a vertex some of whose edges are as much too long.
+    """
+    membrane, number, length = config.membrane, len(mesh.vertices), mesh.edgeLengths.mean()
+    area, volume, _ = _targets(config, mesh)
+    bending = 100 * membrane.bending_modulus / length**2
+    constraints = 0.7 * membrane.area_modulus / (number * length**2) + 2 * membrane.volume_modulus * area**2 / (
+        number * volume**2
+    )
+    modulus, minLength, _, lengthScale = tetherOf(config, mesh)
+    r = config.tether.exponent
+    decades = math.log(max(modulus / (minLength / lengthScale) ** r, 1.0))
+    spring = r * (r - 1) * (r ** (r + 1) * modulus) ** (2 / r) / lengthScale**2
+    return bending + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
+
+
+def _targets(config: Config, mesh: Mesh) -> tuple[float, float, float]:
+    """Return A_0, V_0 and dA_0."""
+    membrane = config.membrane
+    area = membrane.target_area or mesh.area
+    volume = membrane.target_volume or mesh.volume
+    if membrane.reduced_volume is not None:
+        volume = volumeOfReduced(membrane.reduced_volume, area)
+    areaDifference = membrane.target_area_difference
+    if areaDifference is None:
+        areaDifference = 2 * membrane.leaflet_separation * mesh.vertexMeanCurvatures.sum()
+    return area, volume, areaDifference
+
+
+def _radius(area: float) -> float:
+    """Return the radius of a sphere of an area."""
+    return math.sqrt(area / (4 * math.pi))
+
+
+def _defaultAmplitude(area: float, mesh: Mesh) -> float:
+    """Return the amplitude of shear waves to begin with.
+
+    By rule of thumb, the energy of a strain s changes by about s sqrt(N) kT, whatever the moduli.
+    """
+    return 0.7 * _radius(area) / math.sqrt(len(mesh.vertices))

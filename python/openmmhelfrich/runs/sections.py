@@ -1,0 +1,315 @@
+"""The sections of a configuration, and their keys: what each means, its default, and what is allowed.
+
+Lengths are in the mesh's ``length_unit``, areas and volumes in its powers, energies in kT at the run's temperature,
+temperatures in K, masses in Da and times in ps.  The membrane's energy has no length scale of its own, so a unit of
+length is a label: OpenMM's nm stands for it.  A string with a unit, like "80 kJ/mol" or "0.5 um", may stand for a
+number; it is converted while the file is read.
+"""
+
+import math
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, ValidationInfo, model_validator
+
+from ..units import Scales, plainNumber, thermalEnergy
+
+
+def _scalesOf(info: ValidationInfo) -> Scales:
+    return info.context or Scales(thermalEnergy(300.0))
+
+
+def _quantity(kind: str) -> BeforeValidator:
+    """Return what lets a number have a unit."""
+    return BeforeValidator(lambda value, info: plainNumber(value, kind, _scalesOf(info)))
+
+
+def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
+    """Return what lets a positive number have a unit, or be "auto"."""
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        if value is None or value == "auto":
+            return value
+        number = plainNumber(value, kind, _scalesOf(info))
+        isNumber = isinstance(number, (int, float)) and not isinstance(number, bool)
+        if not isNumber or not (math.isfinite(number) and number > 0):
+            raise ValueError(f"it must be a positive number, in {unitName}, or 'auto'")
+        return float(number)
+
+    return PlainValidator(validate)
+
+
+Energy: TypeAlias = Annotated[float, _quantity("energy")]
+Length: TypeAlias = Annotated[float, _quantity("length")]
+Area: TypeAlias = Annotated[float, _quantity("area")]
+Volume: TypeAlias = Annotated[float, _quantity("volume")]
+Time: TypeAlias = Annotated[float, _quantity("time")]
+Mass: TypeAlias = Annotated[float, _quantity("mass")]
+Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
+StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps")]
+Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
+
+
+class Section(BaseModel):
+    """A table of the file.
+
+    Unknown keys, NaN and infinity are errors, and so are numbers in quotes that have no unit.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class MeshSection(Section):
+    """The membrane to begin with: a file, or a sphere."""
+
+    file: str | None = Field(
+        None,
+        min_length=1,
+        description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH ...), relative to the configuration's folder",
+    )
+    icosphere: int | None = Field(
+        None,
+        ge=0,
+        le=8,
+        description="instead of a file: a sphere of radius 1, an icosahedron subdivided so often; 3 gives "
+        "642 vertices, 4 gives 2562",
+    )
+    scale: float = Field(
+        1.0,
+        gt=0,
+        description="factor on the coordinates, to bring the mean edge length between 0.01 and 10, where the "
+        "power laws of tether and repulsion are meant to be used; 1 leaves them as they are",
+    )
+    length_unit: str = Field(
+        "nm",
+        min_length=1,
+        pattern=r"^\S+$",
+        description="what one unit of length is called after scaling; it labels results and is the "
+        "unit of every length that is a plain number",
+    )
+
+    @model_validator(mode="after")
+    def _oneMesh(self) -> "MeshSection":
+        if (self.file is None) == (self.icosphere is None):
+            raise ValueError(
+                "file is missing; the mesh to begin with has no default"
+                if self.file is None
+                else "file and icosphere are both given; give one of them"
+            )
+        return self
+
+
+class Targets(Section):
+    """What area, volume and area difference are driven to."""
+
+    target_area: Area | None = Field(None, gt=0, description="A_0; the mesh's own area by default")
+    target_volume: Volume | None = Field(None, gt=0, description="V_0; the mesh's own volume by default")
+    reduced_volume: float | None = Field(
+        None, gt=0, le=1, description="sets V_0 by 6 sqrt(pi) V_0/A_0^1.5 instead of target_volume"
+    )
+    target_area_difference: Area | None = Field(None, description="dA_0; the mesh's own area difference by default")
+
+    @model_validator(mode="after")
+    def _oneVolume(self) -> "Targets":
+        if self.target_volume is not None and self.reduced_volume is not None:
+            raise ValueError("target_volume and reduced_volume are both given; give one of them")
+        if self.target_area_difference == 0:
+            raise ValueError(
+                "target_area_difference is 0; it must not be, since the energy is that of the ratio dA/dA_0"
+            )
+        return self
+
+    def targetNames(self) -> list[str]:
+        """Return the names of the targets that are given."""
+        return [name for name in Targets.model_fields if getattr(self, name) is not None]
+
+
+class MembraneSection(Targets):
+    """Elasticity.  A term with modulus 0 is not computed."""
+
+    bending_modulus: Energy = Field(20.0, ge=0, description="kappa_B in kT; 20 is typical of a lipid bilayer")
+    area_modulus: Energy = Field(1e6, ge=0, description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%")
+    volume_modulus: Energy = Field(1e6, ge=0, description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%")
+    area_difference_modulus: Energy = Field(
+        0.0, ge=0, description="kappa_dA in kT; off by default, which is the spontaneous-curvature-free model"
+    )
+    leaflet_separation: Length = Field(
+        1.0, gt=0, description="h in dA = 2hM; it cancels from the energy, where only dA/dA_0 counts"
+    )
+
+
+class TetherSection(Section):
+    """Bounds on the length of edges, which keep triangles well shaped while they flow."""
+
+    modulus: Energy | None = Field(
+        None,
+        ge=0,
+        description="kappa_T in kT; by default such that an edge costs 4 kT when it is longer than "
+        "max_length by a tenth of the mean edge length: 50 where this is the length_scale, and the exponent 2",
+    )
+    length_scale: Length | None = Field(
+        None,
+        gt=0,
+        description="l_0, the unit of lengths in the tether's energy, where one modulus multiplies a wall that goes as "
+        "(l/l_0)^-r and a spring that goes as (l/l_0)^r; by default the mean edge length, or 1 where modulus is given",
+    )
+    min_length: Length | None = Field(None, gt=0, description="l_c1; by default 0.83 of the mean edge length")
+    max_length: Length | None = Field(None, gt=0, description="l_c0; by default 1.33 of the mean edge length")
+    exponent: int = Field(2, ge=1, le=100, description="r; 2 makes the long branch a spring")
+
+
+class RepulsionSection(Section):
+    """Keeps the surface from crossing itself.  Off by default: it needs a neighbor list."""
+
+    modulus: Energy = Field(0.0, ge=0, description="kappa_R in kT")
+    onset: Length | None = Field(
+        None, gt=0, description="the distance below which vertices repel each other; the tether's min_length by default"
+    )
+    exponent: int = Field(2, ge=1, le=100, description="r, as for the tether")
+    exclusion_level: Literal[0, 1, 2] = Field(
+        1, description="leave out no pair (0), bonded vertices (1), or also those that share a neighbor (2)"
+    )
+
+
+class SamplingSection(Section):
+    """Hybrid Monte Carlo with edge flips."""
+
+    steps: int = Field(
+        1000,
+        ge=1,
+        description="number of Monte Carlo steps, each a trajectory or a sweep of flips; stages have steps of their "
+        "own",
+    )
+    temperature: Temperature = Field(
+        300.0, gt=0, description="in K; energies in kT are at this temperature, whatever a stage does"
+    )
+    step_size: StepSize = Field(
+        None,
+        description="of a leapfrog step, in ps; the default is a rule of thumb for three trajectories in four "
+        'accepted; "auto" finds, '
+        "during the burn-in, the one that is accepted as often as target_acceptance says, and keeps it",
+    )
+    burn_in: int | None = Field(
+        None,
+        ge=1,
+        description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a '
+        "fifth of the stage, but no more than 1000, which determine it to a few percent",
+    )
+    target_acceptance: float = Field(
+        0.75,
+        gt=0,
+        lt=1,
+        description='what an "auto" step size, and that of an annealing stage, aim at; long trajectories give '
+        "most for their cost near 0.65, and 0.75 is safer where the membrane turns stiffer",
+    )
+    steps_per_trajectory: int = Field(
+        100, ge=1, description="steps in a trajectory, each of which computes the forces once"
+    )
+    integrator: Literal["leapfrog", "bcss2", "bcss3"] = Field(
+        "leapfrog",
+        description="of a trajectory; the splittings of two and three stages (Blanes, Casas and Sanz-Serna, 2014) "
+        "have smaller errors for the same cost; step_size remains the time per computation of forces",
+    )
+    tether_substeps: int = Field(
+        1,
+        ge=1,
+        description="how often the tether acts for each time that everything else does; with more than 1 the "
+        "step_size, of everything else, can be longer",
+    )
+    trajectory_jitter: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description="largest fraction by which the number of steps in a trajectory varies at random; 0.2 or more keeps "
+        "a mode from returning to where it began in every trajectory, 0 is the plain method",
+    )
+    momentum_refreshment: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
+        "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
+    )
+    flip_fraction: float = Field(
+        0.3,
+        ge=0,
+        description="attempts in a sweep, as a fraction of the number of edges; sweeps cost little beside "
+        "trajectories, and 0.1 makes the membrane half as fluid",
+    )
+    flip_probability: float = Field(
+        0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow"
+    )
+    shear_wave_probability: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="probability that a step is one of shear waves, which move the longest wavelengths of large "
+        "membranes faster than trajectories do; 0 makes none",
+    )
+    shear_waves_per_step: int = Field(
+        50, ge=1, description="moves in such a step, each of which costs about half as much as a leapfrog step"
+    )
+    shear_wave_cutoff: float = Field(
+        3.0,
+        ge=1,
+        description="largest wave number, in units of 1/R, for a sphere of radius R with the area A_0; the smallest is "
+        "1",
+    )
+    shear_wave_amplitude: Amplitude = Field(
+        "auto",
+        description='standard deviation of the amplitude of the longest waves; "auto" adapts it, as a step_size, to an '
+        "acceptance of 1/4, where they get furthest",
+    )
+    mass: Mass = Field(1.0, gt=0, description="of a vertex, in Da; it sets the scale of step_size and no average")
+    seed: int | None = Field(
+        None, ge=1, le=2**31 - 1, description="of all random numbers; drawn and printed by default"
+    )
+
+    @model_validator(mode="after")
+    def _probabilities(self) -> "SamplingSection":
+        if self.flip_probability + self.shear_wave_probability > 1:
+            raise ValueError(
+                f"flip_probability is {self.flip_probability:g} and shear_wave_probability "
+                f"{self.shear_wave_probability:g}; they must not add up to more than 1"
+            )
+        return self
+
+
+class PlatformSection(Section):
+    """Where OpenMM computes."""
+
+    name: str = Field("CPU", description="CPU, or Reference for clarity and its last digits")
+    threads: int | None = Field(None, ge=1, description="on CPU; all cores by default.  Results do not depend on it")
+    precision: Literal["double", "mixed"] = Field(
+        "double",
+        description='of the forces in trajectories, on CPU; "mixed" computes angles and forces in single precision, '
+        "1.5 to 1.7 times as fast, and samples the same distribution",
+    )
+
+
+class OutputSection(Section):
+    """What is written.  Every name begins with the prefix."""
+
+    prefix: str | None = Field(
+        None,
+        min_length=1,
+        description="relative to the working folder; the configuration file's name without suffix by default",
+    )
+    trajectory_interval: int = Field(100, ge=1, description="steps between frames of PREFIX.dcd and PREFIX.vtkhdf")
+    mesh_trajectory: bool = Field(
+        True,
+        description="write PREFIX.vtkhdf, which has each frame's triangles and curvature, for ParaView and pyvista",
+    )
+    observables_interval: int = Field(10, ge=1, description="steps between rows of PREFIX.csv")
+    checkpoint_interval: int | None = Field(
+        None, ge=1, description="steps between checkpoints; by default time alone decides"
+    )
+    checkpoint_seconds: float = Field(
+        300.0,
+        gt=0,
+        description="longest time between checkpoints; a kill costs so much, and a checkpoint a few milliseconds for "
+        "thousands of vertices.  When they are written changes no result",
+    )
+    mesh_format: Literal["ply", "stl", "obj", "off", "vtu", "vtk", "msh"] = Field(
+        "ply", description="of the final mesh; PLY holds double precision and opens everywhere"
+    )
+    overwrite: bool = Field(False, description="replace the files of an earlier run")

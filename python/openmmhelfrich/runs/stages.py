@@ -1,0 +1,374 @@
+"""The stages of a run: what each does in one Monte Carlo step, as a function of how many it has made, and what it must
+remember.
+
+All conditions of a step (temperature, targets, length of the trajectory) follow from its number alone.  What a stage
+remembers beside its number is what was found at its start and the state of the step size's adapter: a few numbers,
+which a checkpoint holds.  Each kind has a class here beside the one of its settings.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from openmm import app
+
+from ..helfrich import HelfrichForce
+from ..sampling.adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, stepAndAdapt
+from ..sampling.averages import averageWindows
+from ..sampling.continuation import ContinuationPath, windowLambdas
+from ..sampling.minimization import minimize, minimizeFluid
+from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
+from ..sampling.targets import absoluteTargets, currentTargets, setTargets
+from ..tables import Table
+from .scene import Scene
+from .sections import SamplingSection
+from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
+
+Adapter: TypeAlias = StepSizeAdapter | StepSizeTracker
+WaveAdapter: TypeAlias = AmplitudeAdapter | AmplitudeTracker
+_TARGET_NAMES = {
+    "target_area": "area",
+    "target_volume": "volume",
+    "reduced_volume": "reducedVolume",
+    "target_area_difference": "areaDifference",
+}
+
+
+class Stage(ABC):
+    """A part of a run.
+
+    Attributes
+    ----------
+    title : str
+        what it is called
+    steps, position : int
+        the number of steps or iterations, at most, and how many have been made
+    unit : str
+        what these are called
+    isWhole : bool
+        whether it is done in a single advance(), so that it can go on from its beginning only
+    listen : callable
+        called within a long advance(), with no arguments; if it returns True the stage stops there
+    """
+
+    unit, isWhole = "step", False
+
+    def __init__(self, settings: Any, scene: Scene, simulation: app.Simulation, force: HelfrichForce):
+        """Create the stage that settings describe, at its beginning."""
+        self.title, self.steps, self.position = settings.title, settings.totalSteps, 0
+        self.listen: Callable[[], bool] = lambda: False
+        self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
+        self._startTargets = currentTargets(simulation.context, force)
+        self._startCounters = self._counters()
+        self._adapter: Any = self._createAdapter()
+        self._waveAdapter: Any = self._createWaveAdapter()
+
+    @classmethod
+    def averages(cls, settings: Any, rows: Table) -> Table | None:
+        """Return the averages over the windows of such a stage, if it has windows, from its equilibrated rows."""
+        return None
+
+    @property
+    def isDone(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.position >= self.steps
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Make a step, or, if the stage is done as a whole, all of it."""
+
+    @abstractmethod
+    def status(self, energy: Callable[[], float]) -> str:
+        """Return how the stage does, in a few words, given a function that returns the energy, in kT."""
+
+    def window(self) -> tuple[int, bool]:
+        """Return the window of a path that the present step belongs to, and whether it is equilibrated: no burn-in."""
+        return 0, not self._isAdapting(self.position)
+
+    def acceptance(self) -> tuple[float, float]:
+        """Return the fractions of trajectories and of flips accepted since the stage began."""
+        counts = np.subtract(self._counters(), self._startCounters)
+        return counts[1] / max(counts[0], 1), counts[3] / max(counts[2], 1)
+
+    def getState(self) -> dict[str, Any]:
+        """Return what the stage remembers, fit for JSON."""
+        return {
+            "position": self.position,
+            "startTargets": self._startTargets,
+            "startCounters": self._startCounters,
+            "adapter": self._adapter and self._adapter.getState(),
+            "waveAdapter": self._waveAdapter and self._waveAdapter.getState(),
+        }
+
+    def setState(self, state: dict[str, Any]) -> None:
+        """Go on from a state that getState() returned."""
+        self.position, self._startTargets = state["position"], state["startTargets"]
+        self._startCounters = state["startCounters"]
+        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
+        if self._adapter:
+            self._adapter.setState(state["adapter"])
+        if self._waveAdapter:
+            self._waveAdapter.setState(state["waveAdapter"])
+
+    def notes(self) -> list[str]:
+        """Return what is worth telling at the end of the stage."""
+        trajectories, *_, diverged = np.subtract(self._counters(), self._startCounters)
+        if diverged <= 0.01 * trajectories:  # they were rejected, as they should be
+            return []
+        return [
+            f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size "
+            "avoids this"
+        ]
+
+    def _counters(self):
+        integrator = self._simulation.integrator
+        flips = integrator.getFlipIntegrator()
+        return [
+            integrator.getNumTrajectories(),
+            integrator.getNumAcceptedTrajectories(),
+            flips.getNumAttempted(),
+            flips.getNumAccepted(),
+            integrator.getNumDivergedTrajectories(),
+        ]
+
+    def _endTargets(self):
+        given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
+        return absoluteTargets(given, self._startTargets) if given else {}
+
+    def _createAdapter(self) -> Adapter | None:
+        return None
+
+    def _createWaveAdapter(self) -> WaveAdapter | None:
+        return None
+
+    @property
+    def _adapters(self):
+        return [adapter for adapter in (self._adapter, self._waveAdapter) if adapter is not None]
+
+    def _isAdapting(self, n):
+        return len(self._adapters) > 0
+
+
+class Minimize(Stage):
+    """A minimum of the energy.
+
+    It is found as a whole: a run that is stopped meanwhile begins it anew, from the checkpoint at its beginning.
+    """
+
+    unit, isWhole = "iteration", True
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self.steps, self._energy = self._settings.max_iterations, 0.0
+        self._result: list[str] | None = None
+
+    @property
+    def isDone(self) -> bool:
+        return self._result is not None
+
+    def advance(self) -> None:
+        """Minimize, and count this as a step."""
+        simulation, settings = self._simulation, self._settings
+        setTargets(simulation.context, self._force, self._endTargets())
+        tolerance = settings.tolerance and settings.tolerance * self._scene.kT
+        isStopped = False
+
+        def progress(iterations, energy):
+            nonlocal isStopped
+            self.position, self._energy = iterations, energy
+            isStopped = self.listen()
+            return isStopped
+
+        search = minimizeFluid if settings.fluid else minimize
+        result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
+        if not isStopped:
+            simulation.context.setStepCount(simulation.currentStep + 1)
+            self._result = [
+                f"{self.title}: {result.reason}, after {result.iterations} "
+                f"iterations{f' and {result.flips} flips' if settings.fluid else ''}",
+                *(f"{self.title}: {warning}" for warning in result.warnings),
+            ]
+
+    def status(self, energy: Callable[[], float]) -> str:
+        """Return the energy of the present iteration, in a few words."""
+        return f"energy {self._energy / self._scene.kT:.6g} kT"
+
+    def getState(self) -> dict[str, Any]:
+        return {**super().getState(), "result": self._result}
+
+    def setState(self, state: dict[str, Any]) -> None:
+        super().setState(state)
+        self._result = state["result"]
+
+    def notes(self) -> list[str]:
+        return self._result or []
+
+
+class MonteCarlo(Stage):
+    """A number of Monte Carlo steps, whose conditions are functions of the step."""
+
+    WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
+
+    def advance(self) -> None:
+        """Make a Monte Carlo step."""
+        n, simulation = self.position, self._simulation
+        simulation.integrator.setTemperature(self._temperature(n))
+        setTargets(simulation.context, self._force, self._targets(n))
+        if self._isAdapting(n):
+            stepAndAdapt(simulation, self._adapter, self._waveAdapter)
+        else:
+            simulation.step(1)
+        self.position += 1
+        self._stepped()
+
+    def status(self, energy: Callable[[], float]) -> str:
+        """Return an energy, in kT, and the rates of acceptance of the stage, in a few words."""
+        trajectories, flips = self.acceptance()
+        return f"energy {energy():.0f} kT, accepted {trajectories:.0%}, flips {flips:.0%}"
+
+    def _createWaveAdapter(self):
+        if self._scene.config.sampling.shear_wave_probability == 0 or not self._scene.adaptsWaveAmplitude:
+            return None
+        return self.WAVE_ADAPTER(self._simulation.integrator.getShearWaveIntegrator().getAmplitude())
+
+    def _temperature(self, n):
+        return self._settings.temperature or self._scene.temperature
+
+    def _targets(self, n):
+        return self._endTargets() if n == 0 else {}
+
+    def _stepped(self):
+        pass
+
+
+class Sample(MonteCarlo):
+    """Constant conditions; an automatic step size or amplitude adapts in the burn-in."""
+
+    WAVE_ADAPTER = AmplitudeAdapter
+
+    def _createAdapter(self):
+        integrator, own = self._simulation.integrator, self._settings.step_size
+        if own == "auto" or (own is None and self._scene.adaptsStepSize):
+            return StepSizeAdapter(integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+        integrator.setStepSize(own or self._scene.stepSize)
+        return None
+
+    def _isAdapting(self, n):
+        return not all(adapter.isFrozen for adapter in self._adapters)
+
+    def _stepped(self):
+        isBurnedIn = self.position >= burnIn(self._scene.config.sampling, self.steps) and all(
+            adapter.isReady for adapter in self._adapters
+        )
+        if self._isAdapting(self.position) and isBurnedIn:
+            if self._adapter:
+                self._simulation.integrator.setStepSize(self._adapter.freeze())
+            if self._waveAdapter:
+                self._simulation.integrator.getIntegrator(2).setAmplitude(self._waveAdapter.freeze())
+            self._startCounters = self._counters()  # the acceptance is that of the step size that was chosen
+
+    def notes(self) -> list[str]:
+        notes = []
+        for adapter in self._adapters:
+            value = f"{adapter.stepSize:.4g} {self._scene.lengthUnit if adapter is self._waveAdapter else 'ps'}"
+            notes.append(
+                f"{self.title}: {adapter.QUANTITY} {value}, chosen for an acceptance of {adapter.acceptance:.0%}"
+                if adapter.isFrozen
+                else (
+                    f"{self.title}: the burn-in has not ended, or was too short, and no {adapter.QUANTITY} has been "
+                    f"chosen; it is {value}"
+                )
+            )
+        return [*notes, *super().notes()]
+
+
+class Anneal(MonteCarlo):
+    """A temperature that follows a schedule; the step size keeps the acceptance."""
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._schedule = createSchedule(self._createSchedule())
+
+    def _createSchedule(self) -> Schedule:
+        settings, temperature = self._settings, self._scene.temperature
+        if settings.table is not None:
+            return TableSchedule(*zip(*settings.table))
+        start, first = settings.start_temperature or temperature, settings.cooling_start
+        if settings.rate is not None:
+            return ExponentialSchedule(start, settings.rate, settings.end_temperature, first)
+        return ExponentialSchedule.over(settings.steps - first, start, settings.end_temperature, first)
+
+    def _temperature(self, n):
+        return self._schedule(n)
+
+    def _createAdapter(self):
+        return StepSizeTracker(self._simulation.integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+
+    def window(self) -> tuple[int, bool]:
+        return 0, True
+
+
+class Continue(MonteCarlo):
+    """Targets that move window by window; an automatic step size follows while each window equilibrates."""
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._path = self._createPath()
+
+    @classmethod
+    def averages(cls, settings: Any, rows: Table) -> Table | None:
+        return averageWindows(rows, windowLambdas(settings.windows, settings.there_and_back))
+
+    def setState(self, state: dict[str, Any]) -> None:
+        super().setState(state)
+        self._path = self._createPath()
+
+    def _createPath(self):
+        s = self._settings
+        path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
+        return ContinuationPath(self._startTargets, self._endTargets(), s.windows, s.there_and_back, path)
+
+    def _place(self, n):
+        return divmod(n, self._settings.equilibration + self._settings.steps)
+
+    def _targets(self, n):
+        window, step = self._place(n)
+        return self._path.targets(window) if step == 0 else {}
+
+    def _createAdapter(self):
+        integrator = self._simulation.integrator
+        if self._scene.adaptsStepSize:
+            return StepSizeTracker(integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+        integrator.setStepSize(self._scene.stepSize)
+        return None
+
+    def _isAdapting(self, n):
+        return super()._isAdapting(n) and self._place(n)[1] < self._settings.equilibration
+
+    def window(self) -> tuple[int, bool]:
+        window, step = self._place(min(self.position, self.steps - 1))
+        return window, step >= self._settings.equilibration
+
+
+_KINDS: dict[type[StageSettings], type[Stage]] = {
+    MinimizeStage: Minimize,
+    SampleStage: Sample,
+    AnnealStage: Anneal,
+    ContinueStage: Continue,
+}
+
+
+def createStage(settings: StageSettings, scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> Stage:
+    """Return the stage that settings describe, at its beginning."""
+    return _KINDS[type(settings)](settings, scene, simulation, force)
+
+
+def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
+    """Return the averages over the windows of a stage from its equilibrated rows, None if it has no windows."""
+    return _KINDS[type(settings)].averages(settings, rows)
+
+
+def burnIn(sampling: SamplingSection, steps: int) -> int:
+    """Return the number of steps of a stage during which an automatic step size adapts."""
+    return sampling.burn_in or min(steps // 5, 1000)

@@ -1,0 +1,413 @@
+"""Whole runs: from a configuration, or from a checkpoint, through the stages to the results."""
+
+import contextlib
+import errno
+import os
+import platform as python
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import version as versionOf
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import openmm as mm
+from openmm import app
+
+from ..files import PathLike
+from ..helfrich import HelfrichForce
+from ..io.psf import writePSF
+from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
+from ..sampling.targets import currentTargets
+from ..tables import Table
+from ..version import __version__
+from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
+from .config import Config, parseConfig, readConfig
+from .configfile import writeSettings
+from .outputs import Outputs, Recorder
+from .scene import Scene, currentMesh, platformOf
+from .stages import Stage, averagesOf, createStage
+from .summary import Summary
+
+
+def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"], None] | None = None) -> Summary:
+    """Do everything that a configuration asks for and return a Summary.
+
+    Parameters
+    ----------
+    config : Config, dict or path
+        what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
+    progress : callable, optional
+        called after each step with the :class:`Study`
+
+    SIGINT and SIGTERM end the run early, after a checkpoint; its results are complete up to there.
+
+    Raises
+    ------
+    ValueError, OSError, openmm.OpenMMException
+        if the mesh, the configuration, the platform or the place for the results will not do; no file has been touched
+        then.  Later an OSError, if the disk is full; the last checkpoint is whole then
+    """
+    config = _asConfig(config)
+    scene, outputs = Scene.of(config), Outputs.of(config)
+    force = scene.createForce()
+    study = Study(scene, outputs, scene.createSimulation(force), force)
+    outputs.prepare(config.mesh.file, config.output.overwrite)
+    study.save()  # with all files empty: whatever happens from now on, the run can go on
+    return study.finish(progress)
+
+
+def resume(
+    prefix: PathLike,
+    steps: int | None = None,
+    progress: Callable[["Study"], None] | None = None,
+    platform: str | None = None,
+    threads: int | None = None,
+) -> Summary:
+    """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
+
+    What the run would have written had it never been stopped is what it writes: the files are the same to the last
+    byte.
+
+    Parameters
+    ----------
+    prefix : path
+        the first part of the names of the run's files
+    steps : int, optional
+        more Monte Carlo steps than were asked for, by the last stage if it samples and otherwise by a new one that does
+    progress : callable, optional
+        called after each step with the :class:`Study`
+    platform : str, optional
+        another platform than before.  The results are the same but for rounding errors
+    threads : int, optional
+        another number of threads than before.  Results do not depend on it
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        if there is no checkpoint, it is damaged, a file of the run is missing, or the run has no steps left
+    """
+    file = Path(f"{prefix}.checkpoint")
+    if not file.exists():
+        raise FileNotFoundError(
+            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has "
+            "begun: start one with run"
+        )
+    state = loadRunState(file)
+    config = parseConfig(state.config, str(file))
+    config.output.prefix = str(prefix)
+    outputs = Outputs.of(config)
+    if steps is not None:
+        _addSteps(config, steps)
+    elif isFinished(state, outputs):
+        raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
+    _changePlatform(config, state, platform, threads)
+    simulation, force = loadSimulation(file, *platformOf(config))
+    scene = Scene.of(config, currentMesh(simulation, force))
+    return Study(scene, outputs, simulation, force, state).finish(progress)
+
+
+def isFinished(state: RunState, outputs: Outputs) -> bool:
+    """Return whether a run has come to its end and left all of its files."""
+    return state.isComplete and all(path.exists() for path in outputs.paths())
+
+
+class Study:
+    """A run under way.
+
+    Attributes
+    ----------
+    scene : Scene
+        what to do
+    config : Config
+        its configuration, with every default filled in
+    simulation : openmm.app.Simulation
+        the membrane
+    force : HelfrichForce
+        its energy
+    stage : Stage
+        what is being done
+    index : int
+        its number, from 0
+    notes : list of str
+        what has been found out, or is to be warned of
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        outputs: Outputs,
+        simulation: app.Simulation,
+        force: HelfrichForce,
+        state: RunState | None = None,
+    ):
+        """Create a Study at its beginning, or in the state that a checkpoint has."""
+        self.scene, self.config, self.outputs, self.simulation, self.force = (
+            scene,
+            scene.config,
+            outputs,
+            simulation,
+            force,
+        )
+        state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
+        self.index, self.notes, self._versions = state.stage, list(state.notes), state.versions
+        self._recorder: Recorder | None = None
+        self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
+        self.stage = self._createStage()
+        if state.stageState is not None:
+            self.stage.setState(state.stageState)
+
+    def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
+        """Do what is left to do, draw the pictures, and return a Summary."""
+        start, firstStep = time.perf_counter(), self.simulation.currentStep
+        with self._readable():
+            writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+            self._writeSettings()
+            with (
+                StopSignals() as stop,
+                Recorder(self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes) as recorder,
+            ):
+                self._recorder = recorder
+                if not self._sizes:
+                    recorder.table.report(self.simulation, None)  # the table begins with the start
+                self._advance(recorder, stop, progress)
+                if self.stage.isDone or not self.stage.isWhole:
+                    self.save()
+            summary = self._summary(self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
+            self._draw(summary)
+        return summary
+
+    @property
+    def isComplete(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.index == len(self.config.stages) - 1 and self.stage.isDone
+
+    def save(self) -> None:
+        """Write a checkpoint."""
+        if self._recorder:
+            self._sizes = self._recorder.sync()
+        settings = self.config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}})
+        state = RunState(
+            settings,
+            self.index,
+            self.stage.getState(),
+            self._sizes,
+            self.notes,
+            self._versions,
+            self.simulation.currentStep,
+            self.isComplete,
+        )
+        saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
+        self._savedAt = time.monotonic(), self.simulation.currentStep
+
+    def observe(self) -> dict[str, float]:
+        """Return a row of the table, for the present, as a dict."""
+        moment = Moment(self.simulation, self.force, self.scene.kT, self._place())
+        return observe(moment, OBSERVABLES, self.scene.lengthUnit, "kT")
+
+    def status(self) -> str:
+        """Return the energy and the rates of acceptance of the present stage, in a few words."""
+        return self.stage.status(lambda: self.observe()["energy (kT)"])
+
+    def _advance(self, recorder, stop, progress):
+        """Go through the stages, to the end or until asked to stop."""
+        isInterrupted = False
+
+        def isToStop():
+            nonlocal isInterrupted
+            try:
+                if progress is not None:
+                    progress(self)
+            except KeyboardInterrupt:
+                isInterrupted = True
+            return isInterrupted or stop.signal is not None
+
+        while True:
+            self.stage.listen = isToStop
+            if self.stage.isWhole and not self.stage.isDone:
+                self.save()  # where it goes on if it is stopped
+            while not self.stage.isDone:
+                self.stage.advance()
+                if self.stage.isWhole and self.stage.isDone:
+                    recorder.report()
+                if isToStop():
+                    break
+                self._saveIfDue()
+            if not self.stage.isDone:
+                return
+            self._note()
+            if self.isComplete or isInterrupted or stop.signal is not None:
+                return
+            self.index += 1
+            self.stage = self._createStage()
+
+    def _createStage(self) -> Stage:
+        return createStage(self.scene.stages[self.index], self.scene, self.simulation, self.force)
+
+    def _note(self):
+        """Keep what the stage has to tell at its end."""
+        new = [
+            note
+            for note in (f"stage {self.index + 1}, {note}" for note in self.stage.notes())
+            if note not in self.notes
+        ]
+        if new:
+            self.notes += new
+            self._writeSettings()
+
+    def _saveIfDue(self):
+        output, (seconds, step) = self.config.output, self._savedAt
+        isDue = (
+            output.checkpoint_interval is not None and self.simulation.currentStep >= step + output.checkpoint_interval
+        )
+        if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
+            self.save()
+
+    def _place(self):
+        """Return where the run is, for the table."""
+        return Place(self.index + 1, *self.stage.window())
+
+    def _writeSettings(self):
+        lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
+        writeSettings(self.outputs.settings, self.config, lines)
+
+    @contextlib.contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Say what a failure to write means for the run."""
+        try:
+            yield
+        except OSError as error:
+            what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
+            raise OSError(
+                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step "
+                f"{self._savedAt[1]} is safe: openmm-helfrich resume {self.config.output.prefix} goes on from there"
+            ) from None
+
+    def _summary(self, newSteps, seconds, signal):
+        """Return the Summary of what was done."""
+        moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
+        acceptance, flipAcceptance = self.stage.acceptance()
+        return Summary(
+            config=self.config,
+            outputs=self.outputs,
+            numVertices=len(self.scene.mesh.vertices),
+            numTriangles=len(self.scene.mesh.triangles),
+            steps=self.simulation.currentStep,
+            newSteps=newSteps,
+            seconds=seconds,
+            table=readObservables(self.outputs.table),
+            targets={name: value for name, value in targets.items() if moduli[name] > 0},
+            acceptance=acceptance,
+            flipAcceptance=flipAcceptance,
+            diverged=self.simulation.integrator.getNumDivergedTrajectories(),
+            notes=self.notes,
+            interrupted=not self.isComplete,
+            signal=signal,
+        )
+
+    def _draw(self, summary):
+        mesh, lengthUnit = currentMesh(self.simulation, self.force), self.scene.lengthUnit
+        mesh.write(self.outputs.mesh)
+        plotObservables(summary.table, self.outputs.plot, lengthUnit)
+        drawMesh(mesh, self.outputs.picture, lengthUnit)
+        paths = [
+            averages
+            for settings, rows in zip(self.scene.stages, self._recordedRows(summary.table))
+            if len(rows["step"]) and (averages := averagesOf(settings, rows)) is not None
+        ]
+        if paths and self.outputs.path is not None and self.outputs.pathPlot is not None:
+            windows = Table.concatenate(paths)
+            windows.write(self.outputs.path)
+            plotPath(windows, self.outputs.pathPlot, lengthUnit)
+
+    def _recordedRows(self, table):
+        """Return the equilibrated rows of each stage."""
+        return [
+            table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1)) for i in range(len(self.scene.stages))
+        ]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the software that results depend on."""
+    return {
+        "openmm-helfrich": __version__,
+        "OpenMM": mm.Platform.getOpenMMVersion(),
+        "numpy": versionOf("numpy"),
+        "Python": python.python_version(),
+    }
+
+
+class StopSignals:
+    """Notes the signals that ask a run to stop, instead of being stopped by them; the second one of a kind does stop
+    it.
+
+    Attributes
+    ----------
+    signal : int or None
+        the one that came
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> "StopSignals":
+        if threading.current_thread() is threading.main_thread():  # others cannot have handlers
+            self._before = {number: signal.signal(number, self._ask) for number in self.SIGNALS}
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.signal = number
+        signal.signal(number, self._before[number])
+
+
+def _asConfig(config: Config | dict[str, Any] | PathLike) -> Config:
+    if isinstance(config, Config):
+        return config
+    if isinstance(config, dict):
+        config = parseConfig(config)
+        if config.output.prefix is None:
+            raise ValueError(
+                "[output] prefix is missing; a configuration that is not a file has no name to take it from"
+            )
+        return config
+    return readConfig(config)
+
+
+def _addSteps(config, steps):
+    """Let a run make more steps."""
+    if steps < 1:
+        raise ValueError(f"steps is {steps}; it must be positive")
+    config.stages[-1:] = config.stages[-1].extended(steps)
+
+
+def _changePlatform(config, state, platform, threads):
+    """Use another platform, or other versions, than before: not without saying so."""
+    if platform is not None and platform != config.platform.name:
+        state.notes.append(
+            f"from step {state.step} on platform {platform} instead of {config.platform.name}: equal to a run on one "
+            "platform but for rounding errors"
+        )
+        config.platform.name, config.platform.threads = platform, None
+    if threads is not None:
+        config.platform.threads = threads
+    changed = [
+        f"{name} {number} instead of {state.versions.get(name)}"
+        for name, number in versions().items()
+        if state.versions.get(name) != number
+    ]
+    if changed:
+        state.notes.append(
+            f"from step {state.step} with {', '.join(changed)}: perhaps no longer equal, to the last bit, to a run "
+            "that was never stopped"
+        )
+        state.versions = versions()

@@ -1,0 +1,117 @@
+"""What a run did, in a few lines."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..sampling.averages import lateRows
+from ..sampling.observables import OBSERVABLES, divergence
+from ..tables import Table
+from .config import Config
+from .outputs import Outputs
+
+
+@dataclass
+class Summary:
+    """What a run did.
+
+    Attributes
+    ----------
+    config : Config
+        the configuration, with every default filled in
+    outputs : Outputs
+        the files that were written
+    steps, newSteps : int
+        Monte Carlo steps made in all, and since the run was begun or resumed
+    seconds : float
+        what the latter took
+    table : Table
+        the observables
+    targets : dict
+        "area", "volume", "areaDifference": those at the end, of terms that are on, in powers of the length unit
+    acceptance, flipAcceptance : float
+        fractions of trajectories and flips that were accepted in the last stage
+    diverged : int
+        number of trajectories that diverged in the whole run, also while a step size was sought
+    notes : list of str
+        what the run found out, or has to warn of
+    interrupted : bool
+        whether it was stopped before its end
+    signal : int or None
+        the signal that stopped it
+    """
+
+    config: Config
+    outputs: Outputs
+    numVertices: int
+    numTriangles: int
+    steps: int
+    newSteps: int
+    seconds: float
+    table: Table
+    targets: dict[str, float]
+    acceptance: float
+    flipAcceptance: float
+    diverged: int
+    notes: list[str]
+    interrupted: bool
+    signal: int | None
+
+    def drift(self, name: str) -> float:
+        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while
+        :meth:`mean` averages.
+        """
+        target = next(observable.target for observable in OBSERVABLES if observable.name == name)
+        return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
+
+    def mean(self, name: str) -> float:
+        """Return the average of a column of the table over the second half of the last stage, or of its last window."""
+        return float(self._late[name].mean())
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Return a label and a text for each thing worth knowing at the end."""
+        kappa, last = self.config.membrane.bending_modulus, self.config.stages[-1]
+        shown = [observable for observable in OBSERVABLES if observable.digits and observable.name in self.table]
+        lines = [
+            ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
+            ("steps", self._stepsLine()),
+            ("averages", f"over the second half of the {last.lastPart(len(self.config.stages) == 1)}:"),
+        ]
+        lines += [
+            (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
+        ]
+        if last.isMonteCarlo:
+            lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
+        if self.diverged:
+            lines.append(("warning", divergence(self.diverged)))
+        lines += [(o.title, self._average(o)) for o in shown if o.unit == "energy"]
+        if kappa:
+            ratios = self.mean("E_bending") / (8 * math.pi * kappa), self.table["E_bending"][0] / (8 * math.pi * kappa)
+            lines.append(
+                (
+                    "E_B/8 pi kappa",
+                    f"{ratios[0]:.3f}, from {ratios[1]:.3f} at the start; thermal undulations add about kT/2 a vertex",
+                )
+            )
+        lines += [("note", note) for note in self.notes]
+        return [*lines, ("files", ", ".join(map(str, self.outputs.paths())))]
+
+    @cached_property
+    def _late(self) -> Table:
+        return lateRows(self.table)
+
+    def _stepsLine(self):
+        made = (
+            f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
+        )
+        stopped = (
+            f", interrupted: openmm-helfrich resume {self.config.output.prefix} goes on" if self.interrupted else ""
+        )
+        return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
+
+    def _average(self, observable):
+        name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
+        text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
+        return text + f", always within {self.drift(name):.2%} of its target" if name in self.targets else text

@@ -1,0 +1,459 @@
+"""Sweeps: the points of a grid as tasks of dask.distributed.
+
+A point is a run in a folder of its own, and its checkpoint is all that a worker needs to go on with it, so that a task
+may die and be made again anywhere.  A lock on a file in the folder keeps two workers from one point; the operating
+system takes it from a worker that dies.  When the run has ended, ``result.json`` says what came of it, and a point that
+has one is finished.
+"""
+
+import contextlib
+import csv
+import fcntl
+import json
+import math
+import signal
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import openmm as mm
+
+from ..analysis.description import describeShape
+from ..files import PathLike, replacing
+from ..geometry.measures import reducedAreaDifference
+from ..geometry.mesh import Mesh
+from ..optional import require
+from ..sampling.averages import lateRows
+from ..sampling.observables import OBSERVABLES, readObservables
+from ..tables import headOf
+from .checkpoint import loadRunState
+from .config import Config, readConfig
+from .configfile import settingsText
+from .grids import Point, readGrid
+from .outputs import Outputs
+from .studies import StopSignals, isFinished, resume, run
+
+SECONDS_BETWEEN_MESSAGES = 0.5
+SECONDS_FOR_A_LOCK = 5.0
+_stopping: set[str] = set()  # on a worker: the sweeps that were asked to stop
+
+
+@dataclass
+class PointStatus:
+    """How far a point is.
+
+    Attributes
+    ----------
+    point : Point
+        which
+    status : str
+        "waiting", "running", "done", "failed" or "stopped"
+    stage : str
+        what is being done
+    position, steps : int
+        the steps made, and to make, in this stage
+    reason : str
+        why it failed
+    observables : dict
+        what came of it
+    """
+
+    point: Point
+    status: str = "waiting"
+    stage: str = ""
+    position: int = 0
+    steps: int = 1
+    reason: str = ""
+    observables: dict = field(default_factory=dict)
+
+
+@dataclass
+class SweepResult:
+    """What came of a sweep.
+
+    Attributes
+    ----------
+    points : list of PointStatus
+        in the order of the grid
+    table : Path
+        the summary that was written: a row for each point
+    signal : int or None
+        what stopped the sweep
+    """
+
+    points: list[PointStatus]
+    table: Path
+    signal: int | None = None
+
+    def count(self, status: str) -> int:
+        """Return the number of points of a status."""
+        return sum(point.status == status for point in self.points)
+
+
+def sweep(
+    grid: PathLike,
+    output: PathLike | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: Callable[[list[PointStatus]], None] | None = None,
+) -> SweepResult:
+    """Run what is left of a grid.
+
+    Parameters
+    ----------
+    grid : path
+        the file of the grid
+    output : path, optional
+        the folder for the results; by default the grid's name without suffix
+    scheduler : str, optional
+        the address of a Dask scheduler, whose workers see the same files; by default there is one for this sweep alone,
+        on this machine
+    workers : int, optional
+        the number of processes of the latter, one for each core by default.  No result depends on it
+    progress : callable, optional
+        called with the points, several times a second
+
+    SIGINT and SIGTERM end the sweep early, after a checkpoint of every point.
+
+    Raises
+    ------
+    ValueError, OSError
+        if the grid will not do, a point has been begun with other settings, or the scheduler cannot be reached; no
+        point has been touched then
+    """
+    if scheduler is not None and workers is not None:
+        raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
+    points = readGrid(grid)
+    folder = Path(output or Path(grid).stem).resolve()
+    for point in points:
+        _place(point, folder)
+    states = [PointStatus(point) for point in points]
+    _takeFinished(states)
+    result = SweepResult(states, folder / "summary.csv")
+    folder.mkdir(parents=True, exist_ok=True)
+    with StopSignals() as stop:
+        if any(state.status == "waiting" for state in states):
+            with _client(scheduler, workers) as client:
+                _Dispatcher(client, result, stop, progress or (lambda points: None)).run()
+        result.signal = stop.signal
+    _writeTable(result)
+    return result
+
+
+def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
+    """Do what is left of a point, on a worker, and return a dict of its status, "done", "failed", "stopped" or "busy",
+    and of what there is to say.
+    """
+    folder = _folder(config)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with _locked(folder / "lock") as isOurs:
+            if not isOurs:
+                return {"status": "busy"}
+            if not _resultFile(config).exists():
+                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                    return {"status": "stopped"}
+                _writeResult(config)
+            return {"status": "done", "observables": _readResult(config)}
+    except (ValueError, OSError, mm.OpenMMException) as error:
+        return {"status": "failed", "reason": str(error)}
+    except Exception as error:  # whatever goes wrong in a point is its own affair
+        return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+
+
+def _place(point, folder):
+    """Give a point its folder; raise a ValueError if that holds a run of other settings."""
+    config = point.config
+    # The folder belongs to the point, and the lock to its run.
+    config.output.prefix, config.output.overwrite = (
+        str(folder / point.name / "run"),
+        True,
+    )
+    file = _settingsFile(config)
+    if file.exists():
+        before, now = (_comparable(c) for c in (readConfig(file), config))
+        changed = [
+            f"{key} is {now.get(key)!r}, and was {before.get(key)!r}"
+            for key in {**before, **now}
+            if before.get(key) != now.get(key)
+        ]
+        if changed:
+            raise ValueError(
+                f"point {point.name} was begun with other settings: {changed[0]}; choose another output folder, or "
+                f"delete {folder / point.name}"
+            )
+
+
+def _comparable(config):
+    """Return what a point's results depend on, by key."""
+    data = config.model_dump(
+        mode="json",
+        exclude={
+            "output": {"prefix", "overwrite", "checkpoint_interval", "checkpoint_seconds"},
+            "platform": {"threads"},
+        },
+    )
+    stages = data.pop("stages")
+    return {
+        **{f"[{section}] {key}": value for section, values in data.items() for key, value in values.items()},
+        **{f"stage {i + 1} {key}": value for i, stage in enumerate(stages) for key, value in stage.items()},
+    }
+
+
+def _folder(config):
+    return Path(config.output.prefix).parent
+
+
+def _settingsFile(config):
+    return _folder(config) / "point.toml"
+
+
+def _resultFile(config):
+    return _folder(config) / "result.json"
+
+
+@contextlib.contextmanager
+def _locked(file):
+    """Lock a file and tell whether that was possible within a few seconds."""
+    with open(file, "a") as lock:
+        end = time.monotonic() + SECONDS_FOR_A_LOCK
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    yield False
+                    return
+                time.sleep(0.1)
+        yield True  # closing the file unlocks it
+
+
+def _goOn(config, progress):
+    """Begin a run, or go on with it, and return its Summary; None if it has come to its end already."""
+    outputs = Outputs.of(config)
+    if not outputs.checkpoint.exists():
+        _writeSettings(config)
+        return run(config, progress)
+    if isFinished(loadRunState(outputs.checkpoint), outputs):
+        return None
+    return resume(config.output.prefix, progress=progress, threads=config.platform.threads)
+
+
+def _writeSettings(config):
+    with replacing(_settingsFile(config)) as part:
+        part.write_text(
+            settingsText(config, ["The settings of this point, as openmm-helfrich run takes them."]), encoding="utf-8"
+        )
+
+
+def _isStopped(summary):
+    return summary is not None and summary.interrupted
+
+
+class _Messenger:
+    """Tells the sweep how far a point is, and the point to stop if the sweep is to.
+
+    Called with the Study after each step.
+    """
+
+    def __init__(self, name, sweepName):
+        from distributed import get_worker
+
+        self._name, self._sweep, self._log, self._saidAt = name, sweepName, get_worker().log_event, -math.inf
+
+    def __call__(self, study):
+        if self._sweep in _stopping:
+            raise KeyboardInterrupt
+        now = time.monotonic()
+        if now >= self._saidAt + SECONDS_BETWEEN_MESSAGES:
+            self._saidAt = now
+            stage = study.stage
+            self._log(
+                self._sweep,
+                {
+                    "name": self._name,
+                    "stage": f"{study.index + 1}/{len(study.config.stages)} {stage.title}",
+                    "position": stage.position,
+                    "steps": stage.steps,
+                },
+            )
+
+
+def _writeResult(config):
+    with replacing(_resultFile(config)) as part:
+        part.write_text(json.dumps(observe(config), indent=1) + "\n", encoding="utf-8")
+
+
+def _readResult(config):
+    return json.loads(_resultFile(config).read_text(encoding="utf-8"))
+
+
+def observe(config: Config) -> dict[str, Any]:
+    """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the
+    final shape.
+
+    Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`.  Acceptance
+    rates are those of the whole run.
+    """
+    outputs, kappa, lengthUnit = Outputs.of(config), config.membrane.bending_modulus, config.mesh.length_unit
+    table, shape = readObservables(outputs.table), describeShape(Mesh.read(outputs.mesh))
+    late = lateRows(table)
+    mean = {name: float(late[name].mean()) for name in ("E_bending", "area", "meanCurvature")}
+    averaged = [o for o in OBSERVABLES if o.inSweep == "mean" and o.name in table]
+    means = {headOf(o.name, o.unitIn(lengthUnit)): float(late[o.name].mean()) for o in averaged if o.unit}
+    return {
+        "steps": int(table["step"][-1]),
+        "shapeClass": shape.shapeClass,
+        "E_bending/8 pi kappa": mean["E_bending"] / (8 * math.pi * kappa) if kappa > 0 else None,
+        **{o.name: float(late[o.name].mean()) for o in averaged if not o.unit},
+        "reducedAreaDifference": reducedAreaDifference(mean["area"], mean["meanCurvature"]),
+        **means,
+        **{o.name: float(table[o.name][-1]) for o in OBSERVABLES if o.inSweep == "last" and o.name in table},
+    }
+
+
+def _takeFinished(states):
+    for state in states:
+        if _resultFile(state.point.config).exists():
+            state.status, state.observables = "done", _readResult(state.point.config)
+
+
+@contextlib.contextmanager
+def _client(scheduler, workers):
+    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long."""
+    distributed = require("distributed", "a sweep", "sweep")
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, timeout=10)
+        except (OSError, ValueError) as error:
+            raise ConnectionError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+        with client:
+            yield client
+        return
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            dashboard_address="127.0.0.1:0",
+            silence_logs="CRITICAL",
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        client.register_worker_callbacks(_ignoreInterrupts)
+        yield client
+
+
+def _ignoreInterrupts():
+    """Leave Ctrl-C, which a terminal sends to every process, to the sweep."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _askToStop(sweepName):
+    """Let the points of a sweep that run on a worker end, after a checkpoint."""
+    _stopping.add(sweepName)
+
+
+class _Dispatcher:
+    """Hands points to workers, as many as there are threads for, until none is left."""
+
+    def __init__(self, client, result, stop, progress):
+        self._client, self._result, self._stop, self._progress = client, result, stop, progress
+        self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
+        self._states = {state.point.name: state for state in result.points}
+        self._waiting = [state.point for state in result.points if state.status == "waiting"]
+        self._running = {}  # points by their futures
+
+    def run(self):
+        self._client.subscribe_topic(self._name, self._hear)
+        while self._running or self._waiting:
+            if self._stop.signal is not None:
+                self._waiting = []
+                self._client.run(_askToStop, self._name, on_error="ignore")
+            self._handOut()
+            self._wait()
+            self._collect()
+            self._progress(self._result.points)
+        self._client.unsubscribe_topic(self._name)
+
+    def _handOut(self):
+        free = max(0, sum(self._client.nthreads().values()) - len(self._running))
+        for point in self._waiting[:free]:
+            future = self._client.submit(
+                runPoint, point.config, point.name, self._name, key=f"{point.name}-{uuid.uuid4().hex}", pure=False
+            )
+            self._running[future] = point
+        del self._waiting[:free]
+
+    def _wait(self):
+        from distributed import TimeoutError, wait
+
+        if not self._running:
+            time.sleep(SECONDS_BETWEEN_MESSAGES)  # no worker is there yet
+            return
+        with contextlib.suppress(TimeoutError):
+            wait(list(self._running), timeout=SECONDS_BETWEEN_MESSAGES, return_when="FIRST_COMPLETED")
+
+    def _collect(self):
+        hasNews = False
+        for future in [future for future in self._running if future.done()]:
+            point = self._running.pop(future)
+            state, outcome = self._states[point.name], self._outcome(future)
+            if outcome["status"] == "busy":  # with another sweep, or a worker that is thought dead: later perhaps
+                self._waiting.append(point)
+                continue
+            state.status, state.reason, state.observables = (
+                outcome["status"],
+                outcome.get("reason", ""),
+                outcome.get("observables", {}),
+            )
+            hasNews = True
+        if hasNews:
+            _writeTable(self._result)
+
+    @staticmethod
+    def _outcome(future):
+        if future.status == "finished":
+            return future.result()
+        error = future.exception()
+        if type(error).__name__ == "KilledWorker":
+            return {
+                "status": "failed",
+                "reason": (
+                    f"{error.allowed_failures + 1} workers died while they ran it; the next sweep goes on from "
+                    "its checkpoint"
+                ),
+            }
+        return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+
+    def _hear(self, event):
+        """Take a message of a point, on the Client's thread."""
+        _, message = event
+        state = self._states[message["name"]]
+        if state.status in ("waiting", "running"):
+            state.status = "running"
+            state.stage, state.position, state.steps = message["stage"], message["position"], message["steps"]
+
+
+def _writeTable(result):
+    """Write a row for each point, replacing the table in a single step."""
+    heads = dict.fromkeys(name for state in result.points for name in state.point.parameters)
+    columns = dict.fromkeys(name for state in result.points for name in state.observables)
+    with replacing(result.table) as part, open(part, "w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([*heads, "status", *columns, "reason", "folder"])
+        for state in result.points:
+            status = state.status if state.status in ("done", "failed") else "unfinished"
+            writer.writerow(
+                [
+                    *(state.point.parameters.get(name) for name in heads),
+                    status,
+                    *(state.observables.get(name) for name in columns),
+                    state.reason,
+                    state.point.name,
+                ]
+            )

@@ -1,0 +1,250 @@
+"""Configurations of TriMem (https://github.com/bio-phys/trimem) converted to ours.
+
+TriMem's energies are multiples of a unit in which its initial temperature is a number, 1 as a rule; ours are multiples
+of kT at that temperature, which is called 300 K here.  Its targets are fractions of the mesh's own area, volume and
+mean curvature; ours are areas and volumes.  Terms and their exponents are the same.
+"""
+
+import configparser
+import math
+from pathlib import Path
+
+from ..files import PathLike
+from ..geometry.mesh import Mesh
+from ..units import thermalEnergy
+from .config import parseConfig
+from .configfile import configText
+
+TEMPERATURE = 300.0
+MINIMAL_TEMPERATURE = 1e-6  # in TriMem's unit
+LARGEST_WINDOWS = 20
+
+# What concerns the way in which TriMem computes or prints, and has no counterpart.
+_WITHOUT_COUNTERPART = {
+    "general": {"output_format", "restart_prefix"},
+    "surfacerepulsion": {"n_search", "rlist", "refresh"},
+    "hmc": {"init_step"},
+    "bonds": {"a0"},
+    "minimization": {"out_every"},
+}
+
+
+def convertConfig(file: PathLike) -> str:
+    """Return the text of our configuration file for one of TriMem's.
+
+    Parameters
+    ----------
+    file : path
+        TriMem's configuration, in INI format; the mesh that it names is read too
+
+    Raises
+    ------
+    FileNotFoundError
+        if the file or the mesh is missing
+    ValueError
+        if it is not a configuration of TriMem, or asks for what there is no counterpart of
+    """
+    path = Path(file)
+    source = _Source(path)
+    mesh = Mesh.read(source.mesh)
+    data, comments = _convert(source, mesh)
+    parseConfig(data, str(path))
+    return configText(
+        data,
+        [
+            f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.",
+            *comments,
+            *source.leftOut(),
+        ],
+    )
+
+
+class _Source:
+    """TriMem's configuration, which notes the keys that were asked for."""
+
+    def __init__(self, path):
+        if not path.exists():
+            raise FileNotFoundError(f"there is no configuration file {path}")
+        self.stem = str(path.with_suffix(""))
+        self._parser, self._path, self._asked = (
+            configparser.ConfigParser(inline_comment_prefixes=("#", ";")),
+            path,
+            set(),
+        )
+        try:
+            self._parser.read_string(path.read_text(encoding="utf-8"))
+        except (configparser.Error, UnicodeDecodeError) as error:
+            raise ValueError(f"{path} is not a configuration of TriMem: {' '.join(str(error).split())}") from None
+        if not self._parser.has_section("ENERGY"):
+            raise ValueError(f"{path} is not a configuration of TriMem: it has no section [ENERGY]")
+        self.mesh = Path(self.text("GENERAL", "input", str(path.with_suffix(".stl"))))
+        if not self.mesh.exists():
+            raise FileNotFoundError(
+                f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed"
+            )
+
+    def text(self, section, key, default):
+        """Return a value as a string."""
+        self._asked.add((section.lower(), key))
+        return self._parser.get(section, key, fallback=default)
+
+    def number(self, section, key, default):
+        """Return a value as a number of the type of the default."""
+        text = self.text(section, key, None)
+        try:
+            value = default if text is None else type(default)(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(
+                f"{self._path}: [{section}] {key} is {text!r}; it must be "
+                f"{'a whole number' if isinstance(default, int) else 'a number'}"
+            )
+        return value
+
+    def meshForAnyFolder(self):
+        """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless
+        TriMem's is in the present one.
+        """
+        return self.mesh if self._path.parent == Path() else self.mesh.resolve()
+
+    def leftOut(self):
+        """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
+        keys = [
+            (section, key)
+            for section in self._parser.sections()
+            for key in self._parser[section]
+            if (section.lower(), key) not in self._asked
+        ]
+        known = [key for section, key in keys if key in _WITHOUT_COUNTERPART.get(section.lower(), ())]
+        unknown = [
+            f"[{section}] {key}" for section, key in keys if key not in _WITHOUT_COUNTERPART.get(section.lower(), ())
+        ]
+        lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
+        return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+
+
+def _convert(source, mesh):
+    """Return our configuration as a nested dict, and comments on it."""
+    if source.text("BONDS", "bond_type", "Edge") != "Edge":
+        raise ValueError("[BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
+    unit = source.number("HMC", "initial_temperature", 1.0)
+    if unit <= 0:
+        raise ValueError(f"[HMC] initial_temperature is {unit:g}; it must be positive")
+
+    def energy(key):
+        return source.number("ENERGY", key, 1.0) / unit
+
+    length = float(mesh.edgeLengths.mean())
+    moduli = {
+        "bending_modulus": energy("kappa_b"),
+        "area_modulus": energy("kappa_a"),
+        "volume_modulus": energy("kappa_v"),
+        "area_difference_modulus": energy("kappa_c"),
+    }
+    start, end = _targets(source, mesh)
+    for name in [name for name in start if not moduli[name.removeprefix("target_") + "_modulus"]]:
+        del start[name], end[name]  # of a term that is off
+    data = {
+        "mesh": {"file": str(source.meshForAnyFolder())},
+        "membrane": {**moduli, **start},
+        "tether": {
+            "modulus": energy("kappa_t"),
+            "min_length": source.number("BONDS", "lc1", 0.75 * length),
+            "max_length": source.number("BONDS", "lc0", 1.25 * length),
+            "exponent": source.number("BONDS", "r", 2),
+        },
+        "sampling": _sampling(source, unit),
+        "output": _output(source),
+    }
+    onset, modulus = source.number("SURFACEREPULSION", "lc1", 0.0), energy("kappa_r")
+    exponent, level = source.number("SURFACEREPULSION", "r", 2), source.number("SURFACEREPULSION", "exclusion_level", 2)
+    if onset > 0 and modulus > 0:
+        data["repulsion"] = {"modulus": modulus, "onset": onset, "exponent": exponent, "exclusion_level": level}
+    data["stages"], comments = _stages(source, start, end)
+    return data, comments
+
+
+def _targets(source, mesh):
+    """Return our targets at TriMem's continuation_lambda, and at its lambda of 1."""
+    own = {
+        "target_area": ("area_fraction", mesh.area),
+        "target_volume": ("volume_fraction", mesh.volume),
+        "target_area_difference": ("curvature_fraction", 2 * float(mesh.vertexMeanCurvatures.sum())),
+    }
+    fractions = {name: source.number("ENERGY", key, 1.0) for name, (key, _) in own.items()}
+
+    def at(progress):
+        return {name: (1 - progress * (1 - fractions[name])) * own[name][1] for name in own}
+
+    return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
+
+
+def _sampling(source, unit):
+    """Return our section [sampling]."""
+    fraction = source.number("HMC", "flip_ratio", 0.1)
+    mass = source.number("HMC", "momentum_variance", 1.0)
+    # A step is as long against the motion of a vertex when step^2 energy/(mass length^2) is the same number.
+    step = source.number("HMC", "step_size", 1.0) * math.sqrt(unit / thermalEnergy(TEMPERATURE))
+    return {
+        "temperature": TEMPERATURE,
+        "step_size": step,
+        "steps_per_trajectory": source.number("HMC", "traj_steps", 10),
+        "mass": mass,
+        "flip_fraction": 0.0 if source.text("HMC", "flip_type", "serial") == "none" else fraction,
+    }
+
+
+def _output(source):
+    """Return our section [output]."""
+    output = {"prefix": source.text("GENERAL", "output_prefix", source.stem)}
+    for key, value in (
+        ("trajectory_interval", source.number("HMC", "thin", 10)),
+        ("observables_interval", source.number("GENERAL", "info", 1)),
+        ("checkpoint_interval", source.number("GENERAL", "checkpoint_every", 0)),
+    ):
+        if value > 0:
+            output[key] = value
+    return output
+
+
+def _stages(source, start, end):
+    """Return our stages, and comments on them."""
+    iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
+    rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)
+    delta, progress = (
+        source.number("ENERGY", "continuation_delta", 0.0),
+        source.number("ENERGY", "continuation_lambda", 1.0),
+    )
+    if source.text("GENERAL", "algorithm", "hmc") == "minimize":
+        return [{"kind": "minimize", "fluid": False, "max_iterations": iterations}], []
+    stages, comments = [], []
+    if delta > 0 and progress < 1 and start != end:
+        moving = min(math.ceil((1 - progress) / delta), steps)
+        reached = min(1.0, moving * delta / (1 - progress))
+        windows = min(LARGEST_WINDOWS, moving)
+        goals = {name: start[name] + reached * (end[name] - start[name]) for name in start if end[name] != start[name]}
+        stages.append(
+            {
+                "kind": "continue",
+                "windows": windows,
+                "equilibration": 0,
+                "steps": max(1, round(moving / (windows + 1))),
+                **goals,
+            }
+        )
+        comments.append(f"lambda moves in {windows} windows instead of at every step.")
+        steps, first = steps - moving, first - moving
+        if first < 0 and rate > 0:
+            comments.append("Cooling begins after the continuation, and not during it.")
+    if steps > 0:
+        cools = rate > 0 and max(first, 0) < steps
+        cooling = {
+            "kind": "anneal",
+            "steps": steps,
+            "end_temperature": MINIMAL_TEMPERATURE * TEMPERATURE,
+            "rate": rate,
+            "cooling_start": max(first, 0),
+        }
+        stages.append(cooling if cools else {"kind": "sample", "steps": steps})
+    return stages, comments

@@ -1,0 +1,194 @@
+"""Continuation: targets that go from where they are to where they should be, eta(lambda) = lambda eta_1 + (1-lambda)
+eta_0, window by window.
+
+Each target may have a lambda of its own.  On the way back the windows are the same, so that hysteresis shows as a
+difference between the two branches. The method is that of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+"""
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import app, unit
+
+from ..helfrich import HelfrichForce
+from ..tables import Table
+from .averages import averageWindows
+from .reporters import ObservablesReporter
+from .targets import absoluteTargets, currentTargets, setTargets
+
+Number: TypeAlias = float | unit.Quantity
+
+
+def windowLambdas(windows: int, thereAndBack: bool) -> NDArray[np.float64]:
+    """Return how far along a path each window is: from 0 to 1 and, there and back, to 0 again."""
+    uniform = np.linspace(0, 1, int(windows) + 1)
+    return np.concatenate((uniform, uniform[-2::-1])) if thereAndBack else uniform
+
+
+class ContinuationPath:
+    """The targets of each window.
+
+    Attributes
+    ----------
+    lambdas : array of float
+        how far along the path each window is
+    """
+
+    def __init__(
+        self,
+        start: dict[str, float],
+        end: dict[str, float],
+        windows: int,
+        thereAndBack: bool = False,
+        path: dict[str, Sequence[float]] | None = None,
+    ):
+        """Create a ContinuationPath.
+
+        Parameters
+        ----------
+        start, end : dict
+            targets by name, in powers of nm; those that `end` does not name stay as they are
+        windows : int
+            the number of equal steps of lambda
+        thereAndBack : bool
+            whether to return by the same windows
+        path : dict, optional
+            a lambda for each of the windows+1 points by the name of the target, instead of equal steps
+
+        Raises
+        ------
+        ValueError
+            if a target is not one that `end` names, is not positive or 0 where it must not be, or a number of values is
+            wrong
+        """
+        if windows != int(windows) or windows < 1:
+            raise ValueError(f"continuation: windows is {windows}; it must be a whole number, 1 or more")
+        self.lambdas, uniform = windowLambdas(windows, thereAndBack), windowLambdas(windows, False)
+        self._values = {}
+        for name, value in end.items():
+            lambdas = self._lambdasOf(name, (path or {}).get(name), uniform)
+            self._values[name] = lambdas * value + (1 - lambdas) * start[name]
+            self._check(name, self._values[name])
+        for name in path or {}:
+            if name not in end:
+                raise ValueError(f"continuation: path has '{name}'; it must be one of the targets: {', '.join(end)}")
+
+    def targets(self, window: int) -> dict[str, float]:
+        """Return the targets of a window by name, in powers of nm."""
+        points = (len(self.lambdas) + 1) // 2 if self.lambdas[-1] == 0 else len(self.lambdas)
+        point = window if window < points else len(self.lambdas) - 1 - window
+        return {name: float(values[point]) for name, values in self._values.items()}
+
+    @staticmethod
+    def _lambdasOf(name, given, uniform):
+        if given is None:
+            return uniform
+        given = np.asarray(given, dtype=float)
+        if given.shape != uniform.shape or not np.all(np.isfinite(given)):
+            raise ValueError(
+                f"continuation: the path of {name} has {given.size} values; it must have {len(uniform)} finite ones, "
+                "one more than there are windows"
+            )
+        return given
+
+    @staticmethod
+    def _check(name, values):
+        wrong = values[(values <= 0) if name != "areaDifference" else (values == 0)]
+        if len(wrong):
+            raise ValueError(
+                f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must "
+                f"{'not be 0' if name == 'areaDifference' else 'be positive'}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuationResult:
+    """What was seen along a path.
+
+    Attributes
+    ----------
+    windows : Table
+        averages over each window: "window", "lambda", and for each quantity its mean and, with a name that ends in
+        "Deviation", its standard deviation
+    rows : Table
+        all observations, with the window that each belongs to
+    """
+
+    windows: Table
+    rows: Table
+
+    def toDataFrame(self) -> Any:
+        """Return a pandas.DataFrame with a row for each window."""
+        return self.windows.toDataFrame()
+
+
+def continueTo(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    targets: dict[str, Number],
+    windows: int = 10,
+    equilibration: int = 100,
+    steps: int = 100,
+    thereAndBack: bool = False,
+    path: dict[str, Sequence[float]] | None = None,
+    interval: int = 1,
+    temperature: Number | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> ContinuationResult:
+    """Lead a membrane's targets to new values while it is sampled, and average over each window of the way.
+
+    Parameters
+    ----------
+    simulation : openmm.app.Simulation
+        what to lead; its targets are where the path begins
+    force : HelfrichForce
+        the membrane
+    targets : dict
+        where to go: "area", "volume" or "reducedVolume", "areaDifference", in powers of nm or with units.  A reduced
+        volume is that of the target area
+    windows : int
+        the number of equal steps from 0 to 1 that lambda makes
+    equilibration, steps : int
+        Monte Carlo steps in each window, before and during its average
+    thereAndBack : bool
+        whether to return by the same windows
+    path : dict, optional
+        a lambda of its own for a target: windows+1 values, by its name
+    interval : int
+        steps between observations
+    temperature : float or Quantity, optional
+        the unit of the energies in the result is kT at this temperature, in K, instead of kJ/mol
+    progress : callable, optional
+        called after each window with the number done and the number of all
+
+    Raises
+    ------
+    ValueError
+        if a target or a number is out of range
+    """
+    start = currentTargets(simulation.context, force)
+    line = ContinuationPath(start, absoluteTargets(targets, start), windows, thereAndBack, _absoluteNames(path))
+    if interval < 1 or steps < interval or equilibration < 0:
+        raise ValueError(
+            f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be "
+            "0, the interval and 1, or more"
+        )
+    observer, rows = ObservablesReporter(io.StringIO(), interval, force, temperature), []
+    for window in range(len(line.lambdas)):
+        setTargets(simulation.context, force, line.targets(window))
+        simulation.step(equilibration)
+        for _ in range(steps // interval):
+            simulation.step(interval)
+            rows.append({**observer.observe(simulation), "window": window})
+        if progress is not None:
+            progress(window + 1, len(line.lambdas))
+    table = Table.ofRows(rows)
+    return ContinuationResult(averageWindows(table, line.lambdas), table)
+
+
+def _absoluteNames(path):
+    return {"volume" if name == "reducedVolume" else name: values for name, values in (path or {}).items()}

@@ -1,0 +1,400 @@
+"""Minima of a membrane's energy, at fixed connectivity or with a connectivity that flows."""
+
+import math
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import openmm as mm
+from openmm import app, unit
+
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce
+from ..optional import dataFrame
+from ..units import valueIn
+
+_ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
+_PENALTIES = ("area", "volume", "areaDifference")
+# A tether whose energy is a larger part of the bending energy than this bends the shape, or the mesh is still on its
+# way.
+_TETHER_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class MinimizationResult:
+    """What a minimization came to.
+
+    Attributes
+    ----------
+    energies : dict of str to Quantity
+        the energy of each term of the membrane, in kJ/mol, as :meth:`HelfrichForce.getEnergyTermsInContext` names them
+    energy : Quantity
+        the potential energy of the whole System, in kJ/mol
+    rmsForce : Quantity
+        root mean square of the components of the forces, in kJ/mol/nm
+    iterations, flips, rounds : int
+        iterations of L-BFGS, accepted flips, and times that flips took turns with L-BFGS
+    converged : bool
+        whether the forces fell below the tolerance and no flip lowers the energy
+    reason : str
+        why it ended, in words
+    history : array of float
+        the energy after each iteration, in kJ/mol, of the terms as they were then: while penalties are softened they
+        count as such
+    warnings : tuple of str
+        what a user should know about the minimum, such as a tether that bends it
+    """
+
+    energies: dict
+    energy: unit.Quantity
+    rmsForce: unit.Quantity
+    iterations: int
+    flips: int
+    rounds: int
+    converged: bool
+    reason: str
+    history: np.ndarray
+    warnings: tuple
+
+    def toDataFrame(self) -> Any:
+        """Return a pandas.DataFrame with the energy after each iteration, in kJ/mol."""
+        return dataFrame({"iteration": np.arange(len(self.history)), "energy": self.history})
+
+
+def minimize(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    tolerance: float | unit.Quantity | None = None,
+    maxIterations: int = 0,
+    progress: Callable[[int, float], bool] | None = None,
+) -> MinimizationResult:
+    """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's
+    LocalEnergyMinimizer (L-BFGS).
+
+    Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
+
+    Parameters
+    ----------
+    simulation : openmm.app.Simulation
+        what to minimize; its positions change, its velocities do not
+    force : HelfrichForce
+        the membrane
+    tolerance : float or Quantity, optional
+        the root mean square of the components of the forces, in kJ/mol/nm, at which to stop; by default kappa_B l/(4A),
+        with the mean edge length l and the area A: it falls with l since the forces of a slow, long wave are shared by
+        more vertices
+    maxIterations : int
+        the number of iterations at which to stop, or 0 for no limit
+    progress : callable, optional
+        called after each iteration with their number so far and the energy in kJ/mol; if it returns True the
+        minimization ends
+
+    Raises
+    ------
+    ValueError
+        if an argument is out of range
+    openmm.OpenMMException
+        if the energy or a force is not finite at the start, or nowhere along the way down; the positions are then those
+        at the start
+    """
+    descent = _Descent(simulation, force, tolerance, maxIterations, progress)
+    with _restoredOnError(simulation, force):
+        reason = descent.run()
+        return descent.result(reason, 0, 0)
+
+
+def minimizeFluid(
+    simulation: app.Simulation,
+    force: HelfrichForce,
+    tolerance: float | unit.Quantity | None = None,
+    maxIterations: int = 10000,
+    progress: Callable[[int, float], bool] | None = None,
+    soften: bool = True,
+    iterationsPerRound: int = 50,
+) -> MinimizationResult:
+    """Find a minimum of a fluid membrane's energy: L-BFGS takes turns with edge flips at zero temperature until neither
+    lowers the energy.
+
+    Where the area, volume and area difference are far from their targets, stiff penalties would crumple the membrane on
+    the way there.  Their moduli are then first multiplied by the ratio of bending to penalty energy, and raised tenfold
+    from minimum to minimum up to their own values.
+
+    The flips are those of the Simulation's EdgeFlipIntegrator, whose temperature and fraction, and the Context's step
+    count, are afterwards as before.  Its counters of sweeps and flips go on.
+
+    Parameters
+    ----------
+    simulation : openmm.app.Simulation
+        what to minimize, with a HybridMonteCarloIntegrator or an EdgeFlipIntegrator
+    force : HelfrichForce
+        the membrane
+    tolerance, progress
+        as for :func:`minimize`
+    maxIterations : int
+        the number of iterations at which to stop
+    soften : bool
+        whether to soften penalties that are far from their targets
+    iterationsPerRound : int
+        the number of iterations between flips
+
+    Raises
+    ------
+    ValueError
+        if an argument is out of range, or the Simulation has no flips
+    openmm.OpenMMException
+        as for :func:`minimize`; positions, triangles and moduli are then those at the start
+    """
+    if maxIterations < 1 or iterationsPerRound < 1:
+        raise ValueError(
+            f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must "
+            "be at least 1"
+        )
+    descent = _Descent(simulation, force, tolerance, maxIterations, progress)
+    with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
+        rounds = flips = 0
+        for scale in _softening(simulation, force) if soften else [1.0]:
+            with _scaledPenalties(simulation, force, scale):
+                reason, newRounds, newFlips = _settle(descent, flip, iterationsPerRound, 1 if scale == 1 else 10)
+            rounds, flips = rounds + newRounds, flips + newFlips
+            if descent.isOver:
+                break
+        return descent.result(reason, flips, rounds)
+
+
+def _settle(descent, flip, iterationsPerRound, looseness):
+    """Let L-BFGS and flips take turns until neither lowers the energy, or, at penalties to be stiffened yet, until it
+    is near enough.
+    """
+    rounds = flips = stalled = 0
+    while True:
+        reason = descent.run(iterationsPerRound, looseness)
+        accepted = flip()
+        rounds, flips = rounds + 1, flips + accepted
+        if descent.isOver or (looseness > 1 and rounds == 12):
+            return reason, rounds, flips
+        if accepted == 0 and reason == _CONVERGED:
+            return reason, rounds, flips
+        # The flips of a round may open a way that the line search did not find.
+        stalled = stalled + 1 if reason == _STALLED else 0
+        if (stalled > 0 and accepted == 0) or stalled == 5:
+            return reason, rounds, flips
+
+
+_CONVERGED = "the forces fell below the tolerance"
+_STALLED = (
+    "no lower energy was found along the forces: the energy is rough there, as where triangles are flat or folded; a "
+    "firmer tether helps"
+)
+_LIMIT = "the greatest number of iterations was reached"
+_STOPPED = "the caller ended it"
+_ROUND = "the iterations of a round were made"
+
+
+class _Descent:
+    """Descends by L-BFGS, in one run or several, and keeps count."""
+
+    def __init__(self, simulation, force, tolerance, maxIterations, progress):
+        self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
+        self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
+        if not (math.isfinite(self.tolerance) and self.tolerance > 0):
+            raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
+        if maxIterations < 0 or maxIterations != int(maxIterations):
+            raise ValueError(f"maxIterations is {maxIterations}; it must be a whole number, 0 or more")
+        self.history, self.isOver = [], False
+
+    def run(self, iterations=0, looseness=1):
+        """Make a number of iterations, or as many as it takes, and return the reason for the end."""
+        tolerance, first = looseness * self.tolerance, len(self.history)
+        while True:
+            energy, rmsForce = self._measure()
+            if rmsForce <= tolerance:
+                return _CONVERGED
+            left = [
+                n
+                for n in (
+                    iterations and iterations - len(self.history) + first,
+                    self.maxIterations and self.maxIterations - len(self.history),
+                )
+                if n
+            ]
+            recorder = self._descend(tolerance, min(left, default=0))
+            if recorder.isStopped or (self.maxIterations and len(self.history) >= self.maxIterations):
+                self.isOver = True
+                return _STOPPED if recorder.isStopped else _LIMIT
+            if iterations and len(self.history) - first >= iterations:
+                return _CONVERGED if self._measure()[1] <= tolerance else _ROUND
+            if energy - self._measure()[0] <= 1e-9 * abs(energy):
+                return _CONVERGED if self._measure()[1] <= tolerance else _STALLED
+
+    def result(self, reason, flips, rounds):
+        energy, rmsForce = self._measure()
+        energies = self.force.getEnergyTermsInContext(self.simulation.context)
+        return MinimizationResult(
+            energies,
+            energy * _ENERGY,
+            rmsForce * _FORCE,
+            len(self.history),
+            flips,
+            rounds,
+            reason == _CONVERGED,
+            reason,
+            np.array(self.history),
+            tuple(_warnings(energies)),
+        )
+
+    def _descend(self, tolerance, iterations):
+        """Run L-BFGS once.
+
+        The Context may be left at a step that the line search has tried: the best positions are the last reported.
+        """
+        context, recorder = self.simulation.context, _Recorder(self, tolerance)
+        start = context.getState(positions=True).getPositions(asNumpy=True)
+        try:
+            mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
+        except mm.OpenMMException:
+            # A step of the line search led where there is no finite energy.  From the best positions it may find
+            # another way.
+            if recorder.positions is None:
+                context.setPositions(start)
+                raise
+        context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
+        return recorder
+
+    def _measure(self):
+        """Return the energy and the root mean square of the components of the forces."""
+        groups = self.simulation.integrator.getIntegrationForceGroups()
+        state = self.simulation.context.getState(energy=True, forces=True, groups=groups)
+        forces = state.getForces(asNumpy=True).value_in_unit(_FORCE)
+        system = self.simulation.system
+        free = [i for i in range(system.getNumParticles()) if system.getParticleMass(i)._value > 0]
+        energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free] ** 2))
+        if not (math.isfinite(energy) and math.isfinite(rmsForce)):
+            raise mm.OpenMMException(
+                f"minimization: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; "
+                "both must be finite"
+            )
+        return energy, rmsForce
+
+
+class _Recorder(mm.MinimizationReporter):
+    """Remembers positions and energies of the iterations, and ends them when forces are small or the caller asks."""
+
+    def __init__(self, descent, tolerance):
+        super().__init__()
+        self._descent, self._tolerance = descent, tolerance
+        self.positions, self.isStopped = None, False
+
+    def report(self, iteration, x, grad, args):
+        history, energy = self._descent.history, args["system energy"]
+        if not math.isfinite(energy):
+            return True
+        self.positions = x
+        history.append(energy)
+        if self._descent.progress is not None and self._descent.progress(len(history), energy):
+            self.isStopped = True
+        return self.isStopped or float(np.mean(np.square(grad))) <= self._tolerance**2
+
+
+def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
+    """Return the root mean square of the components of the forces, in kJ/mol/nm, at which minimizations stop by
+    default: kappa_B l/(4A).
+    """
+    modulus = valueIn(force.getBendingModulus(), _ENERGY)
+    if modulus == 0:
+        raise ValueError(
+            "the bending modulus is 0, and so sets no scale for the tolerance of the forces; give a tolerance"
+        )
+    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    triangles = force.getTrianglesInContext(simulation.context)
+    edges = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
+    area = force.getGeometryInContext(simulation.context).area.value_in_unit(unit.nanometer**2)
+    return 0.25 * modulus * float(np.linalg.norm(edges, axis=2).mean()) / area
+
+
+def _warnings(energies):
+    bending, tether = (valueIn(energies[name], _ENERGY) for name in ("bending", "tether"))
+    if tether > _TETHER_SHARE * bending:
+        share = f", {tether / bending:.1%} of the bending energy," if bending > 0 else ""
+        yield (
+            f"the tether holds {tether:.3g} kJ/mol{share} and so bends the shape: give it wider bounds, or begin "
+            "with a more even mesh"
+        )
+
+
+def _softening(simulation, force):
+    """Return the factors by which to multiply the penalties' moduli, one after the other; the last is 1."""
+    energies = {name: valueIn(e, _ENERGY) for name, e in force.getEnergyTermsInContext(simulation.context).items()}
+    penalty = sum(energies[name] for name in _PENALTIES)
+    if energies["bending"] == 0 or penalty <= energies["bending"]:
+        return [1.0]
+    decades = math.ceil(math.log10(penalty / energies["bending"]))
+    return [10.0**-n for n in range(decades, -1, -1)]
+
+
+@contextmanager
+def _scaledPenalties(simulation, force, scale):
+    """Multiply the moduli of the penalties in the Context for a while."""
+    setters = (force.setAreaModulus, force.setVolumeModulus, force.setAreaDifferenceModulus)
+    moduli = (force.getAreaModulus(), force.getVolumeModulus(), force.getAreaDifferenceModulus())
+
+    def multiply(factor):
+        for setter, modulus in zip(setters, moduli):
+            setter(factor * modulus)
+        force.updateParametersInContext(simulation.context)
+
+    multiply(scale)
+    try:
+        yield
+    finally:
+        multiply(1.0)
+
+
+@contextmanager
+def _zeroTemperatureFlips(simulation, sweeps=5):
+    """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns
+    how many it flipped.
+    """
+    integrator = simulation.integrator
+    flips = (
+        integrator
+        if EdgeFlipIntegrator.isinstance(integrator)
+        else getattr(integrator, "getFlipIntegrator", lambda: None)()
+    )
+    if flips is None:
+        raise ValueError(
+            f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a "
+            "HybridMonteCarloIntegrator or an EdgeFlipIntegrator"
+        )
+    flips = flips if flips is integrator else integrator.getIntegrator(1)
+    temperature, fraction = flips.getTemperature(), flips.getFraction()
+    flips.setTemperature(0)
+    flips.setFraction(1)
+
+    def flip():
+        before, step = flips.getNumAccepted(), simulation.context.getStepCount()
+        flips.step(sweeps)
+        simulation.context.setStepCount(step)
+        return flips.getNumAccepted() - before
+
+    try:
+        yield flip
+    finally:
+        flips.setTemperature(temperature)
+        flips.setFraction(fraction)
+
+
+@contextmanager
+def _restoredOnError(simulation, force):
+    """Put positions and triangles back if something fails."""
+    context = simulation.context
+    positions, triangles = (
+        context.getState(positions=True).getPositions(asNumpy=True),
+        force.getTrianglesInContext(context),
+    )
+    try:
+        yield
+    except BaseException:
+        context.setPositions(positions)
+        force.setTrianglesInContext(context, triangles)
+        raise

@@ -1,0 +1,382 @@
+"""Observables: what a table of a membrane has columns for, and how plots, pages, summaries and sweeps show it.
+
+:data:`OBSERVABLES` is the one list.  An observable that is added to it is a column of every table, and is drawn,
+averaged and summed up as its entry says.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import app, unit
+
+from ..files import PathLike
+from ..geometry.measures import reducedVolume
+from ..helfrich import HelfrichForce
+from ..tables import Table, headOf, readHeads, unitsOf
+from ..units import valueIn
+from .targets import currentTargets
+
+ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
+
+
+class Place(NamedTuple):
+    """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is
+    equilibrated.
+    """
+
+    stage: int = 1
+    window: int = 0
+    isEquilibrated: bool = True
+
+
+BEGINNING = Place()
+
+
+class Moment:
+    """A membrane now: what observables are computed from, each part when it is first asked for.
+
+    Attributes
+    ----------
+    step : int
+        the number of steps made
+    context, integrator
+        those of the Simulation
+    force : HelfrichForce
+        the membrane
+    place : Place
+        where in a run this is
+    """
+
+    def __init__(
+        self, simulation: app.Simulation, force: HelfrichForce, energyUnit: float = 1.0, place: Place = BEGINNING
+    ):
+        """Create a Moment, with the unit of energy in kJ/mol."""
+        self.step, self.context, self.integrator = simulation.currentStep, simulation.context, simulation.integrator
+        self.force, self.place, self._energyScale = force, place, 1 / energyUnit
+
+    @cached_property
+    def energies(self) -> dict[str, float]:
+        """The membrane's energy by term, in the unit of energy."""
+        terms = self.force.getEnergyTermsInContext(self.context)
+        return {name: valueIn(terms[name], unit.kilojoules_per_mole) * self._energyScale for name in ENERGY_TERMS}
+
+    @cached_property
+    def geometry(self) -> Any:
+        """The HelfrichGeometry."""
+        return self.force.getGeometryInContext(self.context)
+
+    @cached_property
+    def positions(self) -> NDArray[np.float64]:
+        """The positions of all particles, in nm: an (N, 3) array."""
+        return self.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+
+    @cached_property
+    def triangles(self) -> NDArray[np.int32]:
+        """The live triangles: a (T, 3) array."""
+        return self.force.getTrianglesInContext(self.context)
+
+    @cached_property
+    def targets(self) -> dict[str, float]:
+        """The targets, in powers of nm, by "area", "volume" and "areaDifference"."""
+        return currentTargets(self.context, self.force)
+
+    @property
+    def flips(self) -> Any:
+        """The integrator that flips edges, or None."""
+        integrator = self.integrator
+        flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
+        return flips if hasattr(flips, "getFlipRate") else None
+
+    @property
+    def shearWaves(self) -> Any:
+        """The integrator that makes shear waves, or None."""
+        integrator = self.integrator
+        hasWaves = hasattr(integrator, "getShearWaveProbability") and integrator.getNumIntegrators() > 2
+        return integrator.getShearWaveIntegrator() if hasWaves else None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A part of plots and pages that shows some observables against steps.
+
+    Attributes
+    ----------
+    title : str
+        what it shows
+    beside : str
+        the title of the panel over which plots draw this one, with an axis of its own
+    range : tuple
+        the least and the greatest value, if these are fixed
+    onlyChanges : bool
+        whether it is left out where nothing changes
+    """
+
+    title: str
+    beside: str = ""
+    range: tuple[float, float] | None = None
+    onlyChanges: bool = False
+
+
+@dataclass(frozen=True)
+class Observable:
+    """Something that can be known of a membrane at a moment.
+
+    Attributes
+    ----------
+    name : str
+        what its column is called
+    compute : callable
+        returns it for a :class:`Moment`, or None if the simulation has no such thing
+    unit : str
+        "energy", "length", "length^2" or "length^3", which tables call by names of their own, or the name of another
+        unit; without one it is a plain number
+    title : str
+        what texts call it
+    label : str
+        what its curve is called, if not by the title
+    isDefault : bool
+        whether every table has it; others are those of whole runs
+    isAveraged : bool
+        whether averages over the windows of a path mean anything
+    target : str
+        the observable that it is driven to
+    panel : str
+        the title of the panel that shows it, if any does
+    color : str
+        of its curve there; by default one in turn
+    isTerm : bool
+        whether it is one part of several, which panels leave out where it is always 0
+    digits : str
+        the format of its average in the summary of a run, which leaves it out without one, and, if it is not on the
+        page, unless it is driven to a target
+    onPage : str
+        "mean" or "last", where the page of a run gives its average, or its last value, a fraction
+    onPath : bool
+        whether the plot of a path shows it
+    inSweep : str
+        "mean" or "last", for a column of a sweep's summary with its average or its last value
+    """
+
+    name: str
+    compute: Callable[[Moment], float | None]
+    unit: str = ""
+    title: str = ""
+    label: str = ""
+    isDefault: bool = True
+    isAveraged: bool = True
+    target: str = ""
+    panel: str = ""
+    color: str | None = None
+    isTerm: bool = False
+    digits: str = ""
+    onPage: str = ""
+    onPath: bool = False
+    inSweep: str = ""
+
+    def unitIn(self, lengthUnit: str, energyUnit: str = "kT") -> str:
+        """Return the unit, with these names of the units of length and energy."""
+        return self.unit.replace("length", lengthUnit).replace("energy", energyUnit)
+
+
+PANELS = (
+    Panel("energy"),
+    Panel("area"),
+    Panel("volume"),
+    Panel("reduced volume", beside="volume"),
+    Panel("accepted so far", range=(0, 1)),
+    Panel("temperature", onlyChanges=True),
+)
+
+
+def _ask(method: str) -> Callable[[Moment], Any]:
+    """Return a function that asks the integrator, if it has such a method."""
+    return lambda moment: getattr(moment.integrator, method, lambda: None)()
+
+
+def _total(moment: Moment) -> float:
+    return sum(moment.energies.values())
+
+
+def _area(moment: Moment) -> float:
+    return valueIn(moment.geometry.area, unit.nanometer**2)
+
+
+def _volume(moment: Moment) -> float:
+    return valueIn(moment.geometry.volume, unit.nanometer**3)
+
+
+def _term(name: str) -> Observable:
+    return Observable(
+        f"E_{name}",
+        lambda m: m.energies[name],
+        "energy",
+        f"{name} energy",
+        name,
+        panel="energy",
+        isTerm=True,
+        onPath=name == "bending",
+        inSweep="mean",
+    )
+
+
+OBSERVABLES = (
+    Observable("step", lambda m: m.step, isAveraged=False),
+    Observable(
+        "energy",
+        _total,
+        "energy",
+        "energy",
+        "total",
+        panel="energy",
+        color="black",
+        digits=".1f",
+        onPage="mean",
+        inSweep="mean",
+    ),
+    *map(_term, ENERGY_TERMS),
+    Observable(
+        "area",
+        _area,
+        "length^2",
+        "area",
+        target="targetArea",
+        panel="area",
+        color="C0",
+        digits=".2f",
+        onPage="mean",
+        inSweep="mean",
+    ),
+    Observable(
+        "volume",
+        _volume,
+        "length^3",
+        "volume",
+        target="targetVolume",
+        panel="volume",
+        color="C1",
+        digits=".2f",
+        onPage="mean",
+        inSweep="mean",
+    ),
+    Observable(
+        "reducedVolume",
+        lambda m: reducedVolume(_area(m), _volume(m)),
+        title="reduced volume",
+        panel="reduced volume",
+        color="C2",
+        digits=".4f",
+        onPage="mean",
+        onPath=True,
+        inSweep="mean",
+    ),
+    Observable(
+        "areaDifference",
+        lambda m: valueIn(m.geometry.areaDifference, unit.nanometer**2),
+        "length^2",
+        "area difference",
+        target="targetAreaDifference",
+        digits=".2f",
+        onPath=True,
+    ),
+    Observable("meanCurvature", lambda m: valueIn(m.geometry.integratedMeanCurvature, unit.nanometer), "length"),
+    Observable(
+        "acceptance",
+        _ask("getAcceptanceRate"),
+        title="trajectories accepted",
+        label="trajectories",
+        isAveraged=False,
+        panel="accepted so far",
+        onPage="last",
+        inSweep="last",
+    ),
+    Observable(
+        "flipAcceptance",
+        _ask("getFlipAcceptanceRate"),
+        title="flips accepted",
+        label="flips",
+        isAveraged=False,
+        panel="accepted so far",
+        onPage="last",
+        inSweep="last",
+    ),
+    Observable("waveAcceptance", lambda m: m.shearWaves and m.integrator.getShearWaveAcceptanceRate()),
+    Observable(
+        "waveAmplitude", lambda m: m.shearWaves and valueIn(m.shearWaves.getAmplitude(), unit.nanometer), "length"
+    ),
+    Observable("flipRate", lambda m: m.flips and m.flips.getFlipRate(), isAveraged=False),
+    Observable(
+        "flipsForbidden",
+        lambda m: m.flips and m.flips.getNumForbidden() / max(1, m.flips.getNumAttempted()),
+        isAveraged=False,
+    ),
+    Observable("diverged", _ask("getNumDivergedTrajectories"), inSweep="last"),
+    Observable(
+        "temperature",
+        lambda m: valueIn(m.integrator.getTemperature(), unit.kelvin),
+        "K",
+        "temperature",
+        isDefault=False,
+        panel="temperature",
+        color="C3",
+    ),
+    Observable("stepSize", lambda m: valueIn(m.integrator.getStepSize(), unit.picosecond), "ps", isDefault=False),
+    Observable("stage", lambda m: m.place.stage, isDefault=False, isAveraged=False),
+    Observable("window", lambda m: m.place.window, isDefault=False, isAveraged=False),
+    Observable("equilibrated", lambda m: int(m.place.isEquilibrated), isDefault=False, isAveraged=False),
+    Observable("targetArea", lambda m: m.targets["area"], "length^2", "area target", isDefault=False, panel="area"),
+    Observable(
+        "targetVolume", lambda m: m.targets["volume"], "length^3", "volume target", isDefault=False, panel="volume"
+    ),
+    Observable(
+        "targetAreaDifference",
+        lambda m: m.targets["areaDifference"],
+        "length^2",
+        "area difference target",
+        isDefault=False,
+    ),
+)
+DEFAULT_OBSERVABLES = tuple(observable for observable in OBSERVABLES if observable.isDefault)
+
+
+def observe(moment: Moment, observables: Iterable[Observable], lengthUnit: str, energyUnit: str) -> dict[str, float]:
+    """Return observables of a :class:`Moment`, as far as there are such, by the heads of their columns."""
+    row = {headOf(o.name, o.unitIn(lengthUnit, energyUnit)): o.compute(moment) for o in observables}
+    return {head: value for head, value in row.items() if value is not None}
+
+
+def curves(panel: Panel, table: Table) -> list[Observable]:
+    """Return the observables of a panel that a table has; none if the panel is to be left out."""
+    found = [
+        o
+        for o in OBSERVABLES
+        if o.panel == panel.title and o.name in table and not (o.isTerm and np.all(table[o.name] == 0))
+    ]
+    return [] if panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found) else found
+
+
+def isTarget(observable: Observable) -> bool:
+    """Return whether another observable is driven to this one."""
+    return any(other.target == observable.name for other in OBSERVABLES)
+
+
+def readObservables(file: PathLike) -> Table:
+    """Read a table that an ObservablesReporter wrote: a dict from column names, without their units, to arrays."""
+    return Table.read(file)
+
+
+def observableUnits(file: PathLike) -> dict[str, str]:
+    """Return the units of the columns of a table that an ObservablesReporter wrote, by the columns' names."""
+    units = unitsOf(readHeads(file))
+    if not {"energy", "area"} <= set(units):
+        raise ValueError(f"{file} is not a table of observables; it has no columns 'energy (...)' and 'area (...)'")
+    return units
+
+
+def divergence(count: int) -> str:
+    """Return a sentence about trajectories that diverged."""
+    what = "One trajectory" if count == 1 else f"{count} trajectories"
+    return f"{what} diverged and had to be rejected; a smaller step_size avoids this."

@@ -1,0 +1,389 @@
+"""Replica exchange: simulations at several temperatures or targets that exchange these, so that each configuration
+visits them all.
+
+Every replica is a Simulation of its own, and what moves between them are the states: positions, velocities and live
+triangles stay in their Context. The method is that of Hukushima and Nemoto, J. Phys. Soc. Jpn. 65, 1604 (1996), for
+temperatures, and of Sugita, Kitao and Okamoto, J. Chem. Phys. 113, 6042 (2000), for parameters of the energy.
+"""
+
+import io
+import json
+import math
+import zipfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import app, unit
+
+from ..files import PathLike, replacing
+from ..helfrich import HybridMonteCarloIntegrator
+from ..units import thermalEnergy, valueIn
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class ThermodynamicState:
+    """What replicas exchange.
+
+    Attributes
+    ----------
+    temperature : float or Quantity
+        in K
+    parameters : dict
+        values of Context parameters by name, such as ``{force.getTargetVolumeParameter(): 3.9}``
+    stepSize : float or Quantity, optional
+        for trajectories in this state, in ps; by default that of the simulation which begins in it
+    """
+
+    temperature: float | unit.Quantity
+    parameters: dict[str, float] = field(default_factory=dict)
+    stepSize: float | unit.Quantity | None = None
+
+    @property
+    def thermalEnergy(self) -> float:
+        """kT, in kJ/mol."""
+        return thermalEnergy(self.temperature)
+
+
+class ReplicaExchange:
+    """Several simulations that exchange their states.
+
+    A round is a number of Monte Carlo steps of each replica, the energies of each replica in every state, and attempts
+    to exchange neighboring states: 0 and 1, 2 and 3 ... in even rounds, 1 and 2, 3 and 4 ... in odd ones.  Replicas a
+    and b in the states i and j exchange them with the probability
+
+        min(1, exp(u_i(x_a)+u_j(x_b)-u_i(x_b)-u_j(x_a))),   u_i(x) = E(x; parameters of i)/kT_i.
+
+    The random numbers follow from the seed and the number of rounds made, and the replicas have generators of their
+    own: a run that was saved and loaded goes on as an uninterrupted one to the last bit, and the number of workers
+    changes nothing.  Both need a native HybridMonteCarloIntegrator (or any other whose State has its generator's
+    state).
+
+    Attributes
+    ----------
+    simulations : list of openmm.app.Simulation
+        the replicas
+    states : list of ThermodynamicState
+        what they exchange
+    replicaStates : array of int
+        the index of the state that each replica is in
+    """
+
+    def __init__(
+        self,
+        simulations: Sequence[app.Simulation],
+        states: Sequence[ThermodynamicState],
+        seed: int = 1,
+        workers: int = 1,
+    ):
+        """Create a ReplicaExchange, with replica k in state k.
+
+        Parameters
+        ----------
+        simulations : sequence of openmm.app.Simulation
+            one for each state, with an integrator that has a temperature; give them different seeds
+        states : sequence of ThermodynamicState
+            in an order in which neighbors overlap; all with the same parameters
+        seed : int
+            of the exchanges' random numbers, 0 or more
+        workers : int
+            how many replicas run at the same time, each in a thread of this process
+
+        Raises
+        ------
+        ValueError
+            if an argument is out of range or does not fit to the others
+        """
+        self.simulations, self.seed, self._workers = list(simulations), seed, workers
+        self._check(self.simulations, list(states))
+        self.states = [_resolved(state, simulation) for state, simulation in zip(states, self.simulations)]
+        self.replicaStates = np.arange(len(self.states))
+        self._history: list[NDArray[np.int64]] = []
+        self._energies: list[NDArray[np.float64]] = []
+        self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
+        for replica in range(len(self.simulations)):
+            self._enter(replica, replica)
+
+    @property
+    def numRounds(self) -> int:
+        """The number of rounds made."""
+        return len(self._history)
+
+    @property
+    def history(self) -> np.ndarray:
+        """The state of each replica during each round: a (rounds, replicas) array of int."""
+        return np.array(self._history, dtype=int).reshape(-1, len(self.states))
+
+    @property
+    def reducedEnergies(self) -> np.ndarray:
+        """E/kT of each replica at the end of each round, as it is in each of the states: a (rounds, replicas, states)
+        array.
+        """
+        return np.array(self._energies, dtype=float).reshape(-1, len(self.states), len(self.states))
+
+    @property
+    def acceptanceRates(self) -> np.ndarray:
+        """The fraction of the attempts that succeeded between each state and the next, NaN before the first."""
+        return np.divide(
+            self._accepted, self._attempted, out=np.full(len(self._attempted), np.nan), where=self._attempted > 0
+        )
+
+    def run(self, rounds: int, steps: int, checkpoint: PathLike | None = None, interval: int = 100) -> None:
+        """Make rounds.
+
+        Parameters
+        ----------
+        rounds : int
+            how many
+        steps : int
+            Monte Carlo steps of each replica in each of them
+        checkpoint : path, optional
+            where to :meth:`save` every so many rounds, and at the end
+        interval : int
+            that number of rounds
+
+        Raises
+        ------
+        ValueError
+            if an argument is out of range, or the energy of a replica is not a number
+        """
+        for name, value, least in (("rounds", rounds, 0), ("steps", steps, 1), ("interval", interval, 1)):
+            if value != int(value) or value < least:
+                raise ValueError(f"ReplicaExchange.run: {name} is {value}; it must be a whole number, {least} or more")
+        for n in range(1, int(rounds) + 1):
+            self._propagate(int(steps))
+            energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
+            self._history.append(self.replicaStates.copy())
+            self._energies.append(energies)
+            self._exchange(energies)
+            if checkpoint is not None and (n % interval == 0 or n == rounds):
+                self.save(checkpoint)
+
+    def samples(self, discard: int = 0, stride: int = 1) -> tuple:
+        """Return what was sampled in the form that pymbar takes: u_kn and N_k.
+
+        Parameters
+        ----------
+        discard : int
+            rounds to leave out at the start
+        stride : int
+            of the others, take one in so many
+
+        Returns
+        -------
+        (states, states*n) array, (states,) array of int
+            the reduced energy in each state of n samples from state 0, n from state 1 ..., and n for each state
+        """
+        history, energies = self.history[discard::stride], self.reducedEnergies[discard::stride]
+        # (rounds, state sampled, state evaluated)
+        ofState = np.take_along_axis(energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1)
+        return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
+
+    def potentialEnergies(self, discard: int = 0) -> np.ndarray:
+        """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a
+        (states, rounds) array.
+        """
+        u, counts = self.samples(discard)
+        return np.array(
+            [
+                state.thermalEnergy * row.reshape(len(counts), -1)[k]
+                for k, (state, row) in enumerate(zip(self.states, u))
+            ]
+        )
+
+    def save(self, file: PathLike) -> None:
+        """Write everything that :meth:`load` needs to a file, which replaces an earlier one in a single step."""
+        data = {
+            "format": FORMAT,
+            "seed": self.seed,
+            "states": [_asDict(state) for state in self.states],
+            "replicaStates": self.replicaStates.tolist(),
+            "attempted": self._attempted.tolist(),
+            "accepted": self._accepted.tolist(),
+        }
+        arrays = io.BytesIO()
+        np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies)
+        with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            archive.writestr("exchange.json", json.dumps(data, indent=1))
+            archive.writestr("rounds.npz", arrays.getvalue())
+            for replica, simulation in enumerate(self.simulations):
+                state = simulation.context.getState(
+                    positions=True, velocities=True, parameters=True, integratorParameters=True
+                )
+                archive.writestr(f"replica{replica}.xml", mm.XmlSerializer.serialize(state))
+
+    def load(self, file: PathLike) -> None:
+        """Go on where another ReplicaExchange, of the same simulations, states and seed, was when it was saved, with
+        its step sizes.
+
+        Raises
+        ------
+        FileNotFoundError
+            if there is no such file
+        ValueError
+            if it is not one that :meth:`save` wrote, or is of other states or another seed; nothing has changed then
+        """
+        data, arrays, contents = _read(file, len(self.states))
+        states = [ThermodynamicState(**state) for state in data["states"]]
+        for name, there, here in (
+            ("seed", data["seed"], self.seed),
+            (
+                "temperatures and parameters",
+                *([(s.temperature, s.parameters) for s in k] for k in (states, self.states)),
+            ),
+        ):
+            if there != here:
+                raise ValueError(f"ReplicaExchange.load: {file} has the {name} {there}; here it is {here}")
+        for replica, (simulation, state) in enumerate(zip(self.simulations, contents)):
+            if len(state.getPositions()) != simulation.system.getNumParticles():
+                raise ValueError(
+                    f"ReplicaExchange.load: replica {replica} of {file} has {len(state.getPositions())} particles; "
+                    f"here it has {simulation.system.getNumParticles()}"
+                )
+        for simulation, state in zip(self.simulations, contents):
+            simulation.context.setState(state)
+        self.states, self.replicaStates = states, np.array(data["replicaStates"])
+        self._history, self._energies = list(arrays["history"]), list(arrays["reducedEnergies"])
+        self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
+        for replica, state in enumerate(self.replicaStates):
+            self._enter(replica, state)
+
+    def _propagate(self, steps):
+        if self._workers == 1:
+            for simulation in self.simulations:
+                simulation.step(steps)
+        else:
+            with ThreadPoolExecutor(self._workers) as pool:
+                list(pool.map(lambda simulation: simulation.step(steps), self.simulations))
+
+    def _energiesOf(self, replica):
+        """Return the reduced energies of a replica in all states."""
+        context, own = self.simulations[replica].context, self.states[self.replicaStates[replica]]
+        energies = {}
+        for state in self.states:
+            key = tuple(state.parameters.values())
+            if key not in energies:
+                _setParameters(context, state)
+                energies[key] = (
+                    context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
+                )
+        _setParameters(context, own)
+        reduced = np.array([energies[tuple(state.parameters.values())] / state.thermalEnergy for state in self.states])
+        if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
+            raise ValueError(
+                f"ReplicaExchange: the reduced energies of replica {replica} are {reduced} after {self.numRounds} "
+                f"rounds; they must be numbers, and finite in its own state, {self.replicaStates[replica]}"
+            )
+        return reduced
+
+    def _exchange(self, u):
+        uniform = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.numRounds])).random(
+            len(self.states)
+        )
+        replicaOf = np.argsort(self.replicaStates)
+        for i in range((self.numRounds - 1) % 2, len(self.states) - 1, 2):
+            a, b = replicaOf[i], replicaOf[i + 1]
+            self._attempted[i] += 1
+            if uniform[i] < math.exp(min(0, u[a, i] + u[b, i + 1] - u[b, i] - u[a, i + 1])):
+                self._accepted[i] += 1
+                self._enter(a, i + 1)
+                self._enter(b, i)
+
+    def _enter(self, replica, index):
+        """Put a replica into a state."""
+        simulation, state = self.simulations[replica], self.states[index]
+        context, integrator = simulation.context, simulation.integrator
+        hasChanged = index != self.replicaStates[replica]
+        factor = math.sqrt(state.thermalEnergy / self.states[self.replicaStates[replica]].thermalEnergy)
+        self.replicaStates[replica] = index
+        _setTemperature(integrator, state.temperature)
+        integrator.setStepSize(state.stepSize)
+        _setParameters(context, state)
+        if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
+            context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
+
+    def _check(self, simulations, states):
+        if len(simulations) != len(states) or len(states) < 2:
+            raise ValueError(
+                f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be "
+                "two or more, and as many of the one as of the other"
+            )
+        for name, value, least in (("seed", self.seed, 0), ("workers", self._workers, 1)):
+            if value != int(value) or value < least:
+                raise ValueError(f"ReplicaExchange: {name} is {value}; it must be a whole number, {least} or more")
+        if len({id(simulation.context) for simulation in simulations}) < len(simulations):
+            raise ValueError("ReplicaExchange: a simulation is given twice; each replica must have one of its own")
+        for k, (simulation, state) in enumerate(zip(simulations, states)):
+            if not hasattr(simulation.integrator, "setTemperature"):
+                raise ValueError(
+                    f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has "
+                    "no temperature"
+                )
+            if set(state.parameters) != set(states[0].parameters):
+                raise ValueError(
+                    f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of "
+                    f"state 0, {sorted(states[0].parameters)}"
+                )
+            for name, value in state.parameters.items():
+                if name not in dict(simulation.context.getParameters()):
+                    raise ValueError(
+                        f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has "
+                        f"{', '.join(simulation.context.getParameters()) or 'none'}"
+                    )
+                if not math.isfinite(value):
+                    raise ValueError(
+                        f"ReplicaExchange: in state {k} the parameter '{name}' is {value}; it must be finite"
+                    )
+
+
+def _resolved(state, simulation):
+    """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
+    stepSize = simulation.integrator.getStepSize() if state.stepSize is None else state.stepSize
+    thermalEnergy(state.temperature)  # raises if it is not positive
+    return ThermodynamicState(
+        float(valueIn(state.temperature, unit.kelvin)),
+        {name: float(state.parameters[name]) for name in sorted(state.parameters)},
+        float(valueIn(stepSize, unit.picosecond)),
+    )
+
+
+def _asDict(state):
+    return {"temperature": state.temperature, "parameters": state.parameters, "stepSize": state.stepSize}
+
+
+def _setTemperature(integrator, temperature):
+    integrator.setTemperature(temperature)
+    trajectory = integrator.getIntegrator(0) if HybridMonteCarloIntegrator.isinstance(integrator) else integrator
+    if hasattr(trajectory, "setTemperature"):
+        trajectory.setTemperature(temperature)
+
+
+def _setParameters(context, state):
+    for name, value in state.parameters.items():
+        context.setParameter(name, value)
+
+
+def _read(file, replicas):
+    """Return the data, the arrays and the replicas' States in a file."""
+    if not Path(file).exists():
+        raise FileNotFoundError(f"there is no file {file}")
+    try:
+        with zipfile.ZipFile(file) as archive:
+            data = json.loads(archive.read("exchange.json"))
+            with np.load(io.BytesIO(archive.read("rounds.npz"))) as arrays:
+                arrays = dict(arrays)
+            states = [
+                mm.XmlSerializer.deserialize(archive.read(f"replica{replica}.xml").decode())
+                for replica in range(min(replicas, len(data["states"])))
+            ]
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError):
+        raise ValueError(f"{file} is not a file that ReplicaExchange.save wrote, or is damaged") from None
+    if data.get("format") != FORMAT:
+        raise ValueError(f"{file} is of another version's format")
+    return data, arrays, states

@@ -1,0 +1,229 @@
+"""Reporters for openmm.app.Simulation."""
+
+import csv
+import os
+import weakref
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import openmm as mm
+from openmm import app, unit
+
+from ..files import PathLike
+from ..geometry.mesh import Mesh
+from ..helfrich import HelfrichForce
+from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
+from ..tables import readHeads
+from ..units import thermalEnergy, valueIn
+from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, observe
+
+
+class ObservablesReporter:
+    """Writes a table of a membrane's energy terms, geometry and acceptance rates as comma-separated values.
+
+    The first row names the columns, with units.  The membrane's energy is the sum of the terms that follow it.
+    Acceptance rates, the flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules
+    forbid, and the number of trajectories that diverged are those since the start of the simulation; they are there if
+    the Integrator has them.
+    """
+
+    def __init__(
+        self,
+        file: PathLike | IO[str],
+        reportInterval: int,
+        force: HelfrichForce,
+        temperature: float | unit.Quantity | None = None,
+        lengthUnit: str = "nm",
+        append: bool = False,
+        describe: Callable[[], dict[str, float]] | None = None,
+        observables: Iterable[Observable] = DEFAULT_OBSERVABLES,
+        place: Callable[[], Place] = Place,
+    ):
+        """Create an ObservablesReporter.
+
+        Parameters
+        ----------
+        file : path or file object
+            where to write to
+        reportInterval : int
+            the number of steps between rows
+        force : HelfrichForce
+            the membrane
+        temperature : float or Quantity
+            if given, energies are in units of kT at this temperature, in K, and otherwise in kJ/mol
+        lengthUnit : str
+            the name of the unit of length, if 1 nm stands for another
+        append : bool
+            add to an existing file instead of replacing it; its columns are those that it has
+        describe : callable, optional
+            returns more columns, as a dict from names to numbers
+        observables : iterable of Observable
+            the other columns
+        place : callable
+            returns the :class:`Place` in a run
+        """
+        self._reportInterval, self._force, self._lengthUnit = reportInterval, force, lengthUnit
+        self._energyUnitName, self._energyUnit = "kJ/mol", 1.0
+        if temperature is not None:
+            self._energyUnitName, self._energyUnit = "kT", thermalEnergy(temperature)
+        self._out: IO[str]
+        self._describe, self._observables, self._place = describe or dict, tuple(observables), place
+        self._heads: list[str] = []
+        self._needsHeads = not append
+        if isinstance(file, (str, os.PathLike)):
+            if append and Path(file).exists():
+                self._heads = readHeads(file)
+            self._needsHeads = not self._heads
+            self._ownsFile = True
+            self._out = open(file, "a" if append else "w", newline="")  # noqa: SIM115, close() closes it
+        else:
+            self._ownsFile, self._out = False, file
+        self._writer = csv.writer(self._out, lineterminator="\n")
+
+    def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
+        """Get information about the next report this object will generate."""
+        steps = self._reportInterval - simulation.currentStep % self._reportInterval
+        return {"steps": steps, "periodic": None, "include": []}
+
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
+        """Write a row."""
+        row = self.observe(simulation)
+        self._heads = self._heads or list(row)
+        if self._needsHeads:
+            self._writer.writerow(self._heads)
+            self._needsHeads = False
+        for head in self._heads:
+            if head not in row:
+                raise ValueError(f"the table has the column '{head}'; the simulation has {', '.join(row)}")
+        self._writer.writerow([row[head] for head in self._heads])
+        self._out.flush()
+
+    def observe(self, simulation: app.Simulation) -> dict[str, float]:
+        """Return the row that describes a Simulation now, as a dict from column names to numbers."""
+        moment = Moment(simulation, self._force, self._energyUnit, self._place())
+        return observe(moment, self._observables, self._lengthUnit, self._energyUnitName) | self._describe()
+
+    def sync(self) -> int:
+        """Return the size of the file so far, in bytes; they have left Python's buffers."""
+        self._out.flush()
+        return self._out.seek(0, 2)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._ownsFile:
+            self._out.close()
+
+
+class MeshReporter:
+    """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time
+    series.
+
+    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the
+    step as its time. :func:`readMeshTrajectory` reads the frames back.
+
+    The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are
+    written all at once, after a minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.
+    To write the frames up to a checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to
+    go on from there, create the reporter with ``append=True`` and that number as `numFrames`: later frames, which the
+    run will make again, are dropped.
+    """
+
+    def __init__(
+        self,
+        file: PathLike,
+        reportInterval: int,
+        force: HelfrichForce,
+        append: bool = False,
+        numFrames: int | None = None,
+        precision: str = "double",
+        lengthUnit: str = "nm",
+    ):
+        """Create a MeshReporter.
+
+        Parameters
+        ----------
+        file : path
+            where to write to, by custom with the suffix .vtkhdf
+        reportInterval : int
+            the number of steps between frames
+        force : HelfrichForce
+            the membrane; particles that belong to none of its triangles are left out
+        append : bool
+            add to an existing file instead of replacing it
+        numFrames : int, optional
+            when appending, the number of frames of the existing file to keep; all by default
+        precision : str
+            of the positions: "double", or "single" for files that are a third smaller
+        lengthUnit : str
+            the name of the unit of length, if 1 nm stands for another
+
+        Raises
+        ------
+        ValueError
+            if `append` is asked for and the file is not a mesh trajectory of this membrane, or has fewer frames than
+            `numFrames`
+        OSError
+            if the file cannot be written
+        """
+        if reportInterval < 1:
+            raise ValueError(f"reportInterval is {reportInterval}; it must be 1 or more")
+        if numFrames is not None and not append:
+            raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
+        self._reportInterval, self._force = reportInterval, force
+        self._vertices = np.unique(force.getTriangles())
+        if append and numFrames != 0 and Path(file).exists():
+            self._requireSameMembrane(file)
+        self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
+        # A script that ends without close() has its last frames too.
+        self._end = weakref.finalize(self, self._writer.close)
+
+    def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
+        """Get information about the next report this object will generate."""
+        steps = self._reportInterval - simulation.currentStep % self._reportInterval
+        return {"steps": steps, "periodic": False, "include": ["positions"]}
+
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
+        """Add a frame."""
+        positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        geometry = self._force.getGeometryInContext(simulation.context)
+        areas = valueIn(geometry.vertexAreas, unit.nanometer**2)
+        curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
+        # The vertices are numbered anew if other particles lie between them.
+        triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
+        mesh = Mesh(positions[self._vertices], triangles)
+        self._writer.add(
+            MeshFrame(
+                simulation.currentStep,
+                mesh,
+                {"MeanCurvature": np.float32(curvatures / areas), "Area": np.float32(areas)},
+            )
+        )
+
+    def getNumFrames(self) -> int:
+        """Get the number of frames so far, in the file and waiting."""
+        return self._writer.numFrames
+
+    def flush(self) -> None:
+        """Make the file complete with all frames so far.
+
+        This copies it, which takes time in proportion to its size.
+        """
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write the last frames."""
+        try:
+            self._writer.close()
+        finally:
+            self._end.detach()
+
+    def _requireSameMembrane(self, file):
+        with readMeshTrajectory(file) as trajectory:
+            mesh = trajectory[0].mesh
+        if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
+            raise ValueError(
+                f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
+                f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}"
+            )

@@ -1,0 +1,76 @@
+"""Tables: columns of numbers by name, and the files of comma-separated values that hold them.
+
+The first row of a file names its columns, each with its unit, if it has one, in brackets: "area (nm^2)".
+"""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .files import PathLike, replacing
+from .optional import dataFrame
+
+
+class Table(dict[str, NDArray[np.float64]]):
+    """Columns of numbers: a dict from names to arrays of equal length."""
+
+    @classmethod
+    def ofRows(cls, rows: Sequence[Mapping[str, float]]) -> "Table":
+        """Create a Table from dicts with the same keys, of whose names the units in brackets are left out."""
+        return cls(
+            (plainName(name), np.array([row[name] for row in rows], dtype=float)) for name in (rows[0] if rows else ())
+        )
+
+    @classmethod
+    def concatenate(cls, tables: Sequence["Table"]) -> "Table":
+        """Create a Table of the rows of several, which have the same columns."""
+        return cls((name, np.concatenate([table[name] for table in tables])) for name in tables[0])
+
+    @classmethod
+    def read(cls, file: PathLike) -> "Table":
+        """Read a file of comma-separated values whose first row names the columns."""
+        with open(file, newline="") as table:
+            rows = list(csv.reader(table))
+        if not rows:
+            raise ValueError(f"{file} is empty; it must hold a table of observables")
+        columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
+        return cls(zip(map(plainName, rows[0]), columns))
+
+    def toDataFrame(self) -> Any:
+        """Return a pandas.DataFrame of the same columns."""
+        return dataFrame(self)
+
+    def where(self, chosen: NDArray[Any]) -> "Table":
+        """Return a Table of the rows that an array, of booleans or of indices, chooses."""
+        return Table((name, values[chosen]) for name, values in self.items())
+
+    def write(self, file: PathLike) -> None:
+        """Write the table as comma-separated values, replacing a file that exists in a single step."""
+        with replacing(file) as part, open(part, "w", newline="") as out:
+            writer = csv.writer(out, lineterminator="\n")
+            writer.writerow(self)
+            writer.writerows(zip(*(values.tolist() for values in self.values())))
+
+
+def readHeads(file: PathLike) -> list[str]:
+    """Return the heads of the columns of a file, with their units; none if it is empty."""
+    with open(file, newline="") as table:
+        return next(csv.reader(table), [])
+
+
+def headOf(name: str, unit: str) -> str:
+    """Return the head of a column."""
+    return f"{name} ({unit})" if unit else name
+
+
+def plainName(head: str) -> str:
+    """Return the name of a column without its unit."""
+    return head.split(" (")[0]
+
+
+def unitsOf(heads: Iterable[str]) -> dict[str, str]:
+    """Return the units of columns by their names, of those that have one."""
+    return dict(head.rstrip(")").split(" (") for head in heads if " (" in head)

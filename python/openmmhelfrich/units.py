@@ -1,0 +1,162 @@
+"""Units: kT, Quantities as numbers, and what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5
+um" or "37 C".
+
+Nothing here imports OpenMM, unless it is given one of its Quantities: a configuration can be read without.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+GAS_CONSTANT = 8.31446261815324  # J/mol/K
+AVOGADRO_CONSTANT = 6.02214076e23  # 1/mol
+
+# Of each kind, what 1 is in OpenMM's units.  Energies of a single membrane in joule are per membrane, not per mole.
+_JOULE = AVOGADRO_CONSTANT / 1000
+_ENERGIES = {
+    "kJ/mol": 1.0,
+    "kcal/mol": 4.184,
+    "J/mol": 1e-3,
+    "J": _JOULE,
+    "fJ": 1e-15 * _JOULE,
+    "aJ": 1e-18 * _JOULE,
+    "zJ": 1e-21 * _JOULE,
+    "pN nm": 1e-21 * _JOULE,
+    "eV": 1.602176634e-19 * _JOULE,
+    "erg": 1e-7 * _JOULE,
+}
+_LENGTHS = {"pm": 1e-3, "A": 0.1, "Å": 0.1, "nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9}
+_POWERS = {"length": 1, "area": 2, "volume": 3}
+_TIMES = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6}
+_MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
+_EXAMPLES = {
+    "energy": "'80 kJ/mol', '20 kT' or '1e-19 J'",
+    "length": "'100 nm' or '0.5 um'",
+    "area": "'12 um^2'",
+    "volume": "'90 um^3' or '90 fL'",
+    "time": "'1 fs'",
+    "mass": "'100 Da'",
+    "temperature": "'310 K' or '37 C'",
+}
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What the plain numbers of a configuration mean.
+
+    Attributes
+    ----------
+    kT : float
+        the unit of energy, in kJ/mol
+    length : float or None
+        the unit of length, in nm; None if its name says nothing about its size
+    lengthName : str
+        the name of the unit of length
+    """
+
+    kT: float
+    length: float | None = 1.0
+    lengthName: str = "nm"
+
+
+def isQuantity(value: Any) -> bool:
+    """Return whether a value is one of OpenMM's Quantities."""
+    return hasattr(value, "value_in_unit")
+
+
+def valueIn(value: Any, wanted: Any) -> Any:
+    """Return a Quantity, or a number that has this unit already, as a number."""
+    return value.value_in_unit(wanted) if isQuantity(value) else value
+
+
+def thermalEnergy(temperature: Any) -> float:
+    """Return kT, in kJ/mol, of a temperature in K; raise a ValueError if it is not positive."""
+    if isQuantity(temperature):
+        temperature = temperature.value_in_unit(_openmmUnit("temperature"))
+    if not (math.isfinite(temperature) and temperature > 0):
+        raise ValueError(f"the temperature is {temperature} K; it must be positive")
+    return GAS_CONSTANT * temperature * 0.001
+
+
+def lengthUnit(name: str) -> float | None:
+    """Return the size of a unit of length in nm, or None if its name is not one of a length."""
+    return _LENGTHS.get(name)
+
+
+def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
+    """Return a value with a unit as the plain number that a configuration would have in its place.
+
+    Parameters
+    ----------
+    value : str, Quantity or anything else
+        what to convert; what is neither a string nor a Quantity is returned as it is
+    kind : str
+        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "time" (ps),
+        "mass" (Da) or "temperature" (K)
+    scales : Scales
+        the units of plain numbers
+
+    Raises
+    ------
+    ValueError
+        if it has no unit of this kind
+    """
+    if isQuantity(value):
+        if not value.unit.is_compatible(_openmmUnit(kind)):
+            raise ValueError(f"it must be {_article(kind)}")
+        return _inPlainUnits(value.value_in_unit(_openmmUnit(kind)), kind, scales)
+    if not isinstance(value, str):
+        return value
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
+    if match is None:
+        raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
+    number, name = float(match[1]), match[2]
+    if kind == "energy" and name in ("kT", "kBT", "k_BT"):
+        return number
+    if kind == "temperature" and name in ("C", "°C"):
+        return number + 273.15
+    factor = _units(kind).get(name.replace("³", "^3").replace("²", "^2"))
+    if factor is None:
+        raise ValueError(f"'{name}' is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number")
+    return _inPlainUnits(number * factor, kind, scales)
+
+
+def _openmmUnit(kind: str) -> Any:
+    """Return OpenMM's own unit of a kind."""
+    from openmm import unit  # for Quantities only, whose module is loaded already
+
+    return {
+        "energy": unit.kilojoules_per_mole,
+        "length": unit.nanometer,
+        "area": unit.nanometer**2,
+        "volume": unit.nanometer**3,
+        "time": unit.picosecond,
+        "mass": unit.dalton,
+        "temperature": unit.kelvin,
+    }[kind]
+
+
+def _units(kind: str) -> dict[str, float]:
+    power = _POWERS.get(kind)
+    if power is None:
+        return {"energy": _ENERGIES, "time": _TIMES, "mass": _MASSES, "temperature": {"K": 1.0}}[kind]
+    units = {name if power == 1 else f"{name}^{power}": size**power for name, size in _LENGTHS.items()}
+    return units | {"fL": 1e9, "aL": 1e6} if kind == "volume" else units
+
+
+def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
+    if kind == "energy":
+        return value / scales.kT
+    if kind in _POWERS:
+        if scales.length is None:
+            raise ValueError(
+                f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain "
+                "number, or a length_unit like 'nm' or 'um'"
+            )
+        return value / scales.length ** _POWERS[kind]
+    return value
+
+
+def _article(kind: str) -> str:
+    return f"{'an' if kind[0] in 'ae' else 'a'} {kind}"
