@@ -31,7 +31,7 @@ void EdgeFlipIntegrator::initialize(ContextImpl& contextRef) {
 void EdgeFlipIntegrator::makeMove() {
     for (int n = 0; n < (int) getMembranes().size(); n++) {
         HelfrichForceImpl& membrane = *getMembranes()[n];
-        if ((getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) == 0)
+        if (!isIntegrated(membrane))
             continue;
         long long numAttempts = llround(fraction * membrane.getMesh().getNumEdges());
         EdgeFlipStatistics statistics = membrane.flipEdges(*context, getThermalEnergy(), numAttempts,
