@@ -345,6 +345,9 @@ INTEGRATORS = [
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(value, 0.1, 10), ["temperature"]) for value in (0, NAN)],
     *[(lambda value=value: mh.HamiltonianTrajectoryIntegrator(300, value, 10), ["step size"]) for value in (0, NAN)],
     (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
+    *[(lambda value=value: mh.CustomTrajectoryIntegrator(value, 0.1), ["temperature"]) for value in (0, NAN)],
+    *[(lambda value=value: mh.CustomTrajectoryIntegrator(300, value), ["step size"]) for value in (0, NAN)],
+    (lambda: mh.CustomTrajectoryIntegrator(300, 0.1, 0), ["number of steps per trajectory"]),
     *[
         (
             lambda value=value: mh.HybridMonteCarloIntegrator(300, 0.1).setTrajectoryJitter(value),
@@ -433,6 +436,7 @@ def test_an_integrator_without_a_context():
         mh.EdgeFlipIntegrator(300, 0.1),
         mh.HybridMonteCarloIntegrator(300, 0.1),
         mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+        mh.CustomTrajectoryIntegrator(300, 0.1, 10),
         mh.ShearWaveIntegrator(300, 0.01, 1, 2),
     ):
         with pytest.raises(mm.OpenMMException, match="not bound to a context"):
@@ -445,6 +449,7 @@ def test_an_integrator_of_two_contexts():
         mh.EdgeFlipIntegrator(300, 0.1),
         mh.HybridMonteCarloIntegrator(300, 0.1),
         mh.HamiltonianTrajectoryIntegrator(300, 0.1, 10),
+        mh.CustomTrajectoryIntegrator(300, 0.1, 10),
         mh.ShearWaveIntegrator(300, 0.01, 1, 2),
     ):
         context = createContext(mesh, createForce(mesh), integrator=integrator)

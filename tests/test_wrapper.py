@@ -233,6 +233,7 @@ def test_cast_takes_over_ownership():
         octahedronForce(),
         mh.EdgeFlipIntegrator(300, 0.1),
         mh.HamiltonianTrajectoryIntegrator(300, 0.1),
+        mh.CustomTrajectoryIntegrator(300, 0.1),
         mh.HybridMonteCarloIntegrator(300, 0.1),
     ):
         base = mm.XmlSerializer.clone(original)
@@ -324,6 +325,7 @@ def test_other_threads_run_during_a_step():
     "class_",
     [
         mh.HelfrichForce,
+        mh.CustomTrajectoryIntegrator,
         mh.EdgeFlipIntegrator,
         mh.HamiltonianTrajectoryIntegrator,
         mh.HybridMonteCarloIntegrator,

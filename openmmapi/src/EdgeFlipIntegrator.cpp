@@ -35,7 +35,7 @@ vector<string> EdgeFlipIntegrator::getKernelNames() {
 void EdgeFlipIntegrator::makeMove() {
     for (int n = 0; n < (int) getMembranes().size(); n++) {
         HelfrichForceImpl& membrane = *getMembranes()[n];
-        if ((getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) == 0)
+        if (!isIntegrated(membrane))
             continue;
         long long numAttempts = llround(fraction * membrane.getMesh().getNumEdges());
         EdgeFlipStatistics statistics = membrane.flipEdges(*context, getThermalEnergy(), numAttempts,

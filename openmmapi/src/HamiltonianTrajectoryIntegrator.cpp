@@ -151,12 +151,8 @@ void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>&
     }
 }
 
-bool HamiltonianTrajectoryIntegrator::isMoving(const HelfrichForceImpl& membrane) const {
-    return (getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) != 0;
-}
-
 bool HamiltonianTrajectoryIntegrator::movesByItself() const {
-    return soleMembrane != NULL && isMoving(*soleMembrane);
+    return soleMembrane != NULL && isIntegrated(*soleMembrane);
 }
 
 void HamiltonianTrajectoryIntegrator::computeForces(const KickAndDrift& kick) {
@@ -177,7 +173,7 @@ void HamiltonianTrajectoryIntegrator::computeForces(const KickAndDrift& kick) {
 
 void HamiltonianTrajectoryIntegrator::setKick(const KickAndDrift* kick) {
     for (auto membrane : getMembranes())
-        if (isMoving(*membrane))
+        if (isIntegrated(*membrane))
             membrane->setKick(kick);
 }
 

@@ -86,6 +86,10 @@ bool MonteCarloIntegrator::hasOnlyMembranes() const {
     return membranes.size() == context->getForceImpls().size();
 }
 
+bool MonteCarloIntegrator::isIntegrated(const HelfrichForceImpl& membrane) const {
+    return (getIntegrationForceGroups() & (1 << membrane.getOwner().getForceGroup())) != 0;
+}
+
 double MonteCarloIntegrator::computePotentialEnergy() {
     if (!hasOnlyMembranes())
         return context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());

@@ -169,7 +169,6 @@ protected:
 private:
     HelfrichForceImpl* findSoleMembrane() const;
     bool movesByItself() const;
-    bool isMoving(const HelfrichForceImpl& membrane) const;
     int drawNumSteps() const;
     double moveToEnd(int numSteps);
     void moveStepByStep(const std::vector<KickAndDrift>& sequence);

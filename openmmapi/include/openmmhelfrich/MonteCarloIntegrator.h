@@ -106,6 +106,10 @@ protected:
         return membranes;
     }
     /**
+     * Get whether a membrane is in the integration force groups.
+     */
+    bool isIntegrated(const HelfrichForceImpl& membrane) const;
+    /**
      * Get whether no force acts in the Context but those of membranes.
      */
     bool hasOnlyMembranes() const;
