@@ -1,4 +1,4 @@
-/* Serialised forces, integrators and states of integrators with some of their properties and nodes changed.  The XML
+/* Serialized forces, integrators and states of integrators with some of their properties and nodes changed.  The XML
  * around them is OpenMM's own to read. */
 
 #include "Fuzzing.h"

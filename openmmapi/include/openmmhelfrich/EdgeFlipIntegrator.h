@@ -11,7 +11,7 @@ namespace HelfrichPlugin {
  * is one sweep of edge flips over each HelfrichForce of the System: a fraction of its number of edges of attempts, each
  * of which draws an edge uniformly, replaces it by the other diagonal of its two triangles, and accepts this with the
  * Metropolis probability min(1, exp(-dE/kT)).  An attempt is rejected by rule, whatever its energy, when it would
- * connect two vertices twice or leave a vertex with fewer than three neighbours, and when the edge is one that
+ * connect two vertices twice or leave a vertex with fewer than three neighbors, and when the edge is one that
  * HelfrichForce::addFixedEdge() marks.
  */
 class OPENMM_EXPORT_HELFRICH EdgeFlipIntegrator : public MonteCarloIntegrator {
@@ -48,7 +48,7 @@ public:
     }
     /**
      * Get the number of attempts since the Context was created that were rejected by rule, because the flip would have
-     * connected two vertices twice or left a vertex with fewer than three neighbours, or the edge is fixed.
+     * connected two vertices twice or left a vertex with fewer than three neighbors, or the edge is fixed.
      */
     long long getNumForbidden() const {
         return numForbidden;

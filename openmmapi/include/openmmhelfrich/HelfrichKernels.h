@@ -6,6 +6,8 @@
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
 #include "internal/Splitting.h"
+#include "internal/windowsExportHelfrich.h"
+#include "openmm/KernelFactory.h"
 #include "openmm/KernelImpl.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
@@ -191,6 +193,18 @@ public:
      */
     virtual void restore(OpenMM::ContextImpl& context) = 0;
 };
+
+/**
+ * Make a factory the one that creates all of these kernels for a platform, if there is such a platform.
+ *
+ * This is a function of the library so that every platform's plugin needs the library: whoever imports OpenMM alone can
+ * then read the XML of its classes.
+ *
+ * @param platform       the name of the platform
+ * @param createFactory  creates the factory
+ */
+OPENMM_EXPORT_HELFRICH void registerHelfrichKernels(const std::string& platform,
+                                                    OpenMM::KernelFactory* (*createFactory)());
 
 } // namespace HelfrichPlugin
 

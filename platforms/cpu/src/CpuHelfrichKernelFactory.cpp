@@ -1,7 +1,6 @@
 #include "CpuHelfrichKernelFactory.h"
 #include "CpuHelfrichKernels.h"
 #include "openmm/OpenMMException.h"
-#include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"
 
 using namespace HelfrichPlugin;
@@ -12,15 +11,7 @@ extern "C" OPENMM_EXPORT void registerPlatforms() {
 }
 
 extern "C" OPENMM_EXPORT void registerKernelFactories() {
-    for (int i = 0; i < Platform::getNumPlatforms(); i++) {
-        Platform& platform = Platform::getPlatform(i);
-        if (platform.getName() == "CPU") {
-            KernelFactory* factory = new CpuHelfrichKernelFactory();
-            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
-            platform.registerKernelFactory(SweepEdgeFlipsKernel::Name(), factory);
-            platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
-        }
-    }
+    registerHelfrichKernels("CPU", []() -> KernelFactory* { return new CpuHelfrichKernelFactory(); });
 }
 
 extern "C" OPENMM_EXPORT void registerHelfrichCpuKernelFactories() {

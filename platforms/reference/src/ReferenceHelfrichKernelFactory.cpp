@@ -1,7 +1,6 @@
 #include "ReferenceHelfrichKernelFactory.h"
 #include "ReferenceHelfrichKernels.h"
 #include "openmm/OpenMMException.h"
-#include "openmm/Platform.h"
 #include "openmm/internal/windowsExport.h"
 
 using namespace HelfrichPlugin;
@@ -11,17 +10,7 @@ extern "C" OPENMM_EXPORT void registerPlatforms() {
 }
 
 extern "C" OPENMM_EXPORT void registerKernelFactories() {
-    // By name: CpuPlatform is a ReferencePlatform too, and has kernels of its own.
-
-    for (int i = 0; i < Platform::getNumPlatforms(); i++) {
-        Platform& platform = Platform::getPlatform(i);
-        if (platform.getName() == "Reference") {
-            KernelFactory* factory = new ReferenceHelfrichKernelFactory();
-            platform.registerKernelFactory(CalcHelfrichForceKernel::Name(), factory);
-            platform.registerKernelFactory(SweepEdgeFlipsKernel::Name(), factory);
-            platform.registerKernelFactory(IntegrateHamiltonianTrajectoryKernel::Name(), factory);
-        }
-    }
+    registerHelfrichKernels("Reference", []() -> KernelFactory* { return new ReferenceHelfrichKernelFactory(); });
 }
 
 extern "C" OPENMM_EXPORT void registerHelfrichReferenceKernelFactories() {
