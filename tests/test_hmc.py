@@ -94,10 +94,10 @@ def test_virial(engine, flipProbability):
     """<sum x.grad E> = (3N-3)kT for a surface that floats freely: positions are sampled at the right temperature, with
     flips and without.
     """
-    mesh, force, integrator, context = createRun(engine, flipProbability=flipProbability)
+    mesh, force, integrator, context = createRun(engine, "CPU", flipProbability=flipProbability)
     integrator.step(500)
     virial = []
-    for _ in range(4000):
+    for _ in range(16000):
         integrator.step(4)
         x = positionsOf(context)
         virial.append(-np.sum((x - x.mean(axis=0)) * forcesOf(context)))
