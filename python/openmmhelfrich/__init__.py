@@ -60,7 +60,8 @@ __all__ = [name for name in _MODULES if not name.startswith("__")]
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+        globals()[name] = found = getattr(import_module(f".{_MODULES[name]}", __name__), name)
+        return found
     if name in _PACKAGES:
         return import_module(f".{name}", __name__)
     raise AttributeError(f"module 'openmmhelfrich' has no attribute '{name}'")

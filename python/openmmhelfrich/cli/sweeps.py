@@ -40,8 +40,7 @@ def sweep(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run a grid of targets, temperatures, moduli, seeds: every combination of lists of values for keys of a
-    configuration.
+    """Run a grid of targets, temperatures, moduli, seeds: every combination of values of a configuration's keys.
 
     Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is
     finished stays, and what had begun goes on from its last checkpoint.  A table, summary.csv, has a row for each
