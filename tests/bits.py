@@ -1,15 +1,16 @@
 """Record what runs give, to the last bit, and compare it with what the same runs give later.
 
-    python tests/bits.py record DIR                    # make all runs; DIR/NAME.npz has the bits, DIR/NAME.json is to be read
+    python tests/bits.py record DIR                    # make all runs
     python tests/bits.py compare DIR                   # make them again, and say of each item whether it is the same
     python tests/bits.py compare DIR --only NAME ...   # some of the runs
     python tests/bits.py compare DIR --seed 2          # other random numbers: nearly everything must differ
 
-Together the runs use every term, move, splitting, precision, platform and kind of stage.  A change that is not to change results is
-proved by a recording made before it and a comparison after it, with the same versions of everything else.
+DIR/NAME.npz has the bits, DIR/NAME.json is to be read.  Together the runs use every term, move, splitting, precision,
+platform and kind of stage.  A change that is not to change results is proved by a recording made before it and a
+comparison after it, with the same versions of everything else.
 
-The bits are those of one machine and one instruction set (the environment variable OPENMM_HELFRICH_SIMD chooses another one): a
-recording is of no use on another processor or with another compiler.
+The bits are those of one machine and one instruction set (the environment variable OPENMM_HELFRICH_SIMD chooses another
+one): a recording is of no use on another processor or with another compiler.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -49,7 +51,7 @@ STATISTICS = (
     "getFlipRate",
     "getNumDivergedTrajectories",
 )
-RUNS = {}
+RUNS: dict[str, Callable] = {}
 
 
 def run(function):
@@ -144,8 +146,8 @@ def simulate(
 ):
     """Make Monte Carlo steps, and return what they leave.
 
-    ``moves`` are the integrators whose statistics are recorded besides that of ``integrator``; ``change`` is called half-way with the
-    Context.
+    ``moves`` are the integrators whose statistics are recorded besides that of ``integrator``; ``change`` is called
+    half-way with the Context.
     """
     forces = force if isinstance(force, list) else [force]
     if system is None:
@@ -374,7 +376,9 @@ def changes_642(seed):
 
 
 def createCompany(platform, numMembranes):
-    """Return a mesh, the forces, System and positions of membranes with a bead in each and forces between all, some particles fixed."""
+    """Return a mesh, the forces, System and positions of membranes with a bead in each and forces between all; some
+    particles are fixed.
+    """
     subdivisions = 1 if platform == "Reference" else 2
     meshes = [createMesh(subdivisions, seed) for seed in range(1, 1 + numMembranes)]
     n = len(meshes[0].vertices)
@@ -402,7 +406,7 @@ def createCompany(platform, numMembranes):
         system.addForce(force)
     width = 1.1 * (meshes[0].vertices.max() - meshes[0].vertices.min())
     positions = [
-        np.vstack((mesh.vertices, mesh.vertices.mean(axis=0))) + [i * width, 0, 0] for i, mesh in enumerate(meshes)
+        [*np.vstack((mesh.vertices, mesh.vertices.mean(axis=0))), i * width, 0, 0] for i, mesh in enumerate(meshes)
     ]
     return meshes[0], forces, system, np.concatenate(positions)
 
@@ -468,7 +472,7 @@ def reference_two_membranes_42(seed):
 
 
 def simulateSubsets(subdivisions, platform, seed):
-    """Return forces, energies and a few moves for each of the 64 subsets of the terms, the first axis of every array."""
+    """Return forces, energies and a few moves for each of the 64 subsets of terms, the first axis of every array."""
     mesh, rows = createMesh(subdivisions), []
     for on in itertools.product((False, True), repeat=len(TERMS)):
         terms = [term for term, isOn in zip(TERMS, on) if isOn]
@@ -604,7 +608,9 @@ def tableOf(file, title):
 
 
 def coordinatesOf(file):
-    """Return the coordinates in a DCD file, by frame, axis and particle: its records after the header that have a number a particle."""
+    """Return the coordinates in a DCD file, by frame, axis and particle: its records after the header that have
+    a number a particle.
+    """
     data, start, records = Path(file).read_bytes(), 0, []
     while start < len(data):
         length = int.from_bytes(data[start : start + 4], "little")
@@ -688,7 +694,8 @@ def difference(recorded, found):
     a, b = recorded[first], found[first]
     largest = np.nanmax(np.abs(recorded.astype(float) - found.astype(float)))
     return (
-        f"{len(where)} of {recorded.size}, first at {list(first)}: {text(a)}, now {text(b)} ({float(a):.17g}, {float(b):.17g}); "
+        f"{len(where)} of {recorded.size}, first at {list(first)}: {text(a)}, now {text(b)} "
+        f"({float(a):.17g}, {float(b):.17g}); "
         f"the largest difference is {largest:.3g}"
     )
 

@@ -96,7 +96,9 @@ def test_platforms_and_threads_make_the_same_flips():
 
 
 def test_reference_decides_as_the_cpu():
-    """All terms, hot and cold, at each exclusion level, some edges fixed: over 100,000 attempts both platforms accept and forbid the same ones."""
+    """All terms, hot and cold, at each exclusion level, some edges fixed: over 100,000 attempts both platforms accept
+    and forbid the same ones.
+    """
     mesh = createBlob(2)
     numAttempted, ends = 0, []
     for level in (0, 1, 2):

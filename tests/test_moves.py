@@ -151,7 +151,7 @@ def test_shares_of_four_moves():
     integrator.step(1000)
     moves = [integrator.getMove(index) for index in range(integrator.getNumMoves())]
     kinds = [mh.HamiltonianTrajectoryIntegrator, mh.EdgeFlipIntegrator, mh.ShearWaveIntegrator]
-    assert [type(move) for move in moves] == kinds + [mh.CustomTrajectoryIntegrator]
+    assert [type(move) for move in moves] == [*kinds, mh.CustomTrajectoryIntegrator]
     counts = [
         moves[0].getNumTrajectories(),
         moves[1].getNumSweeps(),

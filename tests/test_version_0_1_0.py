@@ -1,4 +1,6 @@
-"""Files that version 0.1.0 wrote are read, and simulations go on from them as they would have gone on then: see data/0.1.0/README.md."""
+"""Files that version 0.1.0 wrote are read, and simulations go on from them as they would have gone on then: see
+data/0.1.0/README.md.
+"""
 
 import json
 import shutil

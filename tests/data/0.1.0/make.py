@@ -2,8 +2,9 @@
 
     python tests/data/0.1.0/make.py
 
-Every scene gives a System and an integrator as XML and, for each platform, a State and a checkpoint of a Context in which moves have been
-made, with a JSON file that says what it held then, and what the same moves made of it afterwards.
+Every scene gives a System and an integrator as XML and, for each platform, a State and a checkpoint of a Context in
+which moves have been made, with a JSON file that says what it held then, and what the same moves made of it
+afterwards.
 """
 
 import json
@@ -116,7 +117,7 @@ def createSystem(scene):
         for _ in mesh.vertices:
             system.addParticle(1.5)
         system.addForce(createForce(mesh, f"Vesicle{i}", first, i))
-        positions.append(mesh.vertices + [6 * i, 0, 0])
+        positions.append([*mesh.vertices, 6 * i, 0, 0])
     bond = mm.HarmonicBondForce()
     bond.addBond(0, len(meshes[0].vertices), 1, 10)
     system.addForce(bond)
