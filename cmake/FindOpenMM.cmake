@@ -4,7 +4,8 @@
 #   OpenMM_INCLUDE_DIR
 # Its folder is not cached, so that a build folder survives a change of the environment.
 
-execute_process(COMMAND "${Python_EXECUTABLE}" -c "import openmm.version as v; print(v.openmm_library_path); print(v.short_version)"
+execute_process(COMMAND "${Python_EXECUTABLE}" -c
+    "import openmm.version as v; print(v.openmm_library_path); print(v.short_version)"
     OUTPUT_VARIABLE openmm_properties OUTPUT_STRIP_TRAILING_WHITESPACE RESULT_VARIABLE openmm_status)
 if(openmm_status EQUAL 0)
     string(REPLACE "\n" ";" openmm_properties "${openmm_properties}")
@@ -12,7 +13,8 @@ if(openmm_status EQUAL 0)
     list(GET openmm_properties 1 OpenMM_VERSION)
     cmake_path(SET OpenMM_INCLUDE_DIR NORMALIZE "${OpenMM_LIBRARY_DIR}/../include")
     set(OpenMM_LIBRARY "${OpenMM_LIBRARY_DIR}/${CMAKE_SHARED_LIBRARY_PREFIX}OpenMM${CMAKE_SHARED_LIBRARY_SUFFIX}")
-    set(OpenMM_CPU_LIBRARY "${OpenMM_LIBRARY_DIR}/plugins/${CMAKE_SHARED_LIBRARY_PREFIX}OpenMMCPU${CMAKE_SHARED_LIBRARY_SUFFIX}")
+    set(OpenMM_CPU_LIBRARY
+        "${OpenMM_LIBRARY_DIR}/plugins/${CMAKE_SHARED_LIBRARY_PREFIX}OpenMMCPU${CMAKE_SHARED_LIBRARY_SUFFIX}")
 endif()
 
 include(FindPackageHandleStandardArgs)

@@ -1,5 +1,6 @@
-# Where things are installed: beside OpenMM's own in the folder of Python packages, where "import openmm" finds plugins, and what an
-# uninstallation of the Python package removes.  A plain CMake build installs to the interpreter's own folder, over what pip put there.
+# Where things are installed: beside OpenMM's own in the folder of Python packages, where "import openmm" finds plugins,
+# and what an uninstallation of the Python package removes.  A plain CMake build installs to the interpreter's own
+# folder, over what pip put there.
 
 set(HELFRICH_LIBRARY_DIR OpenMM.libs/lib)
 set(HELFRICH_PLUGIN_DIR OpenMM.libs/lib/plugins)

@@ -1,4 +1,5 @@
-# Some sources are compiled once for each instruction set, and the program chooses among them when it runs: see CpuInstructionSet.h.
+# Some sources are compiled once for each instruction set, and the program chooses among them when it runs: see
+# CpuInstructionSet.h.
 
 include(CheckCXXSourceCompiles)
 set(HELFRICH_SIMD Baseline)
@@ -15,12 +16,13 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
     endforeach()
 endif()
 
-# Adds src/NAME.cpp to a library, for each NAME given, once for each instruction set.  The source finds the set's name in
-# HELFRICH_SIMD; the library and who uses it find those that there are in HELFRICH_HAS_BASELINE, HELFRICH_HAS_AVX2 and
-# HELFRICH_HAS_AVX512.
+# Adds src/NAME.cpp to a library, for each NAME given, once for each instruction set.  The source finds the set's name
+# in HELFRICH_SIMD; the library and who uses it find those that there are in HELFRICH_HAS_BASELINE, HELFRICH_HAS_AVX2
+# and HELFRICH_HAS_AVX512.
 #
-# Of an inline function that several objects define, the linker keeps the first it meets, which must run on every processor.  So these are static libraries,
-# which follow the library's own objects, and those of the baseline are the first of them.
+# Of an inline function that several objects define, the linker keeps the first it meets, which must run on every
+# processor.  So these are static libraries, which follow the library's own objects, and those of the baseline are the
+# first of them.
 function(helfrich_add_simd_sources library)
     foreach(simd ${HELFRICH_SIMD})
         foreach(name ${ARGN})
