@@ -1,4 +1,5 @@
-// What a HybridMonteCarloIntegrator has in Python only: the methods of its moves, under their own names or, where one integrator made all moves, under others.
+// What a HybridMonteCarloIntegrator has in Python only: the methods of its moves, under their own names or, where one
+// integrator made all moves, under others.
 
 %pythoncode %{
 # Settings of a HamiltonianTrajectoryIntegrator, and the one value that other integrators in its place have.
@@ -13,7 +14,9 @@ _TRAJECTORY_SETTINGS = {
 
 
 class _Mixture:
-    """The part of HybridMonteCarloIntegrator that asks its moves: a method that it lacks is that of the first move that has it."""
+    """The part of HybridMonteCarloIntegrator that asks its moves: a method that it lacks is that of the first move that
+    has it.
+    """
 
     def __getattr__(self, name):
         move = None if name.startswith('_') or name == 'this' else self._findMove(name)
@@ -22,7 +25,8 @@ class _Mixture:
         return getattr(move, name)
 
     def __dir__(self):
-        return sorted({*super().__dir__(), *(name for move in self._moves() for name in dir(move) if not name.startswith('_'))})
+        ofMoves = (name for move in self._moves() for name in dir(move) if not name.startswith('_'))
+        return sorted({*super().__dir__(), *ofMoves})
 
     def _moves(self):
         return [self.getMove(index) for index in range(self.getNumMoves())]
@@ -62,10 +66,12 @@ class _Mixture:
         shearWaves : ShearWaveIntegrator
             the integrator; this object takes over its ownership
         probability : float
-            the probability that a step is one of shear waves; with that of a sweep of flips it must not add up to more than 1
+            the probability that a step is one of shear waves; with that of a sweep of flips it must not add up to more
+            than 1
         """
         if not isinstance(shearWaves, ShearWaveIntegrator):
-            raise TypeError(f"HybridMonteCarloIntegrator.addShearWaves: the object, a {type(shearWaves).__name__}, is not a ShearWaveIntegrator")
+            raise TypeError(f"HybridMonteCarloIntegrator.addShearWaves: the object, a {type(shearWaves).__name__}, "
+                            "is not a ShearWaveIntegrator")
         if self._findShearWaves() is not None:
             raise openmm.OpenMMException("HybridMonteCarloIntegrator: it has a ShearWaveIntegrator already")
         _requireShearWaveProbability(probability)
@@ -75,7 +81,8 @@ class _Mixture:
         """Get the integrator that makes shear waves."""
         index = self._findShearWaves()
         if index is None:
-            raise openmm.OpenMMException("HybridMonteCarloIntegrator: it has no ShearWaveIntegrator; call addShearWaves()")
+            raise openmm.OpenMMException("HybridMonteCarloIntegrator: it has no ShearWaveIntegrator; "
+                                         "call addShearWaves()")
         return self.getMove(index)
 
     def getShearWaveProbability(self):
@@ -84,7 +91,9 @@ class _Mixture:
         return 0.0 if index is None else self.getMoveProbability(index)
 
     def setShearWaveProbability(self, probability):
-        """Set the probability that a step is one of shear waves.  With that of a sweep of flips it must not add up to more than 1."""
+        """Set the probability that a step is one of shear waves.  With that of a sweep of flips it must not add up to
+        more than 1.
+        """
         _requireShearWaveProbability(probability)
         index = self._findShearWaves()
         if index is not None:
@@ -99,7 +108,8 @@ class _Mixture:
 
 def _requireShearWaveProbability(probability):
     if not 0 <= probability <= 1:
-        raise openmm.OpenMMException(f"HybridMonteCarloIntegrator: the probability of shear waves is {probability}; it must be between 0 and 1")
+        raise openmm.OpenMMException(f"HybridMonteCarloIntegrator: the probability of shear waves is {probability}; "
+                                     "it must be between 0 and 1")
 
 
 def _addTrajectorySetting(name, item, default):
@@ -114,7 +124,8 @@ def _addTrajectorySetting(name, item, default):
         if move is not None:
             getattr(move, setter)(value)
         elif value != default:
-            raise openmm.OpenMMException(f"HybridMonteCarloIntegrator: {item} is {value!r}; integrator 0 is not one for which it can be other than {default!r}: "
+            raise openmm.OpenMMException(f"HybridMonteCarloIntegrator: {item} is {value!r}; "
+                                         f"integrator 0 is not one for which it can be other than {default!r}: "
                                          "it must be a HamiltonianTrajectoryIntegrator")
 
     for method, function, verb in ((getter, get, 'Get'), (setter, set, 'Set')):

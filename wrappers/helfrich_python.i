@@ -41,7 +41,7 @@ class HelfrichGeometry:
 
     @classmethod
     def _fromNumbers(cls, *numbers):
-        units = (unit.nanometer**2, unit.nanometer**3, unit.nanometer**2, unit.nanometer, unit.nanometer**2, unit.nanometer)
+        units = (unit.nanometer**power for power in (2, 3, 2, 1, 2, 1))
         return cls(*map(unit.Quantity, numbers, units))
 
 
@@ -63,20 +63,23 @@ def _duplicate(cls, original):
     return duplicate
 
 
-def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5, engine='native'):
+def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5,
+                         engine='native'):
     return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability, engine
 
 
 def _requireOwned(integrator):
     if not getattr(integrator, 'thisown', True):
-        raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator already")
+        raise ValueError(f"HybridMonteCarloIntegrator: the {type(integrator).__name__} belongs to another integrator "
+                         "already")
 
 
 def _integratorArguments(trajectory, flips=None, flipProbability=0.5):
     _requireOwned(trajectory)
     _requireOwned(flips)
     if trajectory is flips:
-        raise ValueError(f"HybridMonteCarloIntegrator: the {type(flips).__name__} belongs to another integrator already: it is given twice")
+        raise ValueError(f"HybridMonteCarloIntegrator: the {type(flips).__name__} belongs to another integrator "
+                         "already: it is given twice")
     return trajectory, flips, flipProbability
 
 
@@ -84,7 +87,9 @@ _MOVES = []
 
 
 def _loadPlugins():
-    """Load the kernels, unless OpenMM did it when it was imported: it does not where OPENMM_PLUGIN_DIR names another folder."""
+    """Load the kernels, unless OpenMM did it when it was imported: it does not where OPENMM_PLUGIN_DIR names another
+    folder.
+    """
     if openmm.Platform.getPlatform('Reference').supportsKernels(['CalcHelfrichForce']):
         return
     folder = os.path.join(os.path.dirname(__file__), os.pardir, 'OpenMM.libs', 'lib', 'plugins')
@@ -106,8 +111,8 @@ _loadPlugins()
     def cast(object):
         """Get the Class that an openmm.Base is.
 
-        Methods of OpenMM itself, such as System.getForce() and XmlSerializer.deserialize(), return objects of this class
-        as an openmm.Base.  If the argument owns the underlying object, the result takes over its ownership.
+        Methods of OpenMM itself, such as System.getForce() and XmlSerializer.deserialize(), return objects of this
+        class as an openmm.Base.  If the argument owns the underlying object, the result takes over its ownership.
 
         Parameters
         ----------
@@ -157,10 +162,12 @@ HELFRICH_MOVE(ShearWaveIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
-        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5, engine='native')
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5,
+        engine='native')
         __init__(self, trajectory, flips=None, flipProbability=0.5)
 
-        Create a HybridMonteCarloIntegrator, either with Hybrid Monte Carlo trajectories or with those of another integrator.
+        Create a HybridMonteCarloIntegrator, either with Hybrid Monte Carlo trajectories or with those of another
+        integrator.
 
         Parameters
         ----------

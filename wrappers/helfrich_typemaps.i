@@ -1,4 +1,5 @@
-// Triangles are numpy arrays of shape (T, 3), energies and geometry plain Python objects, to which helfrich_features.i adds the units.
+// Triangles are numpy arrays of shape (T, 3), energies and geometry plain Python objects, to which helfrich_features.i
+// adds the units.
 
 %fragment("HelfrichTriangles", "header") {
 
@@ -6,7 +7,8 @@
  * Report what is wrong with an array of triangles, as a ValueError.
  */
 static bool rejectTriangles(const char* caller, const std::string& problem) {
-    PyErr_Format(PyExc_ValueError, "%s: triangles must be an array of integers of shape (T, 3), not %s", caller, problem.c_str());
+    PyErr_Format(PyExc_ValueError, "%s: triangles must be an array of integers of shape (T, 3), not %s", caller,
+                 problem.c_str());
     return false;
 }
 
@@ -29,12 +31,15 @@ static std::string describeType(PyArrayObject* array) {
 /**
  * Copy 64 bit integers to triangles, unless one does not fit into an int.
  */
-static bool copyTriangles(const char* caller, const npy_int64* values, bool wereUnsigned, std::vector<std::array<int, 3> >& triangles) {
+static bool copyTriangles(const char* caller, const npy_int64* values, bool wereUnsigned,
+                          std::vector<std::array<int, 3> >& triangles) {
     for (size_t i = 0; i < 3*triangles.size(); i++) {
         npy_int64 value = values[i];
         if (value != (npy_int64) (int) value || (wereUnsigned && value < 0)) {
-            std::string number = (wereUnsigned ? std::to_string((unsigned long long) value) : std::to_string((long long) value));
-            return rejectTriangles(caller, "one with the value "+number+" (triangle "+std::to_string(i/3)+"), which does not fit into 32 bits");
+            std::string number = (wereUnsigned ? std::to_string((unsigned long long) value)
+                                               : std::to_string((long long) value));
+            return rejectTriangles(caller, "one with the value "+number+" (triangle "+std::to_string(i/3)+
+                                           "), which does not fit into 32 bits");
         }
         triangles[i/3][i%3] = (int) value;
     }
@@ -42,8 +47,8 @@ static bool copyTriangles(const char* caller, const npy_int64* values, bool were
 }
 
 /**
- * Copy an array of shape (T, 3) and any type of integer to triangles.  Only an array of another type than int32 and int64, or one that is not
- * contiguous, is copied twice.
+ * Copy an array of shape (T, 3) and any type of integer to triangles.  Only an array of another type than int32 and
+ * int64, or one that is not contiguous, is copied twice.
  */
 static bool arrayToTriangles(const char* caller, PyArrayObject* array, std::vector<std::array<int, 3> >& triangles) {
     bool isEmptyList = (PyArray_NDIM(array) == 1 && PyArray_DIM(array, 0) == 0);
@@ -55,7 +60,8 @@ static bool arrayToTriangles(const char* caller, PyArrayObject* array, std::vect
     if (!PyArray_ISINTEGER(array))
         return rejectTriangles(caller, describeType(array));
     bool isInt32 = (PyArray_ISSIGNED(array) && PyArray_ITEMSIZE(array) == sizeof(npy_int32));
-    PyArrayObject* plain = (PyArrayObject*) PyArray_FROM_OTF((PyObject*) array, isInt32 ? NPY_INT32 : NPY_INT64, NPY_ARRAY_CARRAY_RO | NPY_ARRAY_FORCECAST);
+    PyArrayObject* plain = (PyArrayObject*) PyArray_FROM_OTF((PyObject*) array, isInt32 ? NPY_INT32 : NPY_INT64,
+                                                             NPY_ARRAY_CARRAY_RO | NPY_ARRAY_FORCECAST);
     if (plain == NULL)
         return false;
     bool success = true;
@@ -93,7 +99,8 @@ static PyObject* trianglesToArray(const std::vector<std::array<int, 3> >& triang
 }
 }
 
-%typemap(in, fragment="HelfrichTriangles") const std::vector<std::array<int, 3> >& (std::vector<std::array<int, 3> > triangles) {
+%typemap(in, fragment="HelfrichTriangles")
+const std::vector<std::array<int, 3> >& (std::vector<std::array<int, 3> > triangles) {
     if (!objectToTriangles("$symname", $input, triangles))
         SWIG_fail;
     $1 = &triangles;
@@ -146,6 +153,7 @@ static PyObject* vectorToArray(const std::vector<double>& values) {
 }
 %typemap(out, fragment="HelfrichVector") HelfrichPlugin::HelfrichGeometry {
     const HelfrichPlugin::HelfrichGeometry& geometry = $1;
-    $result = Py_BuildValue("(d,d,d,d,N,N)", geometry.area, geometry.volume, geometry.areaDifference, geometry.integratedMeanCurvature,
-            vectorToArray(geometry.vertexAreas), vectorToArray(geometry.vertexMeanCurvatures));
+    $result = Py_BuildValue("(d,d,d,d,N,N)", geometry.area, geometry.volume, geometry.areaDifference,
+            geometry.integratedMeanCurvature, vectorToArray(geometry.vertexAreas),
+            vectorToArray(geometry.vertexMeanCurvatures));
 }
