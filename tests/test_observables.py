@@ -52,7 +52,7 @@ def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):
 def test_pictures_of_what_a_table_has(tmp_path):
     """Tables of other versions may lack columns."""
     values = np.linspace(1, 2, 4)
-    table = Table({name: values for name in ("step", "energy", "E_bending", "area", "volume", "acceptance")})
+    table = Table(dict.fromkeys(("step", "energy", "E_bending", "area", "volume", "acceptance"), values))
     plotObservables(table, tmp_path / "plot.png")
     windows = {"lambda": values - 1, "E_bending": values, "E_bendingDeviation": values}
     plotPath(Table(windows), tmp_path / "path.png")
