@@ -112,6 +112,12 @@ def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Confi
         raise ValueError("\n".join(f"{source}: {_explain(mistake)}" for mistake in error.errors())) from None
 
 
+def asDict(config: Config, onlyGiven: bool = False) -> dict[str, Any]:
+    """Return the nested dict of a Config, which :func:`parseConfig` takes back, if asked for only of what was given."""
+    exclude = {"sampling": {"steps"}} if config.stages else None  # stages have steps of their own
+    return config.model_dump(mode="json", exclude_none=True, exclude_unset=onlyGiven, exclude=exclude)
+
+
 def sections() -> dict[str, type[Section]]:
     """Return the sections of a configuration by name, in order; stages are none of them."""
     models = {name: field.annotation for name, field in Config.model_fields.items()}

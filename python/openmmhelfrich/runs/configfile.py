@@ -7,7 +7,7 @@ from typing import Any
 import tomli_w
 
 from ..files import PathLike, replacing
-from .config import Config, sections
+from .config import Config, asDict, sections
 from .sections import Targets
 from .stagesettings import STAGES
 
@@ -38,10 +38,7 @@ def defaultText() -> str:
 
 def settingsText(config: Config, comments: Iterable[str] = ()) -> str:
     """Return the text of a configuration file of a Config, after some comments."""
-    values = config.model_dump(
-        mode="json", exclude_none=True, exclude={"sampling": {"steps"}} if config.stages else None
-    )
-    return configText(values, comments)
+    return configText(asDict(config), comments)
 
 
 def configText(data: Mapping[str, Any], comments: Iterable[str] = ()) -> str:

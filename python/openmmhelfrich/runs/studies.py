@@ -25,7 +25,7 @@ from ..sampling.targets import currentTargets
 from ..tables import Table
 from ..version import __version__
 from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
-from .config import Config, parseConfig, readConfig
+from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
 from .scene import Scene, currentMesh, platformOf
@@ -189,9 +189,8 @@ class Study:
         """Write a checkpoint."""
         if self._recorder:
             self._sizes = self._recorder.sync()
-        settings = self.config.model_dump(mode="json", exclude_none=True, exclude={"sampling": {"steps"}})
         state = RunState(
-            settings,
+            asDict(self.config),
             self.index,
             self.stage.getState(),
             self._sizes,

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from ..files import PathLike, replacing
+from ..runs.config import asDict
 from ..runs.configfile import configText
 from .search import AVERAGES, Point, Search
 from .settings import apply, describe, isExact
@@ -126,7 +127,7 @@ def recommendationText(search: Search, point: Point) -> str:
     if setting.get("sampling.step_size") == "auto":
         setting["sampling.step_size"] = float(f"{measurement.stepSize:.4g}")
     config = apply(search.config, setting, asWritten=True)
-    data = config.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    data = asDict(config, onlyGiven=True)
     if config.mesh.file is not None:
         data["mesh"]["file"] = str(Path(config.mesh.file).resolve())  # wherever this is put
     data.get("output", {}).pop("prefix", None)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
-from ..runs.config import MODULI, Config, parseConfig, sections, valueOf
+from ..runs.config import MODULI, Config, asDict, parseConfig, sections, valueOf
 
 COARSER = "mesh.icosphere"
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
@@ -106,7 +106,7 @@ def apply(config: Config, setting: Setting, asWritten: bool = False) -> Config:
     asWritten : bool
         leave all else to the defaults that its file left it to, and not to what the Config has
     """
-    data = config.model_dump(mode="json", exclude_none=True, exclude_unset=asWritten)
+    data = asDict(config, onlyGiven=asWritten)
     for name, value in setting.items():
         section, key = name.split(".")
         data.setdefault(section, {})[key] = value
