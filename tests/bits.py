@@ -701,15 +701,20 @@ def difference(recorded, found):
 
 
 def compare(folder, name, items):
-    """Print a comparison with a recording and return the number of items that differ."""
+    """Print a comparison with a recording and return the number of items that differ.
+
+    Statistics that moves did not have when the recording was made are no difference.
+    """
     recorded, numDifferent = load(folder, name), 0
     for key in [*recorded, *(key for key in items if key not in recorded)]:
-        if key not in items or key not in recorded:
-            problem = "is not there now" if key in recorded else "was not recorded"
+        if key in recorded:
+            problem = difference(recorded[key], items[key]) if key in items else "is not there now"
         else:
-            problem = difference(recorded[key], items[key])
-        numDifferent += problem is not None
-        print(f"  {key:52} {'same' if problem is None else 'DIFFERS: ' + problem}")
+            problem = "was not recorded"
+        isNew = key not in recorded and key.partition(".")[2] in STATISTICS
+        numDifferent += problem is not None and not isNew
+        verdict = "same" if problem is None else f"new: {problem}" if isNew else f"DIFFERS: {problem}"
+        print(f"  {key:52} {verdict}")
     return numDifferent
 
 

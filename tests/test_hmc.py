@@ -41,7 +41,7 @@ def velocitiesOf(context):
 
 
 def energyChangeOf(integrator):
-    trajectory = integrator.getIntegrator(0)
+    trajectory = integrator.getMove(0)
     if isinstance(trajectory, mh.HamiltonianTrajectoryIntegrator):
         return trajectory.getLastEnergyChange() / unit.kilojoule_per_mole
     return trajectory.getGlobalVariableByName("endEnergy") - trajectory.getGlobalVariableByName("startEnergy")
@@ -234,7 +234,7 @@ def test_annealing_reaches_the_flips():
     for kT in (1000 * KT, 100 * KT, 10 * KT):
         mesh, force, integrator, context = createRun("native", flipProbability=1)
         integrator.setTemperature(kelvin(kT))
-        assert integrator.getIntegrator(1).getTemperature() / unit.kelvin == pytest.approx(kelvin(kT))
+        assert integrator.getFlipIntegrator().getTemperature() / unit.kelvin == pytest.approx(kelvin(kT))
         integrator.step(50)
         rates.append(integrator.getFlipAcceptanceRate())
     assert rates[0] > 1.5 * rates[1] > 1.5 * 1.5 * rates[2] > 0

@@ -277,15 +277,16 @@ def testPlaceIsCheckedAtOnce(tmp_path):
 # --- the reporter
 
 
-def simulate(sphere, seed=1):
+def simulate(sphere, seed=1, integrator=None):
     force = mh.HelfrichForce()
     force.setTriangles(sphere.triangles)
     force.setBendingModulus(30)
     force.setTether(1e4, 0.2, 0.5, 2)
     system = sphere.createSystem()
     system.addForce(force)
-    integrator = mh.HybridMonteCarloIntegrator(300, 1e-3, 10)
-    integrator.setRandomNumberSeed(seed)
+    if integrator is None:
+        integrator = mh.HybridMonteCarloIntegrator(300, 1e-3, 10)
+        integrator.setRandomNumberSeed(seed)
     simulation = app.Simulation(sphere.topology(), system, integrator, mm.Platform.getPlatform("Reference"))
     simulation.context.setPositions(sphere.vertices)
     return simulation, force

@@ -129,14 +129,15 @@ def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
     results = []
     for function in (mh.minimize, mh.minimizeFluid):
         force, simulation = createSimulation(mesh, 0.97, 1e3, tether=(10, 0.6, 1.5))
-        simulation.integrator.getIntegrator(1).setTemperature(1e4)
-        simulation.integrator.getIntegrator(1).step(5)  # makes a bad mesh
+        flips = simulation.integrator.getFlipIntegrator()
+        flips.setTemperature(1e4)
+        flips.step(5)  # makes a bad mesh
         simulation.integrator.setTemperature(123)
         simulation.context.setStepCount(7)
         results.append(function(simulation, force))
     fixed, fluid = results
     assert fixed.flips == 0 < fluid.flips and fluid.energy < 0.95 * fixed.energy
-    flips = simulation.integrator.getIntegrator(1)
+    flips = simulation.integrator.getFlipIntegrator()
     assert flips.getTemperature() / unit.kelvin == 123 and flips.getFraction() == 0.1
     assert simulation.currentStep == 7
 

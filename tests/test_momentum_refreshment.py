@@ -104,5 +104,5 @@ def test_configuration():
     )
     mesh = mh.Mesh.icosphere(1)
     integrator = Scene.of(config, mesh).createIntegrator()
-    assert integrator.getMomentumRefreshment() == integrator.getIntegrator(0).getMomentumRefreshment() == 0.4
+    assert integrator.getMomentumRefreshment() == integrator.getMove(0).getMomentumRefreshment() == 0.4
     assert mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom").getMomentumRefreshment() == 1

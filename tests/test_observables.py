@@ -1,16 +1,20 @@
 """Observables: the columns of tables, and what plots, pages, summaries and sweeps make of them."""
 
+import io
+
 import numpy as np
+import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich.pictures.plots import plotObservables, plotPath
+from membranes import TERMS
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.studies import run
 from openmmhelfrich.runs.sweeps import observe
 from openmmhelfrich.sampling.averages import lateRows
-from openmmhelfrich.sampling.observables import DEFAULT_OBSERVABLES, ENERGY_TERMS, OBSERVABLES
+from openmmhelfrich.sampling.observables import DEFAULT_OBSERVABLES, OBSERVABLES
 from openmmhelfrich.tables import Table
 from test_mesh_trajectory import simulate
 from test_report import partsOf
@@ -22,9 +26,53 @@ def test_names_are_different_and_refer_to_each_other():
     assert {observable.target for observable in OBSERVABLES if observable.target} < set(names)
 
 
-def test_energy_terms_are_those_of_the_force(sphere):
-    simulation, force = simulate(sphere)
-    assert tuple(force.getEnergyTermsInContext(simulation.context)) == ENERGY_TERMS
+def createWaves():
+    return mh.ShearWaveIntegrator(300, 0.001, 1, 3, 2)
+
+
+def createMixture(*arguments, waves=None, **keywords):
+    integrator = mh.HybridMonteCarloIntegrator(*arguments, **keywords)
+    if waves is not None:
+        integrator.addShearWaves(createWaves(), waves)
+    return integrator
+
+
+def createDynamics():
+    return mm.LangevinMiddleIntegrator(300, 1, 1e-4), mh.EdgeFlipIntegrator(300, 0.1)
+
+
+# What version 0.1.0 wrote: the columns of every table, and after them those of the integrator.
+EVERY_TABLE = (
+    "step,energy (kT),E_bending (kT),E_area (kT),E_volume (kT),E_areaDifference (kT),E_tether (kT),E_repulsion (kT),"
+    "area (nm^2),volume (nm^3),reducedVolume,areaDifference (nm^2),meanCurvature (nm)"
+)
+MIXTURE = "acceptance,flipAcceptance,flipRate,flipsForbidden,diverged"
+WITH_WAVES = "acceptance,flipAcceptance,waveAcceptance,waveAmplitude (nm),flipRate,flipsForbidden,diverged"
+COLUMNS = {
+    "native": (lambda: createMixture(300, 1e-3, 3), MIXTURE),
+    "custom": (lambda: createMixture(300, 1e-3, 3, engine="custom"), MIXTURE),
+    "native and waves": (lambda: createMixture(300, 1e-3, 3, waves=0.3), WITH_WAVES),
+    "waves that are never made": (lambda: createMixture(300, 1e-3, 3, waves=0), WITH_WAVES),
+    "custom and waves": (lambda: createMixture(300, 1e-3, 3, engine="custom", waves=0.3), WITH_WAVES),
+    "dynamics": (lambda: createMixture(*createDynamics()), MIXTURE),
+    "dynamics and waves": (lambda: createMixture(*createDynamics(), waves=0.3), WITH_WAVES),
+    "flips alone": (lambda: mh.EdgeFlipIntegrator(300, 0.1), "flipRate,flipsForbidden"),
+    "trajectories alone": (lambda: mh.HamiltonianTrajectoryIntegrator(300, 1e-3, 3), ""),
+    "waves alone": (createWaves, ""),
+    "dynamics alone": (lambda: mm.VerletIntegrator(1e-4), ""),
+}
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns_are_those_of_version_0_1_0(name, sphere):
+    create, columns = COLUMNS[name]
+    simulation, force = simulate(sphere, integrator=create())
+    table = io.StringIO()
+    simulation.reporters.append(mh.ObservablesReporter(table, 2, force, 300))
+    simulation.step(2)
+    later = [f"E_{term} (kT)" for term in mh.HelfrichForce.getTermNames() if term not in TERMS]
+    heads = [head for head in table.getvalue().splitlines()[0].split(",") if head not in later]
+    assert heads == (f"{EVERY_TABLE},{columns}" if columns else EVERY_TABLE).split(",")
 
 
 def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):

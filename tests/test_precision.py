@@ -91,7 +91,7 @@ def test_mixed_precision_samples_the_same_distribution():
         integrator.setForcePrecision(precision)
         context = createContext(mesh, force, "CPU", integrator)
         integrator.step(500)
-        trajectory, factors, bending = integrator.getIntegrator(0), [], []
+        trajectory, factors, bending = integrator.getMove(0), [], []
         for _ in range(6000):
             integrator.step(1)
             factors.append(np.exp(-trajectory.getLastEnergyChange() / unit.kilojoule_per_mole / KT))

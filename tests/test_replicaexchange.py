@@ -141,7 +141,7 @@ def test_dynamics_takes_over_the_temperature():
     ReplicaExchange(simulations, [ThermodynamicState(310), ThermodynamicState(320)])
     for simulation, temperature in zip(simulations, (310, 320)):
         for k in range(2):
-            assert simulation.integrator.getIntegrator(k).getTemperature() == temperature * unit.kelvin
+            assert simulation.integrator.getMove(k).getTemperature() == temperature * unit.kelvin
 
 
 def vesicles(subdivisions=1, stepSize=0.002, **changes):

@@ -58,7 +58,7 @@ def countersOf(integrator):
             integrator.getNumAcceptedTrajectories(),
             integrator.getNumDivergedTrajectories(),
         ]
-        if integrator.getNumIntegrators() > 2:
+        if integrator.getShearWaveProbability() > 0:
             waves = integrator.getShearWaveIntegrator()
             counters += [waves.getNumAttempted(), waves.getNumAccepted(), waves.getNumDiverged()]
     return counters

@@ -86,7 +86,7 @@ def energiesOf(kT, flipTemperature, samples=8000):
         springs.addParticle(i, x)
     integrator = mh.HybridMonteCarloIntegrator(kelvin(kT), 0.015, 8, 1)
     integrator.setRandomNumberSeed(1 if kT == 1 else 2)
-    integrator.getIntegrator(1).setTemperature(kelvin(flipTemperature))
+    integrator.getFlipIntegrator().setTemperature(kelvin(flipTemperature))
     context = createContext(mesh, [force, springs], "Reference", integrator)
     integrator.step(300)
     energies = []

@@ -148,7 +148,7 @@ def test_rejected_moves_leave_no_trace(platform):
     mesh, force, integrator, context = createRun(platform=platform, flipProbability=0, probability=0.5)
     integrator.step(20)
     waves = integrator.getShearWaveIntegrator()
-    waves, start = integrator.getIntegrator(2), (positionsOf(context), velocitiesOf(context), energyOf(context))
+    start = positionsOf(context), velocitiesOf(context), energyOf(context)
     integrator.setShearWaveProbability(1)
     accepted = waves.getNumAccepted()
     for amplitude in (10, 1e160):
@@ -250,9 +250,9 @@ def test_one_integrator_for_waves():
         integrator.setShearWaveProbability(0.1)
     with pytest.raises(mm.OpenMMException, match="add up to more than 1"):
         integrator.addShearWaves(waves, 0.6)
-    assert waves.thisown and integrator.getNumIntegrators() == 2
+    assert waves.thisown and integrator.getNumMoves() == 2
     integrator.addShearWaves(waves, 0.2)
-    assert not waves.thisown and isinstance(integrator.getIntegrator(2), mh.ShearWaveIntegrator)
+    assert not waves.thisown and isinstance(integrator.getMove(2), mh.ShearWaveIntegrator)
     with pytest.raises(mm.OpenMMException, match="has a ShearWaveIntegrator already"):
         integrator.addShearWaves(createWaves(), 0.2)
     with pytest.raises(ValueError, match="belongs to another"):
@@ -261,7 +261,7 @@ def test_one_integrator_for_waves():
         integrator.setFlipProbability(0.9)
     for temperature in (400 * unit.kelvin,):
         integrator.setTemperature(temperature)
-        assert integrator.getIntegrator(2).getTemperature() == temperature
+        assert integrator.getShearWaveIntegrator().getTemperature() == temperature
 
 
 def createSimulation(probability=0.5, amplitude=1.0, moves=5):
@@ -278,7 +278,7 @@ def createSimulation(probability=0.5, amplitude=1.0, moves=5):
 @pytest.mark.parametrize("amplitude", [10.0, 1e-5])
 def test_amplitude_adapts(amplitude):
     simulation = createSimulation(amplitude=amplitude)
-    result, waves = mh.adaptStepSize(simulation, 500), simulation.integrator.getIntegrator(2)
+    result, waves = mh.adaptStepSize(simulation, 500), simulation.integrator.getShearWaveIntegrator()
     assert waves.getAmplitude() == result.amplitude * unit.nanometer and 0.003 < result.amplitude < 0.3
     attempted, accepted = waves.getNumAttempted(), waves.getNumAccepted()
     simulation.step(600)

@@ -176,7 +176,7 @@ def test_errors():
             for _ in range(60):
                 context.setPositions(x + np.random.default_rng(1).normal(0, 0.01, x.shape))
                 integrator.step(1)
-                assert integrator.getIntegrator(0).getLastNumSteps() == steps
+                assert integrator.getMove(0).getLastNumSteps() == steps
                 changes.append(energyChangeOf(integrator))
             errors[splitting, steps] = np.sqrt(np.mean(np.square(changes)))
         assert 3 < errors[splitting, 12] / errors[splitting, 24] < 5.5
@@ -189,9 +189,9 @@ def test_lengths():
     """
     for splitting, expected in (("leapfrog", 10), ("bcss2", 10), ("bcss3", 12)):
         integrator, context = createRun(splitting, 0.001, 10)
-        assert integrator.getIntegrator(0).getLastNumSteps() == 0
+        assert integrator.getMove(0).getLastNumSteps() == 0
         integrator.step(1)
-        assert integrator.getIntegrator(0).getLastNumSteps() == expected and integrator.getStepsPerTrajectory() == 10
+        assert integrator.getMove(0).getLastNumSteps() == expected and integrator.getStepsPerTrajectory() == 10
     lengths = []
     for stepSize in (0.001, 10.0):
         integrator, context = createRun("leapfrog", stepSize, 10)
@@ -199,7 +199,7 @@ def test_lengths():
         lengths.append([])
         for _ in range(300):
             integrator.step(1)
-            lengths[-1].append(integrator.getIntegrator(0).getLastNumSteps())
+            lengths[-1].append(integrator.getMove(0).getLastNumSteps())
     assert lengths[0] == lengths[1]
     counts = np.bincount(lengths[0])
     assert counts.size == 16 and counts[:5].sum() == 0
@@ -210,12 +210,9 @@ def test_lengths():
 def test_leapfrog_is_the_default():
     integrator = mh.HybridMonteCarloIntegrator(300, 0.1)
     assert (
-        integrator.getSplitting() == integrator.getIntegrator(0).getSplitting() == "leapfrog"
+        integrator.getSplitting() == integrator.getMove(0).getSplitting() == "leapfrog"
         and integrator.getTrajectoryJitter() == 0
     )
     integrator.setSplitting("bcss2")
     integrator.setTrajectoryJitter(0.2)
-    assert (
-        integrator.getIntegrator(0).getSplitting() == "bcss2"
-        and integrator.getIntegrator(0).getTrajectoryJitter() == 0.2
-    )
+    assert integrator.getMove(0).getSplitting() == "bcss2" and integrator.getMove(0).getTrajectoryJitter() == 0.2

@@ -131,7 +131,7 @@ def testTrajectoriesOfRandomLength(tmp_path):
         runStages(
             tmp_path / name,
             [{"kind": "sample", "steps": 400}],
-            lambda study: lengths.append(study.simulation.integrator.getIntegrator(0).getLastNumSteps()),
+            lambda study: lengths.append(study.simulation.integrator.getMove(0).getLastNumSteps()),
             flip_probability=0.0,
             **sampling,
         )

@@ -8,16 +8,24 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from openmm import app
 
-from ..helfrich import HelfrichForce
-from ..sampling.adaptation import AmplitudeAdapter, AmplitudeTracker, StepSizeAdapter, StepSizeTracker, stepAndAdapt
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce
+from ..sampling.adaptation import (
+    Adapter,
+    AmplitudeAdapter,
+    AmplitudeTracker,
+    StepSizeAdapter,
+    StepSizeTracker,
+    stepAndAdapt,
+)
 from ..sampling.averages import averageWindows
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.minimization import minimize, minimizeFluid
+from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table
@@ -25,8 +33,6 @@ from .scene import Scene
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
-Adapter: TypeAlias = StepSizeAdapter | StepSizeTracker
-WaveAdapter: TypeAlias = AmplitudeAdapter | AmplitudeTracker
 _TARGET_NAMES = {
     "target_area": "area",
     "target_volume": "volume",
@@ -123,13 +129,13 @@ class Stage(ABC):
 
     def _counters(self):
         integrator = self._simulation.integrator
-        flips = integrator.getFlipIntegrator()
+        flips, trajectories = findMove(integrator, EdgeFlipIntegrator), trajectoriesOf(integrator)
         return [
-            integrator.getNumTrajectories(),
-            integrator.getNumAcceptedTrajectories(),
-            flips.getNumAttempted(),
-            flips.getNumAccepted(),
-            integrator.getNumDivergedTrajectories(),
+            trajectories.getNumAttempted(),
+            trajectories.getNumAccepted(),
+            flips.getNumAttempted() if flips else 0,
+            flips.getNumAccepted() if flips else 0,
+            numDiverged(integrator),
         ]
 
     def _endTargets(self):
@@ -139,7 +145,7 @@ class Stage(ABC):
     def _createAdapter(self) -> Adapter | None:
         return None
 
-    def _createWaveAdapter(self) -> WaveAdapter | None:
+    def _createWaveAdapter(self) -> Adapter | None:
         return None
 
     @property
@@ -216,7 +222,7 @@ class MonteCarlo(Stage):
         simulation.integrator.setTemperature(self._temperature(n))
         setTargets(simulation.context, self._force, self._targets(n))
         if self._isAdapting(n):
-            stepAndAdapt(simulation, self._adapter, self._waveAdapter)
+            stepAndAdapt(simulation, *self._adapters)
         else:
             simulation.step(1)
         self.position += 1
@@ -230,7 +236,7 @@ class MonteCarlo(Stage):
     def _createWaveAdapter(self):
         if self._scene.config.sampling.shear_wave_probability == 0 or not self._scene.adaptsWaveAmplitude:
             return None
-        return self.WAVE_ADAPTER(self._simulation.integrator.getShearWaveIntegrator().getAmplitude())
+        return self.WAVE_ADAPTER.of(self._simulation.integrator)
 
     def _temperature(self, n):
         return self._settings.temperature or self._scene.temperature
@@ -250,7 +256,7 @@ class Sample(MonteCarlo):
     def _createAdapter(self):
         integrator, own = self._simulation.integrator, self._settings.step_size
         if own == "auto" or (own is None and self._scene.adaptsStepSize):
-            return StepSizeAdapter(integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+            return StepSizeAdapter.of(integrator, self._scene.config.sampling.target_acceptance)
         integrator.setStepSize(own or self._scene.stepSize)
         return None
 
@@ -262,10 +268,8 @@ class Sample(MonteCarlo):
             adapter.isReady for adapter in self._adapters
         )
         if self._isAdapting(self.position) and isBurnedIn:
-            if self._adapter:
-                self._simulation.integrator.setStepSize(self._adapter.freeze())
-            if self._waveAdapter:
-                self._simulation.integrator.getIntegrator(2).setAmplitude(self._waveAdapter.freeze())
+            for adapter in self._adapters:
+                adapter.write(adapter.findMove(self._simulation.integrator), adapter.freeze())
             self._startCounters = self._counters()  # the acceptance is that of the step size that was chosen
 
     def notes(self) -> list[str]:
@@ -303,7 +307,7 @@ class Anneal(MonteCarlo):
         return self._schedule(n)
 
     def _createAdapter(self):
-        return StepSizeTracker(self._simulation.integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+        return StepSizeTracker.of(self._simulation.integrator, self._scene.config.sampling.target_acceptance)
 
     def window(self) -> tuple[int, bool]:
         return 0, True
@@ -339,7 +343,7 @@ class Continue(MonteCarlo):
     def _createAdapter(self):
         integrator = self._simulation.integrator
         if self._scene.adaptsStepSize:
-            return StepSizeTracker(integrator.getStepSize(), self._scene.config.sampling.target_acceptance)
+            return StepSizeTracker.of(integrator, self._scene.config.sampling.target_acceptance)
         integrator.setStepSize(self._scene.stepSize)
         return None
 

@@ -20,6 +20,7 @@ from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.psf import writePSF
 from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
 from ..sampling.targets import currentTargets
 from ..tables import Table
@@ -301,7 +302,7 @@ class Study:
             targets={name: value for name, value in targets.items() if moduli[name] > 0},
             acceptance=acceptance,
             flipAcceptance=flipAcceptance,
-            diverged=self.simulation.integrator.getNumDivergedTrajectories(),
+            diverged=numDiverged(self.simulation.integrator),
             notes=self.notes,
             interrupted=not self.isComplete,
             signal=signal,

@@ -2,8 +2,8 @@
 temperature falls.
 
 An adapter is told the acceptance probability of each trajectory and says with which step size to make the next one.
-Its state is a handful of numbers, which :meth:`getState` and :meth:`setState` carry over a restart without losing a
-bit.
+It knows the kind of moves that it is for.  Its state is a handful of numbers, which :meth:`getState` and
+:meth:`setState` carry over a restart without losing a bit.
 
 Averages taken while step sizes and amplitudes change are not those of a fixed distribution: adapt first, freeze, then
 sample.
@@ -12,14 +12,15 @@ sample.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from openmm import app, unit
 
-from ..helfrich import HamiltonianTrajectoryIntegrator
+from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
+from .moves import TRAJECTORIES, findMove, movesOf
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
 # little less from 0.6 to 0.9 (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a
@@ -33,8 +34,19 @@ DEFAULT_WAVE_ACCEPTANCE = 0.25
 
 
 class _Adapter:
-    """A step size and a set of numbers, with checks."""
+    """A step size and a set of numbers, with checks.
 
+    Attributes
+    ----------
+    KINDS : tuple of classes
+        the moves that it is for
+    QUANTITY : str
+        what it adapts of them
+    UNIT : openmm.unit.Unit
+        the unit of that
+    """
+
+    KINDS: tuple[type, ...] = TRAJECTORIES
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
@@ -48,6 +60,50 @@ class _Adapter:
             raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
         self._logStepSize = math.log(stepSize)
+
+    @classmethod
+    def of(cls, integrator: Any, *arguments: Any) -> Any:
+        """Return one that begins with what the move of an integrator has, and the other arguments."""
+        return cls(cls.read(cls.findMove(integrator)), *arguments)
+
+    @classmethod
+    def findMove(cls, integrator: Any) -> Any:
+        """Return the first move of an integrator that this is for.
+
+        Raises
+        ------
+        ValueError
+            if it has none
+        """
+        move = findMove(integrator, *cls.KINDS)
+        if move is None:
+            raise ValueError(
+                f"{cls.__name__}: there is no {cls.QUANTITY} to adapt: the moves are "
+                f"{', '.join(type(move).__name__ for move in movesOf(integrator))}; one must be a "
+                f"{' or a '.join(kind.__name__ for kind in cls.KINDS)}"
+            )
+        return move
+
+    @staticmethod
+    def read(move: Any) -> unit.Quantity:
+        """Return the step size of a move."""
+        return move.getStepSize()
+
+    @staticmethod
+    def write(move: Any, stepSize: float | unit.Quantity) -> None:
+        """Set the step size of a move."""
+        move.setStepSize(stepSize)
+
+    @staticmethod
+    def lastProbability(move: Any, hasDiverged: bool) -> float:
+        """Return the acceptance probability of a move's last step, which may have diverged."""
+        if hasDiverged:
+            return 0.0
+        if isinstance(move, HamiltonianTrajectoryIntegrator):
+            change = valueIn(move.getLastEnergyChange(), unit.kilojoules_per_mole)
+        else:
+            change = move.getGlobalVariableByName("endEnergy") - move.getGlobalVariableByName("startEnergy")
+        return math.exp(-max(change, 0) / thermalEnergy(move.getTemperature()))
 
     @property
     def acceptance(self) -> float:
@@ -217,9 +273,25 @@ class StepSizeTracker(_Adapter):
 
 
 class _Amplitude(_Adapter):
-    """Makes an adapter of step sizes one of amplitudes, in nm."""
+    """Makes an adapter of step sizes one of the amplitudes of shear waves, in nm."""
 
+    KINDS = (ShearWaveIntegrator,)
     QUANTITY, UNIT = "amplitude", unit.nanometer
+
+    @staticmethod
+    def read(move: Any) -> unit.Quantity:
+        """Return the amplitude of a move."""
+        return move.getAmplitude()
+
+    @staticmethod
+    def write(move: Any, stepSize: float | unit.Quantity) -> None:
+        """Set the amplitude of a move."""
+        move.setAmplitude(stepSize)
+
+    @staticmethod
+    def lastProbability(move: Any, hasDiverged: bool) -> float:
+        """Return the mean acceptance probability of the waves of a move's last step."""
+        return move.getLastAcceptanceProbability()
 
     @property
     def amplitude(self) -> float:
@@ -243,6 +315,12 @@ class AmplitudeTracker(_Amplitude, StepSizeTracker):
         self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1
     ):
         super().__init__(amplitude, acceptance, gain)
+
+
+Adapter: TypeAlias = StepSizeAdapter | StepSizeTracker  # the others are derived from these
+
+# What a burn-in adapts beside the step size, where there are such moves.
+_OTHER_ADAPTERS = (AmplitudeAdapter,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,34 +350,21 @@ class AdaptationResult:
         return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
-def stepAndAdapt(
-    simulation: app.Simulation,
-    adapter: StepSizeAdapter | StepSizeTracker | None,
-    waveAdapter: AmplitudeAdapter | AmplitudeTracker | None = None,
-) -> float | None:
-    """Make one Monte Carlo step of a Simulation, and set the step size that an adapter asks for, or the amplitude of
-    shear waves that another does.
+def stepAndAdapt(simulation: app.Simulation, *adapters: Adapter) -> list[float | None]:
+    """Make one Monte Carlo step of a Simulation, and set what the adapter of its kind of move asks for.
 
-    Returns the acceptance probability of a trajectory, min(1, exp(-dH/kT)) or 0 if it diverged, and None for another
-    kind of step.  Raises a ValueError if the trajectories are those of another integrator, which has no test of
-    acceptance.
+    Returns for each adapter the acceptance probability, min(1, exp(-dH/kT)) or 0 for a trajectory that diverged, or
+    None if the step was of another kind.  Raises a ValueError if there is no move of an adapter's kind.
     """
-    integrator = simulation.integrator
-    trajectories, diverged, waves = (
-        integrator.getNumTrajectories(),
-        integrator.getNumDivergedTrajectories(),
-        _numWaves(integrator),
-    )
+    moves = [adapter.findMove(simulation.integrator) for adapter in adapters]
+    before = [(move.getNumAttempted(), move.getNumDiverged()) for move in moves]
     simulation.step(1)
-    if waveAdapter is not None and _numWaves(integrator) > waves:
-        integrator.getIntegrator(2).setAmplitude(
-            waveAdapter.update(integrator.getIntegrator(2).getLastAcceptanceProbability())
-        )
-    if adapter is None or integrator.getNumTrajectories() == trajectories:
-        return None
-    probability = 0.0 if integrator.getNumDivergedTrajectories() > diverged else _acceptanceProbability(integrator)
-    integrator.setStepSize(adapter.update(probability))
-    return probability
+    probabilities: list[float | None] = [None] * len(adapters)
+    for i, (adapter, move, (numAttempted, numDiverged)) in enumerate(zip(adapters, moves, before)):
+        if move.getNumAttempted() > numAttempted:
+            probabilities[i] = probability = adapter.lastProbability(move, move.getNumDiverged() > numDiverged)
+            adapter.write(move, adapter.update(probability))
+    return probabilities
 
 
 def adaptStepSize(
@@ -308,8 +373,8 @@ def adaptStepSize(
     acceptance: float = DEFAULT_ACCEPTANCE,
     progress: Callable[[int, float], None] | None = None,
 ) -> AdaptationResult:
-    """Find the step size of a Simulation with a HybridMonteCarloIntegrator during a burn-in, and the amplitude of its
-    shear waves, and leave them there.
+    """Find the step size of a Simulation's trajectories during a burn-in, and the amplitude of its shear waves, and
+    leave them there.
 
     The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for
     it to reach its temperature. The reporters of the Simulation see its steps.
@@ -330,58 +395,41 @@ def adaptStepSize(
     ------
     ValueError
         if the steps were too few to find the order of magnitude, in which case step size and amplitude are as they were
-        before, or if an argument is out of range
+        before, or if an argument is out of range, or no move makes trajectories of Hybrid Monte Carlo
     """
     integrator = simulation.integrator
-    original = integrator.getStepSize()
-    adapter = StepSizeAdapter(original, acceptance)
-    waves: Any = integrator.getIntegrator(2) if integrator.getShearWaveProbability() > 0 else None
-    originalAmplitude = waves and waves.getAmplitude()
-    waveAdapter = None if waves is None else AmplitudeAdapter(originalAmplitude)
+    adapter = StepSizeAdapter.of(integrator, acceptance)
+    others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
+    adapters = [adapter, *others]
+    moves = [each.findMove(integrator) for each in adapters]
+    originals = [each.read(move) for each, move in zip(adapters, moves)]
     stepSizes, probabilities = [], []
     for step in range(steps):
         stepSize = adapter.stepSize
-        probability = stepAndAdapt(simulation, adapter, waveAdapter)
+        probability, *_ = stepAndAdapt(simulation, *adapters)
         if probability is not None:
             stepSizes.append(stepSize)
             probabilities.append(probability)
         if progress is not None:
             progress(step + 1, adapter.stepSize)
     try:
-        integrator.setStepSize(adapter.freeze())
-        if waveAdapter is not None:
-            waves.setAmplitude(waveAdapter.freeze())
+        for each, move in zip(adapters, moves):
+            each.write(move, each.freeze())
     except ValueError as error:
-        integrator.setStepSize(original)
-        if waves:
-            waves.setAmplitude(originalAmplitude)
+        for each, move, original in zip(adapters, moves, originals):
+            each.write(move, original)
         raise ValueError(f"{error} than the {len(probabilities)} of {steps} steps") from None
     return AdaptationResult(
         adapter.stepSize,
         float(np.mean(probabilities[len(probabilities) // 2 :])),
         np.array(stepSizes),
         np.array(probabilities),
-        None if waveAdapter is None else waveAdapter.amplitude,
+        next((each.amplitude for each in others if isinstance(each, AmplitudeAdapter)), None),
     )
 
 
-def _numWaves(integrator):
-    return integrator.getShearWaveIntegrator().getNumAttempted() if integrator.getNumIntegrators() > 2 else 0
-
-
-def _acceptanceProbability(integrator):
-    """Return min(1, exp(-dH/kT)) of the last trajectory, one that did not diverge."""
-    trajectory, kT = integrator.getIntegrator(0), thermalEnergy(integrator.getTemperature())
-    if isinstance(trajectory, HamiltonianTrajectoryIntegrator):
-        change = valueIn(trajectory.getLastEnergyChange(), unit.kilojoules_per_mole)
-    elif hasattr(trajectory, "getGlobalVariableByName"):
-        change = trajectory.getGlobalVariableByName("endEnergy") - trajectory.getGlobalVariableByName("startEnergy")
-    else:
-        raise ValueError(
-            f"the trajectories are those of a {type(trajectory).__name__}, which accepts every step; only Hybrid Monte "
-            "Carlo has a step size to adapt"
-        )
-    return math.exp(-max(change, 0) / kT)
+def _isUsed(integrator, adapter):
+    return any(isinstance(move, adapter.KINDS) for move in movesOf(integrator, onlyUsed=True))
 
 
 def _checkProbability(probability):

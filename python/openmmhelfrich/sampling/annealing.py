@@ -73,16 +73,17 @@ def anneal(
     Raises
     ------
     ValueError
-        if the schedule is none, or gives a temperature that is not positive
+        if the schedule is none, or gives a temperature that is not positive, or if no move makes trajectories of Hybrid
+        Monte Carlo
     """
     integrator, schedule = simulation.integrator, createSchedule(schedule)
-    tracker = tracker or StepSizeTracker(integrator.getStepSize())
-    integrator.setStepSize(tracker.stepSize)
+    tracker = tracker or StepSizeTracker.of(integrator)
+    tracker.write(tracker.findMove(integrator), tracker.stepSize)
     rows = []
     for count in range(1, steps + 1):
         step, stepSize, temperature = simulation.currentStep, tracker.stepSize, schedule(simulation.currentStep)
         integrator.setTemperature(temperature)
-        probability = stepAndAdapt(simulation, tracker)
+        (probability,) = stepAndAdapt(simulation, tracker)
         rows.append((step, temperature, stepSize, np.nan if probability is None else probability))
         if progress is not None:
             progress(count, temperature)

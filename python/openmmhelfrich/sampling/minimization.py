@@ -13,6 +13,7 @@ from openmm import app, unit
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
+from .moves import findMove
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
@@ -126,7 +127,7 @@ def minimizeFluid(
     Parameters
     ----------
     simulation : openmm.app.Simulation
-        what to minimize, with a HybridMonteCarloIntegrator or an EdgeFlipIntegrator
+        what to minimize, with an EdgeFlipIntegrator, or a HybridMonteCarloIntegrator that has one
     force : HelfrichForce
         the membrane
     tolerance, progress
@@ -355,18 +356,12 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
     """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns
     how many it flipped.
     """
-    integrator = simulation.integrator
-    flips = (
-        integrator
-        if EdgeFlipIntegrator.isinstance(integrator)
-        else getattr(integrator, "getFlipIntegrator", lambda: None)()
-    )
+    flips = findMove(simulation.integrator, EdgeFlipIntegrator)
     if flips is None:
         raise ValueError(
-            f"minimizeFluid: the Simulation has a {type(integrator).__name__}, which flips no edges; it needs a "
-            "HybridMonteCarloIntegrator or an EdgeFlipIntegrator"
+            f"minimizeFluid: the Simulation has a {type(simulation.integrator).__name__}, which flips no edges; it "
+            "needs an EdgeFlipIntegrator or a HybridMonteCarloIntegrator that has one"
         )
-    flips = flips if flips is integrator else integrator.getIntegrator(1)
     temperature, fraction = flips.getTemperature(), flips.getFraction()
     flips.setTemperature(0)
     flips.setFraction(1)

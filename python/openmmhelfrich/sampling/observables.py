@@ -15,12 +15,11 @@ from openmm import app, unit
 
 from ..files import PathLike
 from ..geometry.measures import reducedVolume
-from ..helfrich import HelfrichForce
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator
 from ..tables import Table, headOf, readHeads, unitsOf
 from ..units import valueIn
+from .moves import findMove, isMixture, numDiverged, trajectoriesOf
 from .targets import currentTargets
-
-ENERGY_TERMS = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
 
 
 class Place(NamedTuple):
@@ -62,7 +61,7 @@ class Moment:
     def energies(self) -> dict[str, float]:
         """The membrane's energy by term, in the unit of energy."""
         terms = self.force.getEnergyTermsInContext(self.context)
-        return {name: valueIn(terms[name], unit.kilojoules_per_mole) * self._energyScale for name in ENERGY_TERMS}
+        return {name: valueIn(energy, unit.kilojoules_per_mole) * self._energyScale for name, energy in terms.items()}
 
     @cached_property
     def geometry(self) -> Any:
@@ -83,20 +82,6 @@ class Moment:
     def targets(self) -> dict[str, float]:
         """The targets, in powers of nm, by "area", "volume" and "areaDifference"."""
         return currentTargets(self.context, self.force)
-
-    @property
-    def flips(self) -> Any:
-        """The integrator that flips edges, or None."""
-        integrator = self.integrator
-        flips = integrator.getFlipIntegrator() if hasattr(integrator, "getFlipIntegrator") else integrator
-        return flips if hasattr(flips, "getFlipRate") else None
-
-    @property
-    def shearWaves(self) -> Any:
-        """The integrator that makes shear waves, or None."""
-        integrator = self.integrator
-        hasWaves = hasattr(integrator, "getShearWaveProbability") and integrator.getNumIntegrators() > 2
-        return integrator.getShearWaveIntegrator() if hasWaves else None
 
 
 @dataclass(frozen=True)
@@ -192,9 +177,23 @@ PANELS = (
 )
 
 
-def _ask(method: str) -> Callable[[Moment], Any]:
-    """Return a function that asks the integrator, if it has such a method."""
-    return lambda moment: getattr(moment.integrator, method, lambda: None)()
+def _move(kind: type, ask: Callable[[Any], float], isPart: bool = False) -> Callable[[Moment], float | None]:
+    """Return a function that asks the first move of a kind, or only one that is part of a mixture, if there is one."""
+
+    def compute(moment: Moment) -> float | None:
+        move = findMove(moment.integrator, kind)
+        return None if move is None or (isPart and move is moment.integrator) else ask(move)
+
+    return compute
+
+
+def _mixture(ask: Callable[[Any], float]) -> Callable[[Moment], float | None]:
+    """Return a function that asks the integrator, if it is a mixture of moves."""
+    return lambda moment: ask(moment.integrator) if isMixture(moment.integrator) else None
+
+
+def _acceptance(move: Any) -> float:
+    return move.getAcceptanceRate()
 
 
 def _total(moment: Moment) -> float:
@@ -237,7 +236,7 @@ OBSERVABLES = (
         onPage="mean",
         inSweep="mean",
     ),
-    *map(_term, ENERGY_TERMS),
+    *map(_term, HelfrichForce.getTermNames()),
     Observable(
         "area",
         _area,
@@ -285,7 +284,7 @@ OBSERVABLES = (
     Observable("meanCurvature", lambda m: valueIn(m.geometry.integratedMeanCurvature, unit.nanometer), "length"),
     Observable(
         "acceptance",
-        _ask("getAcceptanceRate"),
+        _mixture(lambda mixture: trajectoriesOf(mixture).getAcceptanceRate()),
         title="trajectories accepted",
         label="trajectories",
         isAveraged=False,
@@ -295,7 +294,7 @@ OBSERVABLES = (
     ),
     Observable(
         "flipAcceptance",
-        _ask("getFlipAcceptanceRate"),
+        _move(EdgeFlipIntegrator, _acceptance, isPart=True),
         title="flips accepted",
         label="flips",
         isAveraged=False,
@@ -303,17 +302,19 @@ OBSERVABLES = (
         onPage="last",
         inSweep="last",
     ),
-    Observable("waveAcceptance", lambda m: m.shearWaves and m.integrator.getShearWaveAcceptanceRate()),
+    Observable("waveAcceptance", _move(ShearWaveIntegrator, _acceptance, isPart=True)),
     Observable(
-        "waveAmplitude", lambda m: m.shearWaves and valueIn(m.shearWaves.getAmplitude(), unit.nanometer), "length"
+        "waveAmplitude",
+        _move(ShearWaveIntegrator, lambda waves: valueIn(waves.getAmplitude(), unit.nanometer), isPart=True),
+        "length",
     ),
-    Observable("flipRate", lambda m: m.flips and m.flips.getFlipRate(), isAveraged=False),
+    Observable("flipRate", _move(EdgeFlipIntegrator, lambda flips: flips.getFlipRate()), isAveraged=False),
     Observable(
         "flipsForbidden",
-        lambda m: m.flips and m.flips.getNumForbidden() / max(1, m.flips.getNumAttempted()),
+        _move(EdgeFlipIntegrator, lambda flips: flips.getNumForbidden() / max(1, flips.getNumAttempted())),
         isAveraged=False,
     ),
-    Observable("diverged", _ask("getNumDivergedTrajectories"), inSweep="last"),
+    Observable("diverged", _mixture(numDiverged), inSweep="last"),
     Observable(
         "temperature",
         lambda m: valueIn(m.integrator.getTemperature(), unit.kelvin),
@@ -323,7 +324,12 @@ OBSERVABLES = (
         panel="temperature",
         color="C3",
     ),
-    Observable("stepSize", lambda m: valueIn(m.integrator.getStepSize(), unit.picosecond), "ps", isDefault=False),
+    Observable(
+        "stepSize",
+        lambda m: valueIn(trajectoriesOf(m.integrator).getStepSize(), unit.picosecond),
+        "ps",
+        isDefault=False,
+    ),
     Observable("stage", lambda m: m.place.stage, isDefault=False, isAveraged=False),
     Observable("window", lambda m: m.place.window, isDefault=False, isAveraged=False),
     Observable("equilibrated", lambda m: int(m.place.isEquilibrated), isDefault=False, isAveraged=False),

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from openmm import app, unit
 
 from ..files import PathLike, replacing
-from ..helfrich import HybridMonteCarloIntegrator
 from ..units import thermalEnergy, valueIn
+from .moves import movesOf, trajectoriesOf
 
 FORMAT = 1
 
@@ -302,8 +302,9 @@ class ReplicaExchange:
         hasChanged = index != self.replicaStates[replica]
         factor = math.sqrt(state.thermalEnergy / self.states[self.replicaStates[replica]].thermalEnergy)
         self.replicaStates[replica] = index
-        _setTemperature(integrator, state.temperature)
-        integrator.setStepSize(state.stepSize)
+        for move in _movesWithTemperature(integrator):
+            move.setTemperature(state.temperature)
+        trajectoriesOf(integrator).setStepSize(state.stepSize)
         _setParameters(context, state)
         if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
             context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
@@ -320,7 +321,7 @@ class ReplicaExchange:
         if len({id(simulation.context) for simulation in simulations}) < len(simulations):
             raise ValueError("ReplicaExchange: a simulation is given twice; each replica must have one of its own")
         for k, (simulation, state) in enumerate(zip(simulations, states)):
-            if not hasattr(simulation.integrator, "setTemperature"):
+            if not _movesWithTemperature(simulation.integrator):
                 raise ValueError(
                     f"ReplicaExchange: the integrator of simulation {k}, a {type(simulation.integrator).__name__}, has "
                     "no temperature"
@@ -344,7 +345,7 @@ class ReplicaExchange:
 
 def _resolved(state, simulation):
     """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
-    stepSize = simulation.integrator.getStepSize() if state.stepSize is None else state.stepSize
+    stepSize = trajectoriesOf(simulation.integrator).getStepSize() if state.stepSize is None else state.stepSize
     thermalEnergy(state.temperature)  # raises if it is not positive
     return ThermodynamicState(
         float(valueIn(state.temperature, unit.kelvin)),
@@ -357,11 +358,9 @@ def _asDict(state):
     return {"temperature": state.temperature, "parameters": state.parameters, "stepSize": state.stepSize}
 
 
-def _setTemperature(integrator, temperature):
-    integrator.setTemperature(temperature)
-    trajectory = integrator.getIntegrator(0) if HybridMonteCarloIntegrator.isinstance(integrator) else integrator
-    if hasattr(trajectory, "setTemperature"):
-        trajectory.setTemperature(temperature)
+def _movesWithTemperature(integrator):
+    """Return the moves of an integrator that have a temperature, OpenMM's own integrators too."""
+    return [move for move in movesOf(integrator) if hasattr(move, "setTemperature")]
 
 
 def _setParameters(context, state):

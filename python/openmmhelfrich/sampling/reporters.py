@@ -26,7 +26,7 @@ class ObservablesReporter:
     The first row names the columns, with units.  The membrane's energy is the sum of the terms that follow it.
     Acceptance rates, the flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules
     forbid, and the number of trajectories that diverged are those since the start of the simulation; they are there if
-    the Integrator has them.
+    the Integrator has such moves, and of two of a kind it is the first that is asked.
     """
 
     def __init__(

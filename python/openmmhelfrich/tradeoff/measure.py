@@ -13,10 +13,11 @@ from openmm import unit
 from ..analysis.description import classifyShape, gyrationTensor
 from ..analysis.diffusion import vertexDiffusion
 from ..geometry.mesh import Mesh
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..runs.config import Config
 from ..runs.scene import Scene, currentMesh, defaultStepSize
 from ..sampling.adaptation import adaptStepSize
-from ..sampling.observables import ENERGY_TERMS
+from ..sampling.moves import findMove, trajectoriesOf
 from ..units import valueIn
 from .settings import apply
 from .statistics import Motion, SeriesStatistics, shapeSeries, statisticsOf
@@ -205,6 +206,8 @@ class _Run:
         self._force = scene.createForce()
         self._simulation = scene.createSimulation(self._force)
         self._integrator, self._isSphere = self._simulation.integrator, classifyShape(mesh) == "sphere"
+        self._trajectories = trajectoriesOf(self._integrator)
+        self._flips = findMove(self._integrator, EdgeFlipIntegrator)
         sampling = config.sampling
         self._probabilities = {
             "flips": sampling.flip_probability,
@@ -260,18 +263,16 @@ class _Run:
             self._observe()
 
     def _step(self):
-        integrator, flips = self._integrator, self._integrator.getFlipIntegrator()
-        trajectories, sweeps = integrator.getNumTrajectories(), flips.getNumSweeps()
+        trajectories, flips = self._trajectories, self._flips
+        numTrajectories, numSweeps = trajectories.getNumTrajectories(), flips.getNumSweeps()
         start = time.process_time()
-        integrator.step(1)
+        self._integrator.step(1)
         seconds = time.process_time() - start
-        if integrator.getNumTrajectories() > trajectories:
-            self._kinds["trajectory"].append((seconds, integrator.getIntegrator(0).getLastNumSteps()))
-            self._changes.append(
-                valueIn(integrator.getIntegrator(0).getLastEnergyChange(), unit.kilojoules_per_mole) / self._kT
-            )
+        if trajectories.getNumTrajectories() > numTrajectories:
+            self._kinds["trajectory"].append((seconds, trajectories.getLastNumSteps()))
+            self._changes.append(valueIn(trajectories.getLastEnergyChange(), unit.kilojoules_per_mole) / self._kT)
         else:
-            kind = "flips" if flips.getNumSweeps() > sweeps else "waves"
+            kind = "flips" if flips.getNumSweeps() > numSweeps else "waves"
             self._kinds[kind].append((seconds, self._evaluations[kind]))
 
     def _observe(self):
@@ -279,7 +280,7 @@ class _Run:
             self._force.getEnergyTermsInContext(self._simulation.context),
             self._force.getGeometryInContext(self._simulation.context),
         )
-        energies = [valueIn(terms[name], unit.kilojoules_per_mole) / self._kT for name in ENERGY_TERMS]
+        energies = [valueIn(energy, unit.kilojoules_per_mole) / self._kT for energy in terms.values()]
         self._rows.append(
             [*energies, valueIn(geometry.area, unit.nanometer**2), valueIn(geometry.volume, unit.nanometer**3)]
         )
@@ -289,11 +290,9 @@ class _Run:
 
     def _series(self):
         """Return the scalar series by name, after the burn-in."""
-        names = [name if name not in ("area", "volume") else name + "Energy" for name in ENERGY_TERMS] + [
-            "area",
-            "volume",
-        ]
-        return dict(zip(names, np.array(self._rows[self._burnIn() :]).T))
+        terms = HelfrichForce.getTermNames()
+        names = [name if name not in ("area", "volume") else name + "Energy" for name in terms]
+        return dict(zip([*names, "area", "volume"], np.array(self._rows[self._burnIn() :]).T))
 
     def _burnIn(self):
         return int(BURN_IN * len(self._rows))
@@ -342,7 +341,7 @@ class _Run:
             perStep,
             perEvaluation,
             float(probabilities.mean()),
-            integrator.getFlipAcceptanceRate(),
+            self._flips.getAcceptanceRate(),
             diverged,
             float(np.quantile(np.abs(changes), 2 / 3, method="higher")),
             [float(balance.mean()), float(balance.std() / math.sqrt(len(balance)))],

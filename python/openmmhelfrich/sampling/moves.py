@@ -1,0 +1,54 @@
+"""The moves of an integrator, found by what they are: whether it is a mixture, a single move, or something else."""
+
+from typing import Any
+
+from ..helfrich import (
+    CustomTrajectoryIntegrator,
+    HamiltonianTrajectoryIntegrator,
+    HybridMonteCarloIntegrator,
+)
+
+# Those that make the trajectories of Hybrid Monte Carlo.
+TRAJECTORIES = (HamiltonianTrajectoryIntegrator, CustomTrajectoryIntegrator)
+
+
+def isMixture(integrator: Any) -> bool:
+    """Return whether an integrator is a mixture of moves."""
+    return isinstance(integrator, HybridMonteCarloIntegrator)
+
+
+def movesOf(integrator: Any, onlyUsed: bool = False) -> list[Any]:
+    """Return the moves of an integrator in their order: those of a mixture, and of a mixture in it; of another, itself.
+
+    Parameters
+    ----------
+    integrator : openmm.Integrator
+        the integrator
+    onlyUsed : bool
+        whether to leave out moves whose probability is 0
+    """
+    if not isMixture(integrator):
+        return [integrator]
+    indices = range(integrator.getNumMoves())
+    used = (i for i in indices if not onlyUsed or integrator.getMoveProbability(i) > 0)
+    return [move for i in used for move in movesOf(integrator.getMove(i), onlyUsed)]
+
+
+def findMove(integrator: Any, *kinds: type) -> Any:
+    """Return the first move of an integrator that is of one of some classes, or None."""
+    return next((move for move in movesOf(integrator) if isinstance(move, kinds)), None)
+
+
+def trajectoriesOf(integrator: Any) -> Any:
+    """Return the move that makes an integrator's trajectories, which has their step size and counts them.
+
+    Where none does so by Hybrid Monte Carlo it is the integrator itself: a mixture counts the steps of its first move,
+    whatever that is.
+    """
+    return findMove(integrator, *TRAJECTORIES) or integrator
+
+
+def numDiverged(integrator: Any) -> int:
+    """Return the number of trajectories that diverged, 0 where none is one of Hybrid Monte Carlo."""
+    trajectories = findMove(integrator, *TRAJECTORIES)
+    return 0 if trajectories is None else trajectories.getNumDiverged()
