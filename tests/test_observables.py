@@ -7,8 +7,8 @@ import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.pictures.plots import plotObservables, plotPath
 from membranes import TERMS
+from openmmhelfrich.pictures.plots import plotObservables, plotPath
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.studies import run
