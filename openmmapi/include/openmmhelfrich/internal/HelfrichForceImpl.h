@@ -24,7 +24,7 @@ namespace HelfrichPlugin {
  */
 class OPENMM_EXPORT_HELFRICH HelfrichForceImpl : public OpenMM::ForceImpl {
 public:
-    HelfrichForceImpl(const HelfrichForce& owner);
+    explicit HelfrichForceImpl(const HelfrichForce& owner);
     void initialize(OpenMM::ContextImpl& context);
     const HelfrichForce& getOwner() const {
         return owner;
