@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from openmmhelfrich.pictures.plots import plotObservables, plotPath
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.studies import run
@@ -46,6 +47,16 @@ def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):
     with pytest.raises(ValueError, match=r"the table has the column 'novelty \(nm\)'; the simulation has step, energy"):
         reporter.report(simulation, None)
     reporter.close()
+
+
+def test_pictures_of_what_a_table_has(tmp_path):
+    """Tables of other versions may lack columns."""
+    values = np.linspace(1, 2, 4)
+    table = Table(dict.fromkeys(("step", "energy", "E_bending", "area", "volume", "acceptance"), values))
+    plotObservables(table, tmp_path / "plot.png")
+    windows = {"lambda": values - 1, "E_bending": values, "E_bendingDeviation": values}
+    plotPath(Table(windows), tmp_path / "path.png")
+    assert (tmp_path / "plot.png").stat().st_size > 1e4 and (tmp_path / "path.png").stat().st_size > 5e3
 
 
 def test_late_rows():

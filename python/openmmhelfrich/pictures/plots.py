@@ -80,9 +80,9 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 7), layout="constrained")
-    shown = [observable for observable in OBSERVABLES if observable.onPath]
-    for axes, observable in zip(figure.subplots(len(shown), 1, sharex=True), shown):
+    shown = [observable for observable in OBSERVABLES if observable.onPath and observable.name in windows]
+    figure = Figure(figsize=(8, 1 + 2 * len(shown)), layout="constrained")
+    for axes, observable in zip(figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0], shown):
         for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
             _plotBranches(
                 axes,
