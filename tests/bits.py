@@ -406,7 +406,8 @@ def createCompany(platform, numMembranes):
         system.addForce(force)
     width = 1.1 * (meshes[0].vertices.max() - meshes[0].vertices.min())
     positions = [
-        [*np.vstack((mesh.vertices, mesh.vertices.mean(axis=0))), i * width, 0, 0] for i, mesh in enumerate(meshes)
+        np.vstack((mesh.vertices, mesh.vertices.mean(axis=0))) + np.array([i * width, 0, 0])
+        for i, mesh in enumerate(meshes)
     ]
     return meshes[0], forces, system, np.concatenate(positions)
 

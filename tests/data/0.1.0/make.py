@@ -117,7 +117,7 @@ def createSystem(scene):
         for _ in mesh.vertices:
             system.addParticle(1.5)
         system.addForce(createForce(mesh, f"Vesicle{i}", first, i))
-        positions.append([*mesh.vertices, 6 * i, 0, 0])
+        positions.append(mesh.vertices + np.array([6 * i, 0, 0]))
     bond = mm.HarmonicBondForce()
     bond.addBond(0, len(meshes[0].vertices), 1, 10)
     system.addForce(bond)
