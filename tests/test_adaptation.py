@@ -12,7 +12,7 @@ from openmm import app, unit
 
 import openmmhelfrich as mh
 from membranes import kelvin
-from openmmhelfrich.sampling.adaptation import stepAndAdapt
+from openmmhelfrich.sampling.adaptation import Adaptation
 
 KT = 2.5
 
@@ -136,7 +136,7 @@ def test_membrane(engine, factor):
 def test_diverged_trajectories_have_probability_0():
     for engine in ("native", "custom"):
         simulation = createSimulation(1000, engine, flipProbability=0)
-        assert stepAndAdapt(simulation, mh.StepSizeAdapter(1000)) == [0]
+        assert Adaptation(simulation, mh.StepSizeAdapter(1000)).step() == [0]
         assert (
             simulation.integrator.getNumDivergedTrajectories() == 1
             and simulation.integrator.getStepSize() / unit.picosecond == pytest.approx(500)
@@ -155,7 +155,7 @@ def test_dynamics_have_nothing_to_adapt():
     with pytest.raises(
         ValueError, match="no step size to adapt: the moves are LangevinMiddleIntegrator, EdgeFlipIntegrator"
     ):
-        stepAndAdapt(simulation, mh.StepSizeTracker(0.001))
+        Adaptation(simulation, mh.StepSizeTracker(0.001))
 
 
 def test_annealing():

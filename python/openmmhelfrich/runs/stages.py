@@ -15,12 +15,12 @@ from openmm import app
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
+    Adaptation,
     Adapter,
     AmplitudeAdapter,
     AmplitudeTracker,
     StepSizeAdapter,
     StepSizeTracker,
-    stepAndAdapt,
 )
 from ..sampling.averages import averageWindows
 from ..sampling.continuation import ContinuationPath, windowLambdas
@@ -67,8 +67,7 @@ class Stage(ABC):
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
         self._startCounters = self._counters()
-        self._adapter: Any = self._createAdapter()
-        self._waveAdapter: Any = self._createWaveAdapter()
+        self._startAdaptation()
 
     @classmethod
     def averages(cls, settings: Any, rows: Table) -> Table | None:
@@ -111,7 +110,7 @@ class Stage(ABC):
         """Go on from a state that getState() returned."""
         self.position, self._startTargets = state["position"], state["startTargets"]
         self._startCounters = state["startCounters"]
-        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
+        self._startAdaptation()
         if self._adapter:
             self._adapter.setState(state["adapter"])
         if self._waveAdapter:
@@ -142,15 +141,16 @@ class Stage(ABC):
         given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
         return absoluteTargets(given, self._startTargets) if given else {}
 
+    def _startAdaptation(self):
+        self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
+        self._adapters: list[Any] = [adapter for adapter in (self._adapter, self._waveAdapter) if adapter is not None]
+        self._adaptation = Adaptation(self._simulation, *self._adapters)
+
     def _createAdapter(self) -> Adapter | None:
         return None
 
     def _createWaveAdapter(self) -> Adapter | None:
         return None
-
-    @property
-    def _adapters(self):
-        return [adapter for adapter in (self._adapter, self._waveAdapter) if adapter is not None]
 
     def _isAdapting(self, n):
         return len(self._adapters) > 0
@@ -222,7 +222,7 @@ class MonteCarlo(Stage):
         simulation.integrator.setTemperature(self._temperature(n))
         setTargets(simulation.context, self._force, self._targets(n))
         if self._isAdapting(n):
-            stepAndAdapt(simulation, *self._adapters)
+            self._adaptation.step()
         else:
             simulation.step(1)
         self.position += 1
@@ -268,8 +268,7 @@ class Sample(MonteCarlo):
             adapter.isReady for adapter in self._adapters
         )
         if self._isAdapting(self.position) and isBurnedIn:
-            for adapter in self._adapters:
-                adapter.write(adapter.findMove(self._simulation.integrator), adapter.freeze())
+            self._adaptation.freeze()
             self._startCounters = self._counters()  # the acceptance is that of the step size that was chosen
 
     def notes(self) -> list[str]:

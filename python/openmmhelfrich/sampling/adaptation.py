@@ -192,7 +192,7 @@ class StepSizeAdapter(_Adapter):
         Parameters
         ----------
         acceptanceProbability : float
-            min(1, exp(-dH/kT)), or 0 for a trajectory that diverged: :func:`stepAndAdapt` knows
+            min(1, exp(-dH/kT)), or 0 for a trajectory that diverged: :class:`Adaptation` knows
         """
         probability = _checkProbability(acceptanceProbability)
         if not self._isFrozen:
@@ -350,21 +350,47 @@ class AdaptationResult:
         return dataFrame({"stepSize": self.stepSizes, "acceptanceProbability": self.probabilities})
 
 
-def stepAndAdapt(simulation: app.Simulation, *adapters: Adapter) -> list[float | None]:
-    """Make one Monte Carlo step of a Simulation, and set what the adapter of its kind of move asks for.
+class Adaptation:
+    """Adapters at work, each on the move of a Simulation that it is for."""
 
-    Returns for each adapter the acceptance probability, min(1, exp(-dH/kT)) or 0 for a trajectory that diverged, or
-    None if the step was of another kind.  Raises a ValueError if there is no move of an adapter's kind.
-    """
-    moves = [adapter.findMove(simulation.integrator) for adapter in adapters]
-    before = [(move.getNumAttempted(), move.getNumDiverged()) for move in moves]
-    simulation.step(1)
-    probabilities: list[float | None] = [None] * len(adapters)
-    for i, (adapter, move, (numAttempted, numDiverged)) in enumerate(zip(adapters, moves, before)):
-        if move.getNumAttempted() > numAttempted:
-            probabilities[i] = probability = adapter.lastProbability(move, move.getNumDiverged() > numDiverged)
-            adapter.write(move, adapter.update(probability))
-    return probabilities
+    def __init__(self, simulation: app.Simulation, *adapters: Adapter):
+        """Create an Adaptation.  Raises a ValueError if there is no move of an adapter's kind."""
+        self._simulation = simulation
+        self._adapters: tuple[Any, ...] = adapters  # trackers do not freeze
+        self._moves = [adapter.findMove(simulation.integrator) for adapter in adapters]
+        self._originals = [adapter.read(move) for adapter, move in zip(adapters, self._moves)]
+
+    def step(self) -> list[float | None]:
+        """Make one Monte Carlo step of the Simulation, and set what the adapter of its kind of move asks for.
+
+        Returns for each adapter the acceptance probability, min(1, exp(-dH/kT)) or 0 for a trajectory that diverged, or
+        None if the step was of another kind.
+        """
+        before = [(move.getNumAttempted(), move.getNumDiverged()) for move in self._moves]
+        self._simulation.step(1)
+        probabilities: list[float | None] = [None] * len(self._moves)
+        for i, (adapter, move) in enumerate(zip(self._adapters, self._moves)):
+            numAttempted, numDiverged = before[i]
+            if move.getNumAttempted() > numAttempted:
+                probabilities[i] = probability = adapter.lastProbability(move, move.getNumDiverged() > numDiverged)
+                adapter.write(move, adapter.update(probability))
+        return probabilities
+
+    def freeze(self) -> None:
+        """Freeze the adapters, and set what they found.
+
+        Raises
+        ------
+        ValueError
+            if one of them knows too little, in which case all is set to what it was at first
+        """
+        try:
+            for adapter, move in zip(self._adapters, self._moves):
+                adapter.write(move, adapter.freeze())
+        except ValueError:
+            for adapter, move, original in zip(self._adapters, self._moves, self._originals):
+                adapter.write(move, original)
+            raise
 
 
 def adaptStepSize(
@@ -400,24 +426,19 @@ def adaptStepSize(
     integrator = simulation.integrator
     adapter = StepSizeAdapter.of(integrator, acceptance)
     others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
-    adapters = [adapter, *others]
-    moves = [each.findMove(integrator) for each in adapters]
-    originals = [each.read(move) for each, move in zip(adapters, moves)]
+    adaptation = Adaptation(simulation, adapter, *others)
     stepSizes, probabilities = [], []
     for step in range(steps):
         stepSize = adapter.stepSize
-        probability, *_ = stepAndAdapt(simulation, *adapters)
+        probability, *_ = adaptation.step()
         if probability is not None:
             stepSizes.append(stepSize)
             probabilities.append(probability)
         if progress is not None:
             progress(step + 1, adapter.stepSize)
     try:
-        for each, move in zip(adapters, moves):
-            each.write(move, each.freeze())
+        adaptation.freeze()
     except ValueError as error:
-        for each, move, original in zip(adapters, moves, originals):
-            each.write(move, original)
         raise ValueError(f"{error} than the {len(probabilities)} of {steps} steps") from None
     return AdaptationResult(
         adapter.stepSize,

@@ -8,7 +8,7 @@ import numpy as np
 from openmm import app
 
 from ..optional import dataFrame
-from .adaptation import StepSizeTracker, stepAndAdapt
+from .adaptation import Adaptation, StepSizeTracker
 from .schedules import createSchedule
 
 
@@ -79,11 +79,12 @@ def anneal(
     integrator, schedule = simulation.integrator, createSchedule(schedule)
     tracker = tracker or StepSizeTracker.of(integrator)
     tracker.write(tracker.findMove(integrator), tracker.stepSize)
+    adaptation = Adaptation(simulation, tracker)
     rows = []
     for count in range(1, steps + 1):
         step, stepSize, temperature = simulation.currentStep, tracker.stepSize, schedule(simulation.currentStep)
         integrator.setTemperature(temperature)
-        (probability,) = stepAndAdapt(simulation, tracker)
+        (probability,) = adaptation.step()
         rows.append((step, temperature, stepSize, np.nan if probability is None else probability))
         if progress is not None:
             progress(count, temperature)

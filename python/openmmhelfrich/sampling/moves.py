@@ -1,5 +1,6 @@
 """The moves of an integrator, found by what they are: whether it is a mixture, a single move, or something else."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from ..helfrich import (
@@ -17,8 +18,8 @@ def isMixture(integrator: Any) -> bool:
     return isinstance(integrator, HybridMonteCarloIntegrator)
 
 
-def movesOf(integrator: Any, onlyUsed: bool = False) -> list[Any]:
-    """Return the moves of an integrator in their order: those of a mixture, and of a mixture in it; of another, itself.
+def movesOf(integrator: Any, onlyUsed: bool = False) -> Iterator[Any]:
+    """Yield the moves of an integrator in their order: those of a mixture, and of a mixture in it; of another, itself.
 
     Parameters
     ----------
@@ -28,10 +29,11 @@ def movesOf(integrator: Any, onlyUsed: bool = False) -> list[Any]:
         whether to leave out moves whose probability is 0
     """
     if not isMixture(integrator):
-        return [integrator]
-    indices = range(integrator.getNumMoves())
-    used = (i for i in indices if not onlyUsed or integrator.getMoveProbability(i) > 0)
-    return [move for i in used for move in movesOf(integrator.getMove(i), onlyUsed)]
+        yield integrator
+        return
+    for index in range(integrator.getNumMoves()):
+        if not onlyUsed or integrator.getMoveProbability(index) > 0:
+            yield from movesOf(integrator.getMove(index), onlyUsed)
 
 
 def findMove(integrator: Any, *kinds: type) -> Any:
