@@ -187,6 +187,17 @@ def test_energy_terms():
     assert terms["volume"] == 0 * kJ
 
 
+def test_terms_that_are_on():
+    force = octahedronForce()
+    names = mh.HelfrichForce.getTermNames()
+    assert [name for name in names if force.hasTerm(name)] == ["bending"]
+    force.setBendingModulus(0)
+    force.setRepulsion(1, 0.5, 2)
+    assert [name for name in names if force.hasTerm(name)] == ["repulsion"]
+    with pytest.raises(mm.OpenMMException, match="hasTerm: there is no term 'Bending'; there are bending, area, "):
+        force.hasTerm("Bending")
+
+
 def test_geometry():
     force = octahedronForce()
     geometry = force.getGeometryInContext(contextOf(force))

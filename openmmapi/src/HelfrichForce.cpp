@@ -192,6 +192,17 @@ vector<string> HelfrichForce::getTermNames() {
     return vector<string>(begin(TERM_NAMES), end(TERM_NAMES));
 }
 
+bool HelfrichForce::hasTerm(const string& name) const {
+    int term = find(begin(TERM_NAMES), end(TERM_NAMES), name) - begin(TERM_NAMES);
+    if (term == NUM_TERMS) {
+        string message = "hasTerm: there is no term '" + name + "'; there are ";
+        for (int i = 0; i < NUM_TERMS; i++)
+            message += (i == 0 ? "" : ", ") + string(TERM_NAMES[i]);
+        throw OpenMMException(message);
+    }
+    return parameters.has(Term(term));
+}
+
 static HelfrichForceImpl& findImpl(ForceImpl& impl) {
     return dynamic_cast<HelfrichForceImpl&>(impl);
 }

@@ -40,7 +40,7 @@ void HelfrichForceImpl::checkName(const System& system) const {
             other.getName() == owner.getName())
             throw OpenMMException(
                     "HelfrichForce: two HelfrichForces have the name '" + owner.getName() +
-                    "', so that their target parameters would have the same names; call setName() to tell them apart");
+                    "', so that their parameters would have the same names; call setName() to tell them apart");
     }
 }
 
@@ -50,8 +50,8 @@ void HelfrichForceImpl::checkContextParameters(HelfrichParameters& p) const {
         if (p.has(parameter.term) && (value == 0 || !isfinite(value))) {
             stringstream message;
             message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but "
-                    << owner.getName() << parameter.name << " is " << value
-                    << "; set it to a finite value other than zero with set" << parameter.name
+                    << owner.getName() << parameter.name << " is " << value << "; set it to a finite value"
+                    << (parameter.isModulus() ? "" : " other than zero") << " with set" << parameter.name
                     << "() or as a parameter of the Context";
             throw OpenMMException(message.str());
         }

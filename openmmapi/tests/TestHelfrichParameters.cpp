@@ -84,7 +84,7 @@ void testTermsOfTotals() {
 }
 
 void testContextParameters() {
-    // Each sets a parameter of its own.
+    // Each sets a parameter of its own, and only a modulus turns its term on.
 
     HelfrichParameters p;
     set<string> names;
@@ -92,6 +92,9 @@ void testContextParameters() {
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS) {
         names.insert(parameter.name);
         places.insert(&parameter.valueIn(p));
+        HelfrichParameters set;
+        parameter.valueIn(set) = 1;
+        ASSERT_EQUAL(parameter.isModulus(), set.has(parameter.term));
     }
     ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), names.size());
     ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), places.size());

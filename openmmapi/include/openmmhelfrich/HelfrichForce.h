@@ -312,6 +312,13 @@ public:
      */
     static std::vector<std::string> getTermNames();
     /**
+     * Get whether a term is on: whether its modulus in this Force is not zero.  One that is a parameter of the Context
+     * may have another value there.
+     *
+     * @param name  one of the names that getTermNames() returns
+     */
+    bool hasTerm(const std::string& name) const;
+    /**
      * Compute the energy of each term for the present positions of a Context.
      *
      * @param context  the Context to query

@@ -21,6 +21,10 @@ from ..units import valueIn
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
 from .targets import currentTargets
 
+# Every table has columns for these, and one for another term where the force has it: a table that is as old as version
+# 0.1.0 and a run of today that goes on with it have the same columns.
+TERMS_OF_EVERY_TABLE = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
+
 
 class Place(NamedTuple):
     """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is
@@ -211,7 +215,7 @@ def _volume(moment: Moment) -> float:
 def _term(name: str) -> Observable:
     return Observable(
         f"E_{name}",
-        lambda m: m.energies[name],
+        lambda m: m.energies[name] if name in TERMS_OF_EVERY_TABLE or m.force.hasTerm(name) else None,
         "energy",
         f"{name} energy",
         name,

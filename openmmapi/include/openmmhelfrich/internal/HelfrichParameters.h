@@ -147,7 +147,8 @@ struct HelfrichParameters {
 };
 
 /**
- * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite and not zero if its term is on.
+ * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite and not zero if its term is on,
+ * which for a modulus means that it must be finite: one of zero turns its term off.
  */
 struct HelfrichContextParameter {
     Term term;
@@ -155,6 +156,11 @@ struct HelfrichContextParameter {
     const char* name;
     /// what it sets
     double& (*valueIn)(HelfrichParameters& parameters);
+    /// get whether this is the modulus of the term
+    bool isModulus() const {
+        HelfrichParameters parameters;
+        return &valueIn(parameters) == &parameters.moduli[term];
+    }
 };
 
 /**
