@@ -33,11 +33,25 @@ LENGTHS = {
 }
 TIMES = {"fs": u.femtosecond, "ps": u.picosecond, "ns": u.nanosecond, "us": u.microsecond}
 MASSES = {"Da": u.dalton, "u": u.dalton, "kDa": 1000 * u.dalton}
+TENSIONS = {
+    "N/m": u.newton / u.meter * PER_MOLECULE,
+    "mN/m": u.millinewton / u.meter * PER_MOLECULE,
+    "uN/m": u.micronewton / u.meter * PER_MOLECULE,
+    "pN/nm": u.piconewton / u.nanometer * PER_MOLECULE,
+}
+PRESSURES = {
+    "Pa": u.pascal * PER_MOLECULE,
+    "kPa": u.kilopascal * PER_MOLECULE,
+    "MPa": u.megapascal * PER_MOLECULE,
+    "bar": u.bar * PER_MOLECULE,
+    "atm": u.atmosphere * PER_MOLECULE,
+}
 
 
 def test_no_unit_is_forgotten():
     tables = (units._ENERGIES, ENERGIES), (units._LENGTHS, LENGTHS), (units._TIMES, TIMES), (units._MASSES, MASSES)
-    for own, openmms in tables:
+    named = [(units._OTHER_NAMES[f"energy per {kind}"], t) for kind, t in (("area", TENSIONS), ("volume", PRESSURES))]
+    for own, openmms in (*tables, *named):
         assert set(own) == set(openmms)
 
 
@@ -49,6 +63,18 @@ def test_no_unit_is_forgotten():
         ("area", {f"{name}^2": unit**2 for name, unit in LENGTHS.items()}, u.nanometer**2),
         ("volume", {f"{name}^3": unit**3 for name, unit in LENGTHS.items()}, u.nanometer**3),
         ("volume", {"fL": u.femtoliter, "aL": u.attoliter}, u.nanometer**3),
+        ("energy per area", TENSIONS, u.kilojoule_per_mole / u.nanometer**2),
+        (
+            "energy per area",
+            {f"{a}/{b}^2": ENERGIES[a] / LENGTHS[b] ** 2 for a in ENERGIES for b in LENGTHS},
+            u.kilojoule_per_mole / u.nanometer**2,
+        ),
+        ("energy per volume", PRESSURES, u.kilojoule_per_mole / u.nanometer**3),
+        (
+            "energy per volume",
+            {f"{a}/{b}^3": ENERGIES[a] / LENGTHS[b] ** 3 for a in ENERGIES for b in LENGTHS},
+            u.kilojoule_per_mole / u.nanometer**3,
+        ),
         ("time", TIMES, u.picosecond),
         ("mass", MASSES, u.dalton),
         ("temperature", {"K": u.kelvin}, u.kelvin),
@@ -57,6 +83,24 @@ def test_no_unit_is_forgotten():
 def test_units_are_openmms(kind, names, standard):
     for name, unit in names.items():
         assert plainNumber(f"2 {name}", kind, Scales(1.0)) == pytest.approx((2 * unit).value_in_unit(standard), 1e-9)
+
+
+def test_quotients_of_energy_and_length():
+    """They are in kT and the mesh's unit of length, whichever these are."""
+    scales = Scales(2.5, 1e3, "um")
+    assert plainNumber("3 kT/um^2", "energy per area", scales) == pytest.approx(3, rel=1e-15)
+    assert plainNumber("3 kBT/nm²", "energy per area", scales) == pytest.approx(3e6, rel=1e-15)
+    assert plainNumber("10 kJ/mol/um^3", "energy per volume", scales) == pytest.approx(4, rel=1e-15)
+    assert plainNumber("-1 Pa", "energy per volume", scales) == pytest.approx(-602.214076 / 2.5, rel=1e-15)
+    quantity = 5 * u.kilojoule_per_mole / u.angstrom**2
+    assert plainNumber(quantity, "energy per area", scales) == pytest.approx(2e8, rel=1e-15)
+    for wrong in ("3 kT", "3 um^2", "3 kT/um^3", "3 kT/um", "3 /um^2"):
+        with pytest.raises(ValueError, match=r"'0\.1 mN/m', '2 kT/nm\^2' or '5 kJ/mol/nm\^2'"):
+            plainNumber(wrong, "energy per area", scales)
+    with pytest.raises(ValueError, match="it must be an energy per area"):
+        plainNumber(5 * u.kilojoule_per_mole, "energy per area", scales)
+    with pytest.raises(ValueError, match="the mesh's length_unit, 'R0', is not a length"):
+        plainNumber("3 mN/m", "energy per area", Scales(2.5, None, "R0"))
 
 
 def test_thermal_energy_is_openmms_to_the_last_bit():

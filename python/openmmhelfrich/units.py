@@ -26,8 +26,29 @@ _ENERGIES = {
     "eV": 1.602176634e-19 * _JOULE,
     "erg": 1e-7 * _JOULE,
 }
+_THERMAL_ENERGY = ("kT", "kBT", "k_BT")
 _LENGTHS = {"pm": 1e-3, "A": 0.1, "Å": 0.1, "nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9}
-_POWERS = {"length": 1, "area": 2, "volume": 3}
+# The powers of energy and length in what these make up.
+_DIMENSIONS = {
+    "energy": (1, 0),
+    "length": (0, 1),
+    "area": (0, 2),
+    "volume": (0, 3),
+    "energy per area": (1, -2),
+    "energy per volume": (1, -3),
+}
+# Of these, names other than products of units of energy and length.
+_OTHER_NAMES = {
+    "volume": {"fL": 1e9, "aL": 1e6},
+    "energy per area": {"N/m": 1e-18 * _JOULE, "mN/m": 1e-21 * _JOULE, "uN/m": 1e-24 * _JOULE, "pN/nm": 1e-21 * _JOULE},
+    "energy per volume": {
+        "Pa": 1e-27 * _JOULE,
+        "kPa": 1e-24 * _JOULE,
+        "MPa": 1e-21 * _JOULE,
+        "bar": 1e-22 * _JOULE,
+        "atm": 101325e-27 * _JOULE,
+    },
+}
 _TIMES = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6}
 _MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
 _EXAMPLES = {
@@ -35,6 +56,8 @@ _EXAMPLES = {
     "length": "'100 nm' or '0.5 um'",
     "area": "'12 um^2'",
     "volume": "'90 um^3' or '90 fL'",
+    "energy per area": "'0.1 mN/m', '2 kT/nm^2' or '5 kJ/mol/nm^2'",
+    "energy per volume": "'10 Pa', '2 kT/um^3' or '5 kJ/mol/nm^3'",
     "time": "'1 fs'",
     "mass": "'100 Da'",
     "temperature": "'310 K' or '37 C'",
@@ -92,8 +115,8 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
     value : str, Quantity or anything else
         what to convert; what is neither a string nor a Quantity is returned as it is
     kind : str
-        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "time" (ps),
-        "mass" (Da) or "temperature" (K)
+        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "energy per
+        area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or "temperature" (K)
     scales : Scales
         the units of plain numbers
 
@@ -112,11 +135,11 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
     if match is None:
         raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
     number, name = float(match[1]), match[2]
-    if kind == "energy" and name in ("kT", "kBT", "k_BT"):
+    if kind == "energy" and name in _THERMAL_ENERGY:
         return number
     if kind == "temperature" and name in ("C", "°C"):
         return number + 273.15
-    factor = _units(kind).get(name.replace("³", "^3").replace("²", "^2"))
+    factor = _units(kind, scales).get(name.replace("³", "^3").replace("²", "^2"))
     if factor is None:
         raise ValueError(f"'{name}' is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number")
     return _inPlainUnits(number * factor, kind, scales)
@@ -131,31 +154,38 @@ def _openmmUnit(kind: str) -> Any:
         "length": unit.nanometer,
         "area": unit.nanometer**2,
         "volume": unit.nanometer**3,
+        "energy per area": unit.kilojoules_per_mole / unit.nanometer**2,
+        "energy per volume": unit.kilojoules_per_mole / unit.nanometer**3,
         "time": unit.picosecond,
         "mass": unit.dalton,
         "temperature": unit.kelvin,
     }[kind]
 
 
-def _units(kind: str) -> dict[str, float]:
-    power = _POWERS.get(kind)
-    if power is None:
-        return {"energy": _ENERGIES, "time": _TIMES, "mass": _MASSES, "temperature": {"K": 1.0}}[kind]
+def _units(kind: str, scales: Scales) -> dict[str, float]:
+    if kind not in _DIMENSIONS:
+        return {"time": _TIMES, "mass": _MASSES, "temperature": {"K": 1.0}}[kind]
+    energy, length = _DIMENSIONS[kind]
+    if length == 0:
+        return _ENERGIES
+    power = abs(length)
     units = {name if power == 1 else f"{name}^{power}": size**power for name, size in _LENGTHS.items()}
-    return units | {"fL": 1e9, "aL": 1e6} if kind == "volume" else units
+    if energy:
+        energies = {**_ENERGIES, **dict.fromkeys(_THERMAL_ENERGY, scales.kT)}
+        units = {f"{a}/{b}": energies[a] / units[b] for a in energies for b in units}
+    return units | _OTHER_NAMES.get(kind, {})
 
 
 def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
-    if kind == "energy":
-        return value / scales.kT
-    if kind in _POWERS:
-        if scales.length is None:
-            raise ValueError(
-                f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain "
-                "number, or a length_unit like 'nm' or 'um'"
-            )
-        return value / scales.length ** _POWERS[kind]
-    return value
+    energy, length = _DIMENSIONS.get(kind, (0, 0))
+    if length == 0:
+        return value / scales.kT**energy
+    if scales.length is None:
+        raise ValueError(
+            f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain "
+            "number, or a length_unit like 'nm' or 'um'"
+        )
+    return value / (scales.kT**energy * scales.length**length)
 
 
 def _article(kind: str) -> str:

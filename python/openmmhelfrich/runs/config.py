@@ -42,17 +42,6 @@ class Config(Section):
     stages: list[AnyStage] = Field(default_factory=list)
 
 
-# The keys of the terms' moduli, in kT.
-MODULI = {
-    "bending": "membrane.bending_modulus",
-    "area": "membrane.area_modulus",
-    "volume": "membrane.volume_modulus",
-    "areaDifference": "membrane.area_difference_modulus",
-    "tether": "tether.modulus",
-    "repulsion": "repulsion.modulus",
-}
-
-
 def valueOf(config: Config, name: str) -> Any:
     """Return the value of a key of a Config by its name, like "tether.modulus"."""
     section, key = name.split(".")

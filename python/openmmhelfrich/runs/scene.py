@@ -13,7 +13,8 @@ from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
-from .config import MODULI, Config, stagesOf, valueOf
+from .config import Config, stagesOf, valueOf
+from .sections import MODULI
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -44,7 +45,7 @@ class Scene:
     temperature, kT : float
         in K, and in kJ/mol: the unit of the energies in results
     moduli : dict of float
-        the modulus of each term, in kJ/mol
+        the modulus of each term, in kJ/mol and powers of nm
     targets : dict of float
         "area", "volume" and "areaDifference", in powers of nm
     tether : Tether

@@ -58,6 +58,17 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
+# The keys of the terms' moduli, in kT and powers of the unit of length.
+MODULI = {
+    "bending": "membrane.bending_modulus",
+    "area": "membrane.area_modulus",
+    "volume": "membrane.volume_modulus",
+    "areaDifference": "membrane.area_difference_modulus",
+    "tether": "tether.modulus",
+    "repulsion": "repulsion.modulus",
+}
+
+
 class MeshSection(Section):
     """The membrane to begin with: a file, or a sphere."""
 

@@ -14,8 +14,9 @@ import openmm as mm
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..runs.config import MODULI, Config, stagesOf
+from ..runs.config import Config, stagesOf
 from ..runs.scene import Scene, currentMesh, loadMesh, resolve
+from ..runs.sections import MODULI
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
 from ..runs.studies import versions

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
-from ..runs.config import MODULI, Config, asDict, parseConfig, sections, valueOf
+from ..runs.config import Config, asDict, parseConfig, sections, valueOf
+from ..runs.sections import MODULI
 
 COARSER = "mesh.icosphere"
 TETHER_LENGTHS = ("tether.length_scale", "tether.min_length", "tether.max_length")
@@ -241,7 +242,7 @@ def _coarser(config):
 
 def _without(scene):
     """Return settings that leave out a term each.  Bending stays: without it there is no membrane."""
-    return [{name: 0.0} for term, name in MODULI.items() if term != "bending" and valueOf(scene, name) > 0]
+    return [{name: 0.0} for term, name in MODULI.items() if term != "bending" and valueOf(scene, name) != 0]
 
 
 def _literals(name):
