@@ -349,7 +349,11 @@ def test_stress(membrane, threads):
         fresh = create(live)
         other = termsOf(fresh, createContext(mesh, fresh))
         scale = sum(abs(energy) for energy in other.values())
-        moduli = {"area": fresh.getAreaModulus(), "volume": fresh.getVolumeModulus()}
+        moduli = {
+            "area": fresh.getAreaModulus(),
+            "volume": fresh.getVolumeModulus(),
+            "areaDifference": fresh.getAreaDifferenceModulus(),
+        }
         for term, energy in termsOf(force, context).items():
             # kappa (X/X_0-1)^2: the rounding of X/X_0, 1e-15, is not small against a deviation of nearly 0.
             rounding = 2e-15 * (moduli[term]._value * energy) ** 0.5 if term in moduli else 0
