@@ -84,6 +84,7 @@ public:
         energy(Term::Volume) = penalty(p.moduli[Term::Volume], volume, p.targetVolume);
         energy(Term::AreaDifference) = penalty(p.moduli[Term::AreaDifference],
                                                two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
+        energy(Term::Tension) = Real(p.moduli[Term::Tension]) * area;
         if (p.has(Term::Repulsion))
             addRepulsion(p);
     }

@@ -145,7 +145,7 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
 
 constexpr TermMask Bending = Term::Bending, Area = Term::Area, Volume = Term::Volume,
                    AreaDifference = Term::AreaDifference, Tether = Term::Tether, Repulsion = Term::Repulsion,
-                   AllTerms = TermMask::ALL;
+                   Tension = Term::Tension, AllTerms = TermMask::ALL;
 
 /**
  * The terms of the bits of a number, that of the lowest bit first.
@@ -195,6 +195,7 @@ inline HelfrichParameters createParameters(const Membrane& membrane, TermMask te
     p.repulsionOnset = 2.6 * edge;
     p.repulsionExponent = 2;
     p.repulsionExclusionLevel = exclusionLevel;
+    p.moduli[Term::Tension] = 9;
     return p.only(terms);
 }
 
@@ -215,6 +216,7 @@ inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParame
     force->setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force->setTetherLengthScale(p.tetherLengthScale);
     force->setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    force->setTension(p.moduli[Term::Tension]);
     return force;
 }
 

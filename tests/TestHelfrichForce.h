@@ -269,6 +269,9 @@ void testScaling() {
             1,
             getDegree(AreaDifference, geometry.areaDifference, p.targetAreaDifference, p.moduli[Term::AreaDifference]),
             1e-11);
+    MembraneContext tension(blob, createParameters(blob, Tension));
+    assertEqualRelative(2 * p.moduli[Term::Tension] * geometry.area, getVirial(blob.positions, tension.getForces()),
+                        1e-11);
 }
 
 void testNoNetForceOrTorque() {
@@ -448,6 +451,28 @@ void testTargetsAreContextParameters() {
     assertEqualVectors(other.getForces(), context.getForces(), 0);
 }
 
+void testModuliThatAreContextParameters() {
+    // They turn a term on and off: what a Context of the same Force had from the beginning, it has to the last bit.
+
+    Membrane blob = createBlob(2);
+    for (TermMask others : {TermMask(), Tether, ~Tension})
+        for (double tension : {0.0, 4.0, -2.5}) {
+            HelfrichParameters p = createParameters(blob, others), changed = p;
+            changed.moduli[Term::Tension] = tension;
+            MembraneContext context(blob, p), other(blob, changed);
+            const HelfrichForce& force = *context.forces[0];
+            ASSERT_EQUAL(string("HelfrichForceTension"), force.getTensionParameter());
+            context.getForces();
+            for (double before : {-7.0, 0.0, tension})
+                context.context->setParameter(force.getTensionParameter(), before);
+            ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
+            ASSERT_EQUAL(tension == 0, context.getTerms()[Term::Tension] == 0);
+            vector<Vec3> expected = other.getForces(), found = context.getForces();
+            for (size_t i = 0; i < found.size(); i++)
+                ASSERT_EQUAL_VEC(expected[i], found[i], 0);
+        }
+}
+
 void testUpdateParameters() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
@@ -598,6 +623,7 @@ int main() {
         testSphere();
         testTwoMembranesAndOtherParticles();
         testTargetsAreContextParameters();
+        testModuliThatAreContextParameters();
         testUpdateParameters();
         testChangingTriangles();
         testRepulsionOfApproachingFaces();

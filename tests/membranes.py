@@ -7,7 +7,7 @@ from openmm import unit
 import openmmhelfrich as mh
 
 PLATFORMS = ["Reference", "CPU"]
-TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion"]
+TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension"]
 
 
 def createBlob(subdivisions=2, noise=0.1, seed=1):
@@ -46,6 +46,8 @@ def createForce(mesh, terms=TERMS, exclusionLevel=1):
         force.setTether(7, 0.9 * edge, 1.1 * edge, 3)
     if "repulsion" in terms:
         force.setRepulsion(0.5, 2.6 * edge, 2, exclusionLevel)
+    if "tension" in terms:
+        force.setTension(30)
     return force
 
 

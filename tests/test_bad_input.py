@@ -50,6 +50,7 @@ SETTERS = [
         ("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"])
         for value in (0, -1, NAN, INF)
     ],
+    *[("setTension", (value,), ["setTension: the tension is", str(value), "finite"]) for value in (NAN, INF, -INF)],
     ("setRepulsion", (-1, 1, 2, 1), ["setRepulsion: the modulus is -1", "not negative"]),
     ("setRepulsion", (NAN, 1, 2, 1), ["setRepulsion: the modulus is nan", "finite"]),
     ("setRepulsion", (1, 0, 2, 1), ["setRepulsion: the onset is 0", "positive"]),
@@ -180,6 +181,24 @@ def test_targets(platform, term):
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("term", ["tension"])
+def test_moduli_in_contexts(platform, term):
+    mesh = createBlob(1)
+    force = createForce(mesh, ["bending"])
+    flips = mh.EdgeFlipIntegrator(300, 0.1)
+    context = createContext(mesh, force, platform, flips)
+    energy, parameter = energyOf(context), force.getName() + term.capitalize()
+    for bad in (NAN, INF, -INF):
+        context.setParameter(parameter, bad)
+        for compute in (energyOf, lambda context: flips.step(1)):
+            with pytest.raises(mm.OpenMMException) as error:
+                compute(context)
+            assertSays(error, [f"{parameter} is {bad}; set it to a finite value with set{term.capitalize()}()"])
+        context.setParameter(parameter, 0)
+        assert energyOf(context) == energy
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
 def test_inside_out(platform):
     mesh = createBlob(1)
     mesh.triangles = mesh.triangles[:, ::-1].copy()
@@ -204,7 +223,7 @@ def test_positions(platform, terms, bad):
     x = mesh.vertices.copy()
     x[9, 2] = bad
     context.setPositions(x)
-    if bad == 1e200 and platform == "Reference" and terms in (["bending"], ["repulsion"]):
+    if bad == 1e200 and platform == "Reference" and terms in (["bending"], ["repulsion"], ["tension"]):
         # Their energies are numbers, and the squares on the way to them too, in extended precision.
         try:
             assert math.isfinite(energyOf(context))

@@ -45,7 +45,7 @@ def createPeerForce(case, terms=TERMS):
     mesh = mh.Mesh(case["vertices"], case["triangles"])
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    moduli = {term: case["moduli"][term] if term in terms else 0 for term in TERMS}
+    moduli = {term: modulus if term in terms else 0 for term, modulus in case["moduli"].items()}
     tether, repulsion, targets = case["tether"], case["repulsion"], case["targets"]
     force.setBendingModulus(moduli["bending"])
     force.setAreaModulus(moduli["area"])

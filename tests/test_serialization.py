@@ -28,6 +28,7 @@ def completeForce():
     force.setTether(0.4, 0.5, 1.5, 3)
     force.setTetherLengthScale(0.7)
     force.setRepulsion(0.6, 0.35, 4, 2)
+    force.setTension(-0.8)
     force.addFixedEdge(2, 0)
     return force
 
@@ -177,7 +178,7 @@ def test_many_triangles():
 @pytest.mark.parametrize(
     "make, versions",
     [
-        (completeForce, "1 to 3"),
+        (completeForce, "1 to 4"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),
@@ -186,9 +187,9 @@ def test_many_triangles():
 def test_other_versions_are_refused(make, versions):
     original = make()
     lines = mm.XmlSerializer.serialize(original).splitlines()
-    lines[1] = lines[1].replace(f'version="{versions[-1]}"', 'version="4"')
+    lines[1] = lines[1].replace(f'version="{versions[-1]}"', 'version="9"')
     with pytest.raises(
-        mm.OpenMMException, match=type(original).__name__ + ": unsupported version 4.*reads version " + versions
+        mm.OpenMMException, match=type(original).__name__ + ": unsupported version 9.*reads version " + versions
     ):
         mm.XmlSerializer.deserialize("\n".join(lines))
 

@@ -68,6 +68,7 @@ HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
+HELFRICH_UNIT(HelfrichForce::getTension, unit.kilojoule_per_mole/unit.nanometer**2)
 HELFRICH_UNIT(MonteCarloMove::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
 HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, unit.nanometer)
@@ -96,7 +97,7 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 %typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
 %feature("docstring") HelfrichPlugin::HelfrichForce "
 This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
-Each vertex is a particle of the System.  The energy is the sum of six terms, each present only when its modulus
+Each vertex is a particle of the System.  The energy is the sum of seven terms, each present only when its modulus
 is not zero:
 
  - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretisation: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its
@@ -106,11 +107,12 @@ is not zero:
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
  - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
  - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps the surface from crossing itself: see setRepulsion()
+ - tension, sigma A, linear, beside the area term or instead of it
 
-The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
-and add it to a System.  The three targets are parameters of the Context: change them there with
+and add it to a System.  The three targets and the tension are parameters of the Context: change them there with
 Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
@@ -213,8 +215,8 @@ Compute the energy of each term for the present positions of a Context.
 :type context: Context
 :param context: the Context to query
 :rtype: dict
-:return: the energies of 'bending', 'area', 'volume', 'areaDifference', 'tether' and 'repulsion' (Quantities, in kJ/mol): their sum is the
-    potential energy of this force
+:return: the energies of the terms, by the names that getTermNames() returns (Quantities, in kJ/mol): their sum is the potential energy of
+    this force
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getGeometryInContext "
 Compute the geometry of the membrane for the present positions of a Context.

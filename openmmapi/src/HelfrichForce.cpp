@@ -169,6 +169,11 @@ void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int
     parameters.repulsionExclusionLevel = exclusionLevel;
 }
 
+void HelfrichForce::setTension(double tension) {
+    checkFinite("setTension: the tension", tension);
+    parameters.moduli[Term::Tension] = tension;
+}
+
 static string getParameterName(const HelfrichForce& force, Term term) {
     return force.getName() +
            find_if(begin(HELFRICH_CONTEXT_PARAMETERS), end(HELFRICH_CONTEXT_PARAMETERS), [&](auto& parameter) {
@@ -186,6 +191,10 @@ string HelfrichForce::getTargetVolumeParameter() const {
 
 string HelfrichForce::getTargetAreaDifferenceParameter() const {
     return getParameterName(*this, Term::AreaDifference);
+}
+
+string HelfrichForce::getTensionParameter() const {
+    return getParameterName(*this, Term::Tension);
 }
 
 vector<string> HelfrichForce::getTermNames() {

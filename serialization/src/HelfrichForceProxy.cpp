@@ -9,9 +9,9 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * Version 2 added the fixed edges, version 3 the length scale of the tether.
+ * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension.
  */
-static const int VERSION = 3, OLDEST_VERSION = 1;
+static const int VERSION = 4, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -75,6 +75,7 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("areaDifferenceModulus", p.moduli[Term::AreaDifference]);
     node.setDoubleProperty("targetAreaDifference", p.targetAreaDifference);
     node.setDoubleProperty("leafletSeparation", p.leafletSeparation);
+    node.setDoubleProperty("tension", p.moduli[Term::Tension]);
     storeTether(p, node.createChildNode("Tether"));
     storeRepulsion(p, node.createChildNode("Repulsion"));
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
@@ -100,5 +101,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
     if (version > 1)
         loadFixedEdges(*force, node.getChildNode("FixedEdges"));
+    if (version > 3)
+        force->setTension(node.getDoubleProperty("tension"));
     return force.release();
 }

@@ -42,6 +42,7 @@ static void makeForce(HelfrichForce& force) {
     force.setTether(1.1, 0.25, 0.75, 5);
     force.setTetherLengthScale(0.3);
     force.setRepulsion(1.2, 0.35, 4, 2);
+    force.setTension(-0.7);
 }
 
 void testRoundTrip() {
@@ -59,6 +60,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(force.getAreaDifferenceModulus(), copy->getAreaDifferenceModulus());
     ASSERT_EQUAL(force.getTargetAreaDifference(), copy->getTargetAreaDifference());
     ASSERT_EQUAL(force.getLeafletSeparation(), copy->getLeafletSeparation());
+    ASSERT_EQUAL(-0.7, copy->getTension());
     ASSERT_EQUAL(toXml(force), toXml(*copy));
     ASSERT_EQUAL(2, copy->getNumFixedEdges());
     int particle1, particle2;
@@ -90,10 +92,19 @@ static string replaced(string text, const string& old, const string& with) {
     return text.replace(position, old.size(), with);
 }
 
+void testVersionWithoutTension() {
+    HelfrichForce force;
+    makeForce(force);
+    string xml = replaced(toXml(force), "version=\"4\"", "version=\"3\"");
+    unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, " tension=\"-.7\"", ""));
+    ASSERT_EQUAL(0.0, copy->getTension());
+    ASSERT_EQUAL(0.3, copy->getTetherLengthScale());
+}
+
 void testVersionWithoutLengthScale() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"3\"", "version=\"2\"");
+    string xml = replaced(toXml(force), "version=\"4\"", "version=\"2\"");
     unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, "lengthScale=\".3\" ", ""));
     ASSERT_EQUAL(1.0, copy->getTetherLengthScale());
     ASSERT_EQUAL(2, copy->getNumFixedEdges());
@@ -102,7 +113,7 @@ void testVersionWithoutLengthScale() {
 void testVersionWithoutFixedEdges() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"3\"", "version=\"1\"");
+    string xml = replaced(toXml(force), "version=\"4\"", "version=\"1\"");
     size_t start = xml.find("<FixedEdges"), end = xml.find("/>", start);
     unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end + 2 - start));
     ASSERT_EQUAL(0, copy->getNumFixedEdges());
@@ -125,10 +136,12 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"3\"", "version=\"4\""), "unsupported version 4");
-    assertRejected(replaced(xml, "version=\"3\"", "version=\"0\""), "unsupported version 0");
+    assertRejected(replaced(xml, "version=\"4\"", "version=\"5\""), "unsupported version 5");
+    assertRejected(replaced(xml, "version=\"4\"", "version=\"0\""), "unsupported version 0");
     assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
     assertRejected(replaced(xml, "lengthScale", "unit"), "lengthScale");
+    assertRejected(replaced(xml, "tension=\"-.7\"", "tension=\"inf\""), "setTension");
+    assertRejected(replaced(xml, "tension", "sigma"), "tension");
     assertRejected(replaced(xml, "2 1 0 3", "2 1 0"), "fixed edges are not complete");
     assertRejected(replaced(xml, "<FixedEdges ", "<Edges "), "FixedEdges");
     assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2"), "not complete");
@@ -147,6 +160,7 @@ int main() {
     try {
         testRoundTrip();
         testDefaults();
+        testVersionWithoutTension();
         testVersionWithoutLengthScale();
         testVersionWithoutFixedEdges();
         testDamagedText();

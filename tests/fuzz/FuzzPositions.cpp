@@ -58,6 +58,7 @@ static HelfrichForce* createFuzzedForce(FuzzedDataProvider& data, const Membrane
         force->setTargetAreaDifference(drawNumber(data));
         force->setTether(fabs(drawNumber(data)), fabs(drawNumber(data)), fabs(drawNumber(data)),
                          data.ConsumeIntegralInRange(0, 20));
+        force->setTension(drawNumber(data));
         force->setTetherLengthScale(fabs(drawNumber(data)));
         force->setRepulsion(fabs(drawNumber(data)), fabs(drawNumber(data)), data.ConsumeIntegralInRange(0, 20),
                             data.ConsumeIntegralInRange(0, 2));

@@ -32,7 +32,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
 
 /**
  * This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
- * Each vertex is a particle of the System.  The energy is the sum of six terms, each present only when its modulus
+ * Each vertex is a particle of the System.  The energy is the sum of seven terms, each present only when its modulus
  * is not zero.
  *
  * <ul>
@@ -43,13 +43,14 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li> <li>tether, \f$\kappa_T\sum_e
  * T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li> <li>repulsion,
  * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
+ * <li>tension, \f$\sigma A\f$, linear, beside the area term or instead of it</li>
  * </ul>
  *
- * The terms are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
+ * The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
  *
  * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and
- * targets, and add it to a System.  The three targets are parameters of the Context: change them there with
- * Context::setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+ * targets, and add it to a System.  The three targets and the tension are parameters of the Context: change them there
+ * with Context::setParameter(), using the names that getTargetAreaParameter() and its siblings return.
  *
  * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or
  * setTrianglesInContext(), changes those of a Context: getTrianglesInContext() returns the live ones.
@@ -274,6 +275,17 @@ public:
      */
     void setRepulsion(double modulus, double onset, int exponent, int exclusionLevel = 1);
     /**
+     * Get the tension sigma, measured in kJ/mol/nm^2.
+     */
+    double getTension() const {
+        return parameters.moduli[Term::Tension];
+    }
+    /**
+     * Set the tension sigma, measured in kJ/mol/nm^2: the default value of the Context's parameter.  The surface
+     * shrinks where it is positive, and grows where it is negative.  The default, 0, turns the term off.
+     */
+    void setTension(double tension);
+    /**
      * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
      */
     std::string getTargetAreaParameter() const;
@@ -286,6 +298,11 @@ public:
      * "TargetAreaDifference".
      */
     std::string getTargetAreaDifferenceParameter() const;
+    /**
+     * Get the name of the Context parameter that holds the tension: the Force's name followed by "Tension".  It turns
+     * the term on and off in that Context: it may be any finite number, also where this Force has none.
+     */
+    std::string getTensionParameter() const;
     /**
      * Get the live triangles of a Context, which edge flips change.
      *
@@ -332,8 +349,8 @@ public:
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
      * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from
-     * this Force to a Context. The triangles, the fixed edges and the targets of the Context do not change: see
-     * setTrianglesInContext() and Context::setParameter().
+     * this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the targets
+     * and the tension, do not change: see setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
      */

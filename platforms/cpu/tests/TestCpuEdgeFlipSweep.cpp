@@ -90,7 +90,7 @@ void testEnergyChanges() {
 
     Membrane blob = createBlob(2);
     vector<HelfrichParameters> all;
-    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether})
+    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether, Tension})
         all.push_back(createParameters(blob, terms));
     for (TermMask terms : {Repulsion, AllTerms})
         for (int level = 0; level < 3; level++)
@@ -601,6 +601,7 @@ HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, 
     p.moduli[Term::AreaDifference] = scale;
     p.leafletSeparation = 1;
     p.targetAreaDifference = 2 * geometry.curvature;
+    p.moduli[Term::Tension] = scale;
     p.repulsionOnset = 3 * getMeanEdge(membrane);
     return p;
 }

@@ -135,6 +135,7 @@ class Scene:
         force.setTargetAreaDifference(self.targets["areaDifference"])
         force.setTether(moduli["tether"], tether.minLength, tether.maxLength, self.config.tether.exponent)
         force.setTetherLengthScale(tether.lengthScale)
+        force.setTension(moduli["tension"])
         if moduli["repulsion"] > 0:
             force.setRepulsion(moduli["repulsion"], self.repulsionOnset, repulsion.exponent, repulsion.exclusion_level)
         return force
@@ -290,13 +291,13 @@ def defaultStepSize(config: Config, mesh: Mesh) -> float:
 def _stiffness(config, mesh):
     """Estimate the largest second derivative of the energy, in kT per squared length unit.
 
-    The estimates are those for a vertex of a flat sheet of equilateral triangles (bending, with thermal roughness:
-    area), for all vertices moving along the normal (volume), for an edge so short that the tether's exponential branch
-    holds 1 kT, and for a vertex some of whose edges are as much too long.
+    The estimates are those for a vertex of a flat sheet of equilateral triangles (bending; tension; with thermal
+    roughness: area), for all vertices moving along the normal (volume), for an edge so short that the tether's
+    exponential branch holds 1 kT, and for a vertex some of whose edges are as much too long.
     """
     membrane, number, length = config.membrane, len(mesh.vertices), mesh.edgeLengths.mean()
     area, volume, _ = _targets(config, mesh)
-    bending = 100 * membrane.bending_modulus / length**2
+    local = 100 * membrane.bending_modulus / length**2 + 3.5 * abs(membrane.tension)
     constraints = 0.7 * membrane.area_modulus / (number * length**2) + 2 * membrane.volume_modulus * area**2 / (
         number * volume**2
     )
@@ -304,7 +305,7 @@ def _stiffness(config, mesh):
     r = config.tether.exponent
     decades = math.log(max(modulus / (minLength / lengthScale) ** r, 1.0))
     spring = r * (r - 1) * (r ** (r + 1) * modulus) ** (2 / r) / lengthScale**2
-    return bending + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
+    return local + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
 
 
 def _targets(config: Config, mesh: Mesh) -> tuple[float, float, float]:

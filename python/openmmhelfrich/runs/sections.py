@@ -42,6 +42,7 @@ Energy: TypeAlias = Annotated[float, _quantity("energy")]
 Length: TypeAlias = Annotated[float, _quantity("length")]
 Area: TypeAlias = Annotated[float, _quantity("area")]
 Volume: TypeAlias = Annotated[float, _quantity("volume")]
+Tension: TypeAlias = Annotated[float, _quantity("energy per area")]
 Time: TypeAlias = Annotated[float, _quantity("time")]
 Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
@@ -66,6 +67,7 @@ MODULI = {
     "areaDifference": "membrane.area_difference_modulus",
     "tether": "tether.modulus",
     "repulsion": "repulsion.modulus",
+    "tension": "membrane.tension",
 }
 
 
@@ -145,6 +147,11 @@ class MembraneSection(Targets):
     )
     leaflet_separation: Length = Field(
         1.0, gt=0, description="h in dA = 2hM; it cancels from the energy, where only dA/dA_0 counts"
+    )
+    tension: Tension = Field(
+        0.0,
+        description="sigma in kT per squared length unit, which adds sigma A to the energy: positive, it shrinks the "
+        "surface; a tension of its own wants an area_modulus of 0",
     )
 
 

@@ -11,14 +11,15 @@ namespace HelfrichPlugin {
 /**
  * The terms of the energy, in the order in which they are added up.
  */
-enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Count };
+enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Tension, Count };
 
 inline constexpr int NUM_TERMS = int(Term::Count);
 
 /**
  * The names of the terms.
  */
-inline constexpr const char* TERM_NAMES[] = {"bending", "area", "volume", "areaDifference", "tether", "repulsion"};
+inline constexpr const char* TERM_NAMES[] = {"bending", "area",      "volume", "areaDifference",
+                                             "tether",  "repulsion", "tension"};
 
 static_assert(std::size(TERM_NAMES) == NUM_TERMS, "every term has a name");
 
@@ -136,7 +137,7 @@ struct HelfrichParameters {
      * Get whether a term depends on the triangles.
      */
     bool needsTriangles() const {
-        return has(Term::Area) || has(Term::Volume) || needsCurvature();
+        return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || needsCurvature();
     }
     /**
      * Get whether a term has a meaning only where the surface encloses a positive volume.
@@ -170,7 +171,8 @@ inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
         {Term::Area, "TargetArea", [](HelfrichParameters& p) -> double& { return p.targetArea; }},
         {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; }},
         {Term::AreaDifference, "TargetAreaDifference",
-         [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }}};
+         [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }},
+        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }}};
 
 /**
  * The sums over the whole surface on which the energy depends.
@@ -228,6 +230,14 @@ private:
 };
 
 /**
+ * The energy kappa x that is linear in a total x.
+ */
+template <class Real>
+inline Real linearEnergy(double modulus, Real x) {
+    return modulus == 0 ? Real(0) : modulus * x;
+}
+
+/**
  * Compute the terms of the energy that depend on totals alone.
  *
  * @param add  called for each with the term and its energy
@@ -238,6 +248,7 @@ inline void computeTermsOfTotals(const HelfrichParameters& p, const HelfrichTota
     add(Term::Volume, penalty(p.moduli[Term::Volume], totals.volume, p.targetVolume));
     add(Term::AreaDifference,
         penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference));
+    add(Term::Tension, linearEnergy(p.moduli[Term::Tension], totals.area));
 }
 
 /**
@@ -265,7 +276,7 @@ inline Real energyOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<R
 template <class Real>
 inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
     HelfrichTotalsOf<Real> slopes;
-    slopes.area = penaltySlope(p.moduli[Term::Area], totals.area, p.targetArea);
+    slopes.area = penaltySlope(p.moduli[Term::Area], totals.area, p.targetArea) + p.moduli[Term::Tension];
     slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.targetVolume);
     double h = p.leafletSeparation;
     slopes.curvature =
@@ -283,7 +294,8 @@ public:
             : area(p.moduli[Term::Area], totals.area, p.targetArea),
               volume(p.moduli[Term::Volume], totals.volume, p.targetVolume),
               areaDifference(p.moduli[Term::AreaDifference], totals.curvature,
-                             p.targetAreaDifference / (2 * p.leafletSeparation)) {
+                             p.targetAreaDifference / (2 * p.leafletSeparation)),
+              tension(p.moduli[Term::Tension]) {
     }
     /**
      * Add it to the change of the other terms.
@@ -293,10 +305,12 @@ public:
      * @return the sum
      */
     double addTo(double change, const HelfrichTotals& differences) const {
-        return change + area(differences.area) + volume(differences.volume) + areaDifference(differences.curvature);
+        return change + area(differences.area) + volume(differences.volume) + areaDifference(differences.curvature) +
+               tension * differences.area;
     }
 private:
     PenaltyChange area, volume, areaDifference;
+    double tension;
 };
 
 } // namespace HelfrichPlugin
