@@ -85,6 +85,7 @@ public:
         energy(Term::AreaDifference) = penalty(p.moduli[Term::AreaDifference],
                                                two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
         energy(Term::Tension) = Real(p.moduli[Term::Tension]) * area;
+        energy(Term::Pressure) = Real(-p.moduli[Term::Pressure]) * volume;
         if (p.has(Term::Repulsion))
             addRepulsion(p);
     }

@@ -145,7 +145,7 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
 
 constexpr TermMask Bending = Term::Bending, Area = Term::Area, Volume = Term::Volume,
                    AreaDifference = Term::AreaDifference, Tether = Term::Tether, Repulsion = Term::Repulsion,
-                   Tension = Term::Tension, AllTerms = TermMask::ALL;
+                   Tension = Term::Tension, Pressure = Term::Pressure, AllTerms = TermMask::ALL;
 
 /**
  * The terms of the bits of a number, that of the lowest bit first.
@@ -196,6 +196,7 @@ inline HelfrichParameters createParameters(const Membrane& membrane, TermMask te
     p.repulsionExponent = 2;
     p.repulsionExclusionLevel = exclusionLevel;
     p.moduli[Term::Tension] = 9;
+    p.moduli[Term::Pressure] = -30;
     return p.only(terms);
 }
 
@@ -217,6 +218,7 @@ inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParame
     force->setTetherLengthScale(p.tetherLengthScale);
     force->setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
     force->setTension(p.moduli[Term::Tension]);
+    force->setPressure(p.moduli[Term::Pressure]);
     return force;
 }
 

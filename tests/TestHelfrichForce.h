@@ -272,6 +272,9 @@ void testScaling() {
     MembraneContext tension(blob, createParameters(blob, Tension));
     assertEqualRelative(2 * p.moduli[Term::Tension] * geometry.area, getVirial(blob.positions, tension.getForces()),
                         1e-11);
+    MembraneContext pressure(blob, createParameters(blob, Pressure));
+    assertEqualRelative(-3 * p.moduli[Term::Pressure] * geometry.volume,
+                        getVirial(blob.positions, pressure.getForces()), 1e-11);
 }
 
 void testNoNetForceOrTorque() {
@@ -455,22 +458,24 @@ void testModuliThatAreContextParameters() {
     // They turn a term on and off: what a Context of the same Force had from the beginning, it has to the last bit.
 
     Membrane blob = createBlob(2);
-    for (TermMask others : {TermMask(), Tether, ~Tension})
-        for (double tension : {0.0, 4.0, -2.5}) {
-            HelfrichParameters p = createParameters(blob, others), changed = p;
-            changed.moduli[Term::Tension] = tension;
-            MembraneContext context(blob, p), other(blob, changed);
-            const HelfrichForce& force = *context.forces[0];
-            ASSERT_EQUAL(string("HelfrichForceTension"), force.getTensionParameter());
-            context.getForces();
-            for (double before : {-7.0, 0.0, tension})
-                context.context->setParameter(force.getTensionParameter(), before);
-            ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
-            ASSERT_EQUAL(tension == 0, context.getTerms()[Term::Tension] == 0);
-            vector<Vec3> expected = other.getForces(), found = context.getForces();
-            for (size_t i = 0; i < found.size(); i++)
-                ASSERT_EQUAL_VEC(expected[i], found[i], 0);
-        }
+    for (Term term : {Term::Tension, Term::Pressure})
+        for (TermMask others : {TermMask(), Tether, ~TermMask(term)})
+            for (double value : {0.0, 4.0, -2.5}) {
+                HelfrichParameters p = createParameters(blob, others), changed = p;
+                changed.moduli[term] = value;
+                MembraneContext context(blob, p), other(blob, changed);
+                const HelfrichForce& force = *context.forces[0];
+                string name = (term == Term::Tension ? force.getTensionParameter() : force.getPressureParameter());
+                ASSERT_EQUAL(string("HelfrichForce") + (term == Term::Tension ? "Tension" : "Pressure"), name);
+                context.getForces();
+                for (double before : {-7.0, 0.0, value})
+                    context.context->setParameter(name, before);
+                ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
+                ASSERT_EQUAL(value == 0, context.getTerms()[term] == 0);
+                vector<Vec3> expected = other.getForces(), found = context.getForces();
+                for (size_t i = 0; i < found.size(); i++)
+                    ASSERT_EQUAL_VEC(expected[i], found[i], 0);
+            }
 }
 
 void testUpdateParameters() {

@@ -7,7 +7,7 @@ from openmm import unit
 import openmmhelfrich as mh
 
 PLATFORMS = ["Reference", "CPU"]
-TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension"]
+TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension", "pressure"]
 
 
 def createBlob(subdivisions=2, noise=0.1, seed=1):
@@ -48,6 +48,8 @@ def createForce(mesh, terms=TERMS, exclusionLevel=1):
         force.setRepulsion(0.5, 2.6 * edge, 2, exclusionLevel)
     if "tension" in terms:
         force.setTension(30)
+    if "pressure" in terms:
+        force.setPressure(-40)
     return force
 
 

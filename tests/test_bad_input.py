@@ -50,7 +50,11 @@ SETTERS = [
         ("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"])
         for value in (0, -1, NAN, INF)
     ],
-    *[("setTension", (value,), ["setTension: the tension is", str(value), "finite"]) for value in (NAN, INF, -INF)],
+    *[
+        (f"set{name.capitalize()}", (value,), [f"set{name.capitalize()}: the {name} is", str(value), "finite"])
+        for name in ("tension", "pressure")
+        for value in (NAN, INF, -INF)
+    ],
     ("setRepulsion", (-1, 1, 2, 1), ["setRepulsion: the modulus is -1", "not negative"]),
     ("setRepulsion", (NAN, 1, 2, 1), ["setRepulsion: the modulus is nan", "finite"]),
     ("setRepulsion", (1, 0, 2, 1), ["setRepulsion: the onset is 0", "positive"]),
@@ -181,7 +185,7 @@ def test_targets(platform, term):
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("term", ["tension"])
+@pytest.mark.parametrize("term", ["tension", "pressure"])
 def test_moduli_in_contexts(platform, term):
     mesh = createBlob(1)
     force = createForce(mesh, ["bending"])
@@ -223,7 +227,7 @@ def test_positions(platform, terms, bad):
     x = mesh.vertices.copy()
     x[9, 2] = bad
     context.setPositions(x)
-    if bad == 1e200 and platform == "Reference" and terms in (["bending"], ["repulsion"], ["tension"]):
+    if bad == 1e200 and platform == "Reference" and terms in (["bending"], ["repulsion"], ["tension"], ["pressure"]):
         # Their energies are numbers, and the squares on the way to them too, in extended precision.
         try:
             assert math.isfinite(energyOf(context))

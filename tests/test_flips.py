@@ -303,8 +303,8 @@ def flippedMembranes(draw):
     terms = draw(st.lists(st.sampled_from(TERMS), min_size=1, unique=True))
     level = draw(st.integers(0, 2))
     bending, area, areaDifference = (draw(logUniform(low, high)) for low, high in ((0.1, 1000), (1, 1e6), (1, 1e6)))
-    # A soft one would not keep the hottest membranes from turning inside out, which is an error in a new Context.
-    volume = draw(logUniform(1e4, 1e6))
+    # Soft ones would not keep the hottest membranes from turning inside out, which is an error in a new Context.
+    volume, pressure = draw(logUniform(1e4, 1e6)), draw(logUniform(1e4, 1e6))
 
     def create(triangles):
         force = createForce(mesh, terms, level)
@@ -314,6 +314,7 @@ def flippedMembranes(draw):
             ("area", force.setAreaModulus, area),
             ("volume", force.setVolumeModulus, volume),
             ("areaDifference", force.setAreaDifferenceModulus, areaDifference),
+            ("pressure", force.setPressure, pressure),
         ):
             if term in terms:
                 setModulus(modulus)

@@ -1,5 +1,5 @@
-"""Tension: energies, Contexts, moves and runs.  That forces are derivatives, that platforms agree, and that flips are
-right is tested where that is tested for every term.
+"""Tension and pressure: energies, Contexts, moves and runs.  That forces are derivatives, that platforms agree, and
+that flips are right is tested where that is tested for every term.
 """
 
 import numpy as np
@@ -15,6 +15,7 @@ from membranes import (
     createContext,
     createForce,
     energyOf,
+    forcesOf,
     kelvin,
     positionsOf,
     termsOf,
@@ -26,7 +27,13 @@ from openmmhelfrich.runs.studies import resume, run
 from openmmhelfrich.runs.sweeps import observe
 
 # The term, its setter, its unit in kJ/mol and nm, and what the energy is linear in, with its sign.
-TERM = ("term, unitOf, sign", [("tension", unit.kilojoule_per_mole / unit.nanometer**2, 1)])
+TERM = (
+    "term, unitOf, sign",
+    [
+        ("tension", unit.kilojoule_per_mole / unit.nanometer**2, 1),
+        ("pressure", unit.kilojoule_per_mole / unit.nanometer**3, -1),
+    ],
+)
 
 
 def parameterOf(force, term):
@@ -153,6 +160,34 @@ def test_minimization_shrinks_the_surface():
     assert pressure == pytest.approx(2 / 3 * tension * area / volume, rel=1e-3)  # 2 tension/R
 
 
+@pytest.mark.parametrize("radius, tension", [(1.0, 7.0), (20.0, -0.3)])
+def test_laplace(radius, tension):
+    """A sphere is balanced at p = 2 sigma/R, whatever its bending modulus, but for an error that falls as 1/N."""
+    errors = []
+    for subdivisions in (2, 3, 4):
+        mesh = mh.Mesh.icosphere(subdivisions, radius)
+        force = createForce(mesh, ["bending"])
+        force.setTension(tension)
+        force.setPressure(2 * tension / radius)
+        forces = forcesOf(createContext(mesh, force, "CPU"))
+        slope = -np.sum(forces * mesh.vertices) / radius  # dE/dR
+        errors.append(slope / (8 * np.pi * radius * tension))
+    assert abs(errors[0]) < 0.03 and abs(errors[0]) > abs(errors[1]) > abs(errors[2])
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05) and errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_a_pressure_needs_an_inside(platform):
+    mesh = createBlob(1)
+    mesh.triangles = mesh.triangles[:, ::-1].copy()
+    force = createForce(mesh, ["bending"])
+    context = createContext(mesh, force, platform)
+    energyOf(context)
+    context.setParameter(force.getPressureParameter(), 1)
+    with pytest.raises(mm.OpenMMException, match=r"inside out.*counter-clockwise seen from outside"):
+        energyOf(context)
+
+
 # --- runs
 
 
@@ -177,6 +212,11 @@ def configure(prefix, steps=100, **membrane):
         ("tension", "0.1 mN/m", 0.0241434),
         ("tension", "5 kJ/mol/nm^2", 2.00454),
         ("tension", 5 * unit.kilojoule_per_mole / unit.angstrom**2, 200.454),
+        ("pressure", 0.25, 0.25),
+        ("pressure", "-3 kT/nm^3", -3),
+        ("pressure", "1 kPa", 2.41434e-4),
+        ("pressure", "2 atm", 0.0489265),
+        ("pressure", -5 * unit.kilojoule_per_mole / unit.angstrom**3, -2004.54),
     ],
 )
 def test_keys(key, value, expected):
@@ -198,6 +238,12 @@ def test_keys(key, value, expected):
         ),
         ({"tension": np.inf}, "[membrane] tension is inf; it must be a finite number"),
         ({"tensoin": 3.0}, "[membrane] has no key 'tensoin'; did you mean 'tension'?"),
+        (
+            {"pressure": "3 mN/m"},
+            "[membrane] pressure is '3 mN/m'; 'mN/m' is not a unit of energy per volume; write it",
+        ),
+        ({"pressure": np.nan}, "[membrane] pressure is nan; it must be a finite number"),
+        ({"presure": 3.0}, "[membrane] has no key 'presure'; did you mean 'pressure'?"),
     ],
 )
 def test_wrong_keys(values, message):
@@ -206,31 +252,33 @@ def test_wrong_keys(values, message):
     assert message in str(error.value)
 
 
-@pytest.mark.parametrize("key, title", [("tension", "area")])
-def test_runs(key, title, inFolder):
+@pytest.mark.parametrize("key, title, strength", [("tension", "area", 10.0), ("pressure", "volume", 40.0)])
+def test_runs(key, title, strength, inFolder):
     """The term does what its sign says, and has a column if it is on; a run goes on with the same column."""
     tables = {}
-    for prefix, value in (("plus", 10.0), ("minus", -10.0), ("off", 0.0)):
+    for prefix, value in (("plus", strength), ("minus", -strength), ("off", 0.0)):
         tables[prefix] = run(configure(prefix, **{key: value})).table
     assert list(tables["plus"]) == list(tables["minus"])
     names = list(tables["off"])
     assert [name for name in tables["plus"] if name not in names] == [f"E_{key}"]
     assert list(tables["plus"]).index(f"E_{key}") == names.index("E_repulsion") + 1
-    sign = {"tension": 1}[key]
-    for prefix, value in (("plus", 10.0), ("minus", -10.0)):
+    sign = {"tension": 1, "pressure": -1}[key]
+    for prefix, value in (("plus", strength), ("minus", -strength)):
         table = tables[prefix]
         assert table[f"E_{key}"] == pytest.approx(sign * value * table[title], rel=1e-13)
         terms = [table[name] for name in table if name.startswith("E_")]
         assert table["energy"] == pytest.approx(sum(terms), rel=1e-13)
         change = table[title][-10:].mean() - tables["off"][title][-10:].mean()
         assert -np.sign(sign * value) * change > 0.03 * table[title][0]
-    result = observe(configure("plus", **{key: 10.0}))
-    assert result[f"E_{key} (kT)"] == pytest.approx(sign * 10 * result[f"{title} (nm^{2 if title == 'area' else 3})"])
+    result = observe(configure("plus", **{key: strength}))
+    assert result[f"E_{key} (kT)"] == pytest.approx(
+        sign * strength * result[f"{title} (nm^{2 if title == 'area' else 3})"]
+    )
     resume("plus", steps=10)
     longer = mh.readObservables("plus.csv")
     assert list(longer) == list(tables["plus"]) and longer["step"][-1] == 110
-    assert longer[f"E_{key}"] == pytest.approx(sign * 10 * longer[title], rel=1e-13)
-    assert f"{key} = 10.0" in (inFolder / "plus.resolved.toml").read_text()
+    assert longer[f"E_{key}"] == pytest.approx(sign * strength * longer[title], rel=1e-13)
+    assert f"{key} = {strength}" in (inFolder / "plus.resolved.toml").read_text()
 
 
 def test_a_table_has_a_column_where_the_force_has_the_term(inFolder):
@@ -257,7 +305,7 @@ def test_a_table_has_a_column_where_the_force_has_the_term(inFolder):
             assert table["E_tension"] == pytest.approx(difference, rel=1e-12)
 
 
-@pytest.mark.parametrize("key, values", [("tension", [0.0, "0.1 mN/m"])])
+@pytest.mark.parametrize("key, values", [("tension", [0.0, "0.1 mN/m"]), ("pressure", [0.0, "100 kPa"])])
 def test_grids(key, values, inFolder):
     (inFolder / "grid.toml").write_text(
         f"[base.mesh]\nicosphere = 1\n[grid.membrane]\n{key} = {values}\n".replace("'", '"')

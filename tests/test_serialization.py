@@ -29,6 +29,7 @@ def completeForce():
     force.setTetherLengthScale(0.7)
     force.setRepulsion(0.6, 0.35, 4, 2)
     force.setTension(-0.8)
+    force.setPressure(0.9)
     force.addFixedEdge(2, 0)
     return force
 

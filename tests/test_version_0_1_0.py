@@ -181,7 +181,7 @@ def test_forces_from_xml(scene):
         assert [plain(force.getAreaDifferenceModulus()), plain(force.getLeafletSeparation())] == [100, 0.2]
         assert [plain(value) for value in force.getTether()] == [60, 0.75, 1.35, 3]
         assert plain(force.getTetherLengthScale()) == 1.1
-        assert plain(force.getTension()) == 0
+        assert plain(force.getTension()) == plain(force.getPressure()) == 0
         assert [plain(value) for value in force.getRepulsion()] == [3, (1.0, 1.6, 2.6)[level], 4, level]
 
 

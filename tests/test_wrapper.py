@@ -45,6 +45,7 @@ SCALARS = [
     ("LeafletSeparation", nm),
     ("TetherLengthScale", nm),
     ("Tension", kJ / nm**2),
+    ("Pressure", kJ / nm**3),
 ]
 
 
@@ -181,7 +182,7 @@ def test_energy_terms():
     force.setTether(1, 1.42, 2, 2)
     context = contextOf(force)
     terms = force.getEnergyTermsInContext(context)
-    assert list(terms) == ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension"]
+    assert list(terms) == ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension", "pressure"]
     total = sum(energy.value_in_unit(kJ) for energy in terms.values())
     assert total == pytest.approx(context.getState(energy=True).getPotentialEnergy().value_in_unit(kJ), rel=1e-12)
     assert terms["area"].value_in_unit(kJ) == pytest.approx(3 * (4 * np.sqrt(3) / 6 - 1) ** 2)

@@ -69,6 +69,7 @@ HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTension, unit.kilojoule_per_mole/unit.nanometer**2)
+HELFRICH_UNIT(HelfrichForce::getPressure, unit.kilojoule_per_mole/unit.nanometer**3)
 HELFRICH_UNIT(MonteCarloMove::getTemperature, unit.kelvin)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
 HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, unit.nanometer)
@@ -97,7 +98,7 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 %typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
 %feature("docstring") HelfrichPlugin::HelfrichForce "
 This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
-Each vertex is a particle of the System.  The energy is the sum of seven terms, each present only when its modulus
+Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
 is not zero:
 
  - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretisation: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its
@@ -108,12 +109,13 @@ is not zero:
  - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
  - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps the surface from crossing itself: see setRepulsion()
  - tension, sigma A, linear, beside the area term or instead of it
+ - pressure, -pV, linear, beside the volume term or instead of it
 
 The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
-and add it to a System.  The three targets and the tension are parameters of the Context: change them there with
-Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+and add it to a System.  The three targets, the tension and the pressure are parameters of the Context: change
+them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.

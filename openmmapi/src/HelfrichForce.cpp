@@ -174,6 +174,11 @@ void HelfrichForce::setTension(double tension) {
     parameters.moduli[Term::Tension] = tension;
 }
 
+void HelfrichForce::setPressure(double pressure) {
+    checkFinite("setPressure: the pressure", pressure);
+    parameters.moduli[Term::Pressure] = pressure;
+}
+
 static string getParameterName(const HelfrichForce& force, Term term) {
     return force.getName() +
            find_if(begin(HELFRICH_CONTEXT_PARAMETERS), end(HELFRICH_CONTEXT_PARAMETERS), [&](auto& parameter) {
@@ -195,6 +200,10 @@ string HelfrichForce::getTargetAreaDifferenceParameter() const {
 
 string HelfrichForce::getTensionParameter() const {
     return getParameterName(*this, Term::Tension);
+}
+
+string HelfrichForce::getPressureParameter() const {
+    return getParameterName(*this, Term::Pressure);
 }
 
 vector<string> HelfrichForce::getTermNames() {

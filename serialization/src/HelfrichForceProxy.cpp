@@ -9,7 +9,8 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension.
+ * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and
+ * the pressure.
  */
 static const int VERSION = 4, OLDEST_VERSION = 1;
 
@@ -76,6 +77,7 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("targetAreaDifference", p.targetAreaDifference);
     node.setDoubleProperty("leafletSeparation", p.leafletSeparation);
     node.setDoubleProperty("tension", p.moduli[Term::Tension]);
+    node.setDoubleProperty("pressure", p.moduli[Term::Pressure]);
     storeTether(p, node.createChildNode("Tether"));
     storeRepulsion(p, node.createChildNode("Repulsion"));
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
@@ -101,7 +103,9 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
     if (version > 1)
         loadFixedEdges(*force, node.getChildNode("FixedEdges"));
-    if (version > 3)
+    if (version > 3) {
         force->setTension(node.getDoubleProperty("tension"));
+        force->setPressure(node.getDoubleProperty("pressure"));
+    }
     return force.release();
 }

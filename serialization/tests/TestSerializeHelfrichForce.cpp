@@ -43,6 +43,7 @@ static void makeForce(HelfrichForce& force) {
     force.setTetherLengthScale(0.3);
     force.setRepulsion(1.2, 0.35, 4, 2);
     force.setTension(-0.7);
+    force.setPressure(0.9);
 }
 
 void testRoundTrip() {
@@ -61,6 +62,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(force.getTargetAreaDifference(), copy->getTargetAreaDifference());
     ASSERT_EQUAL(force.getLeafletSeparation(), copy->getLeafletSeparation());
     ASSERT_EQUAL(-0.7, copy->getTension());
+    ASSERT_EQUAL(0.9, copy->getPressure());
     ASSERT_EQUAL(toXml(force), toXml(*copy));
     ASSERT_EQUAL(2, copy->getNumFixedEdges());
     int particle1, particle2;
@@ -92,12 +94,14 @@ static string replaced(string text, const string& old, const string& with) {
     return text.replace(position, old.size(), with);
 }
 
-void testVersionWithoutTension() {
+void testVersionWithoutTensionAndPressure() {
     HelfrichForce force;
     makeForce(force);
     string xml = replaced(toXml(force), "version=\"4\"", "version=\"3\"");
+    xml = replaced(xml, " pressure=\".9\"", "");
     unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, " tension=\"-.7\"", ""));
     ASSERT_EQUAL(0.0, copy->getTension());
+    ASSERT_EQUAL(0.0, copy->getPressure());
     ASSERT_EQUAL(0.3, copy->getTetherLengthScale());
 }
 
@@ -142,6 +146,8 @@ void testDamagedText() {
     assertRejected(replaced(xml, "lengthScale", "unit"), "lengthScale");
     assertRejected(replaced(xml, "tension=\"-.7\"", "tension=\"inf\""), "setTension");
     assertRejected(replaced(xml, "tension", "sigma"), "tension");
+    assertRejected(replaced(xml, "pressure=\".9\"", "pressure=\"inf\""), "setPressure");
+    assertRejected(replaced(xml, "pressure", "p"), "pressure");
     assertRejected(replaced(xml, "2 1 0 3", "2 1 0"), "fixed edges are not complete");
     assertRejected(replaced(xml, "<FixedEdges ", "<Edges "), "FixedEdges");
     assertRejected(replaced(xml, triangles, "0 2 1 0 1 3 0 3 2"), "not complete");
@@ -160,7 +166,7 @@ int main() {
     try {
         testRoundTrip();
         testDefaults();
-        testVersionWithoutTension();
+        testVersionWithoutTensionAndPressure();
         testVersionWithoutLengthScale();
         testVersionWithoutFixedEdges();
         testDamagedText();

@@ -59,6 +59,7 @@ static HelfrichForce* createFuzzedForce(FuzzedDataProvider& data, const Membrane
         force->setTether(fabs(drawNumber(data)), fabs(drawNumber(data)), fabs(drawNumber(data)),
                          data.ConsumeIntegralInRange(0, 20));
         force->setTension(drawNumber(data));
+        force->setPressure(drawNumber(data));
         force->setTetherLengthScale(fabs(drawNumber(data)));
         force->setRepulsion(fabs(drawNumber(data)), fabs(drawNumber(data)), data.ConsumeIntegralInRange(0, 20),
                             data.ConsumeIntegralInRange(0, 2));

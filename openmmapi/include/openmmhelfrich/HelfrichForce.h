@@ -32,7 +32,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
 
 /**
  * This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
- * Each vertex is a particle of the System.  The energy is the sum of seven terms, each present only when its modulus
+ * Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
  * is not zero.
  *
  * <ul>
@@ -44,13 +44,15 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li> <li>repulsion,
  * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
  * <li>tension, \f$\sigma A\f$, linear, beside the area term or instead of it</li>
+ * <li>pressure, \f$-pV\f$, linear, beside the volume term or instead of it</li>
  * </ul>
  *
  * The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
  *
  * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and
- * targets, and add it to a System.  The three targets and the tension are parameters of the Context: change them there
- * with Context::setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+ * targets, and add it to a System.  The three targets, the tension and the pressure are parameters of the Context:
+ * change them there with Context::setParameter(), using the names that getTargetAreaParameter() and its siblings
+ * return.
  *
  * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or
  * setTrianglesInContext(), changes those of a Context: getTrianglesInContext() returns the live ones.
@@ -286,6 +288,18 @@ public:
      */
     void setTension(double tension);
     /**
+     * Get the pressure p, measured in kJ/mol/nm^3.
+     */
+    double getPressure() const {
+        return parameters.moduli[Term::Pressure];
+    }
+    /**
+     * Set the pressure p, measured in kJ/mol/nm^3, by which that inside the surface exceeds that outside: the default
+     * value of the Context's parameter.  It blows the surface up where it is positive, and presses it together where
+     * it is negative.  The default, 0, turns the term off.
+     */
+    void setPressure(double pressure);
+    /**
      * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
      */
     std::string getTargetAreaParameter() const;
@@ -303,6 +317,11 @@ public:
      * the term on and off in that Context: it may be any finite number, also where this Force has none.
      */
     std::string getTensionParameter() const;
+    /**
+     * Get the name of the Context parameter that holds the pressure: the Force's name followed by "Pressure".  It turns
+     * the term on and off in that Context: it may be any finite number, also where this Force has none.
+     */
+    std::string getPressureParameter() const;
     /**
      * Get the live triangles of a Context, which edge flips change.
      *
@@ -349,8 +368,8 @@ public:
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
      * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from
-     * this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the targets
-     * and the tension, do not change: see setTrianglesInContext() and Context::setParameter().
+     * this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the targets,
+     * the tension and the pressure, do not change: see setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
      */

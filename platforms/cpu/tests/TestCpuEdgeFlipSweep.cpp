@@ -90,7 +90,7 @@ void testEnergyChanges() {
 
     Membrane blob = createBlob(2);
     vector<HelfrichParameters> all;
-    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether, Tension})
+    for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether, Tension, Pressure})
         all.push_back(createParameters(blob, terms));
     for (TermMask terms : {Repulsion, AllTerms})
         for (int level = 0; level < 3; level++)
@@ -602,6 +602,7 @@ HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, 
     p.leafletSeparation = 1;
     p.targetAreaDifference = 2 * geometry.curvature;
     p.moduli[Term::Tension] = scale;
+    p.moduli[Term::Pressure] = -scale;
     p.repulsionOnset = 3 * getMeanEdge(membrane);
     return p;
 }

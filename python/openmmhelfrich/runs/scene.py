@@ -136,6 +136,7 @@ class Scene:
         force.setTether(moduli["tether"], tether.minLength, tether.maxLength, self.config.tether.exponent)
         force.setTetherLengthScale(tether.lengthScale)
         force.setTension(moduli["tension"])
+        force.setPressure(moduli["pressure"])
         if moduli["repulsion"] > 0:
             force.setRepulsion(moduli["repulsion"], self.repulsionOnset, repulsion.exponent, repulsion.exclusion_level)
         return force

@@ -43,6 +43,7 @@ Length: TypeAlias = Annotated[float, _quantity("length")]
 Area: TypeAlias = Annotated[float, _quantity("area")]
 Volume: TypeAlias = Annotated[float, _quantity("volume")]
 Tension: TypeAlias = Annotated[float, _quantity("energy per area")]
+Pressure: TypeAlias = Annotated[float, _quantity("energy per volume")]
 Time: TypeAlias = Annotated[float, _quantity("time")]
 Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
@@ -68,6 +69,7 @@ MODULI = {
     "tether": "tether.modulus",
     "repulsion": "repulsion.modulus",
     "tension": "membrane.tension",
+    "pressure": "membrane.pressure",
 }
 
 
@@ -152,6 +154,11 @@ class MembraneSection(Targets):
         0.0,
         description="sigma in kT per squared length unit, which adds sigma A to the energy: positive, it shrinks the "
         "surface; a tension of its own wants an area_modulus of 0",
+    )
+    pressure: Pressure = Field(
+        0.0,
+        description="p in kT per cubed length unit, inside less outside, which adds -pV to the energy: positive, it "
+        "blows the surface up; a pressure of its own wants a volume_modulus of 0",
     )
 
 

@@ -11,15 +11,15 @@ namespace HelfrichPlugin {
 /**
  * The terms of the energy, in the order in which they are added up.
  */
-enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Tension, Count };
+enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Tension, Pressure, Count };
 
 inline constexpr int NUM_TERMS = int(Term::Count);
 
 /**
  * The names of the terms.
  */
-inline constexpr const char* TERM_NAMES[] = {"bending", "area",      "volume", "areaDifference",
-                                             "tether",  "repulsion", "tension"};
+inline constexpr const char* TERM_NAMES[] = {"bending", "area",      "volume",  "areaDifference",
+                                             "tether",  "repulsion", "tension", "pressure"};
 
 static_assert(std::size(TERM_NAMES) == NUM_TERMS, "every term has a name");
 
@@ -137,13 +137,13 @@ struct HelfrichParameters {
      * Get whether a term depends on the triangles.
      */
     bool needsTriangles() const {
-        return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || needsCurvature();
+        return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || has(Term::Pressure) || needsCurvature();
     }
     /**
      * Get whether a term has a meaning only where the surface encloses a positive volume.
      */
     bool needsOrientation() const {
-        return has(Term::Volume);
+        return has(Term::Volume) || has(Term::Pressure);
     }
 };
 
@@ -172,7 +172,8 @@ inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
         {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; }},
         {Term::AreaDifference, "TargetAreaDifference",
          [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }},
-        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }}};
+        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }},
+        {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; }}};
 
 /**
  * The sums over the whole surface on which the energy depends.
@@ -249,6 +250,7 @@ inline void computeTermsOfTotals(const HelfrichParameters& p, const HelfrichTota
     add(Term::AreaDifference,
         penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference));
     add(Term::Tension, linearEnergy(p.moduli[Term::Tension], totals.area));
+    add(Term::Pressure, linearEnergy(-p.moduli[Term::Pressure], totals.volume));
 }
 
 /**
@@ -277,7 +279,7 @@ template <class Real>
 inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
     HelfrichTotalsOf<Real> slopes;
     slopes.area = penaltySlope(p.moduli[Term::Area], totals.area, p.targetArea) + p.moduli[Term::Tension];
-    slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.targetVolume);
+    slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.targetVolume) - p.moduli[Term::Pressure];
     double h = p.leafletSeparation;
     slopes.curvature =
             2 * h * penaltySlope(p.moduli[Term::AreaDifference], 2 * h * totals.curvature, p.targetAreaDifference);
@@ -295,7 +297,7 @@ public:
               volume(p.moduli[Term::Volume], totals.volume, p.targetVolume),
               areaDifference(p.moduli[Term::AreaDifference], totals.curvature,
                              p.targetAreaDifference / (2 * p.leafletSeparation)),
-              tension(p.moduli[Term::Tension]) {
+              tension(p.moduli[Term::Tension]), pressure(p.moduli[Term::Pressure]) {
     }
     /**
      * Add it to the change of the other terms.
@@ -306,11 +308,11 @@ public:
      */
     double addTo(double change, const HelfrichTotals& differences) const {
         return change + area(differences.area) + volume(differences.volume) + areaDifference(differences.curvature) +
-               tension * differences.area;
+               tension * differences.area - pressure * differences.volume;
     }
 private:
     PenaltyChange area, volume, areaDifference;
-    double tension;
+    double tension, pressure;
 };
 
 } // namespace HelfrichPlugin
