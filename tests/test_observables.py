@@ -155,3 +155,23 @@ def test_averages_after_a_continuation(inFolder):
     assert facts["averages"].endswith(f"from step {table['step'][last][0]:.0f} on")
     assert summary.mean("reducedVolume") == pytest.approx(0.8, abs=0.01)
     assert summary.drift("volume") == np.abs(table["volume"][last] / table["targetVolume"][last] - 1).max()
+
+
+def test_reduced_area_difference(inFolder):
+    """Runs have M/sqrt(4 pi A) in table, summary and page: 1 for a sphere of any radius."""
+    for scale in (1.0, 3.0):
+        config = parseConfig(
+            {
+                "mesh": {"icosphere": 3, "scale": scale},
+                "sampling": {"seed": 3, "steps_per_trajectory": 5},
+                "platform": {"threads": 1},
+                "stages": [{"kind": "sample", "steps": 4}],
+                "output": {"prefix": "run", "observables_interval": 1, "mesh_trajectory": False, "overwrite": True},
+            }
+        )
+        summary, table = run(config), mh.readObservables("run.csv")
+        expected = table["meanCurvature"] / np.sqrt(4 * np.pi * table["area"])
+        assert table["reducedAreaDifference"] == pytest.approx(expected, rel=1e-6)
+        assert table["reducedAreaDifference"][0] == pytest.approx(1, abs=0.01)
+        assert summary.mean("reducedAreaDifference") == pytest.approx(expected[len(expected) // 2 :].mean(), rel=1e-6)
+        assert partsOf(writeReport("run", overwrite=True))[2]["reduced area difference"].startswith("1.")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from openmm import app, unit
 
 from ..files import PathLike
-from ..geometry.measures import reducedVolume
+from ..geometry.measures import reducedAreaDifference, reducedVolume
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator
 from ..tables import Table, headOf, readHeads, unitsOf
 from ..units import valueIn
@@ -212,6 +212,10 @@ def _volume(moment: Moment) -> float:
     return valueIn(moment.geometry.volume, unit.nanometer**3)
 
 
+def _meanCurvature(moment: Moment) -> float:
+    return valueIn(moment.geometry.integratedMeanCurvature, unit.nanometer)
+
+
 def _term(name: str) -> Observable:
     return Observable(
         f"E_{name}",
@@ -285,7 +289,15 @@ OBSERVABLES = (
         digits=".2f",
         onPath=True,
     ),
-    Observable("meanCurvature", lambda m: valueIn(m.geometry.integratedMeanCurvature, unit.nanometer), "length"),
+    Observable("meanCurvature", _meanCurvature, "length"),
+    Observable(
+        "reducedAreaDifference",
+        lambda m: reducedAreaDifference(_area(m), _meanCurvature(m)),
+        title="reduced area difference",
+        isDefault=False,
+        digits=".4f",
+        onPage="mean",
+    ),
     Observable(
         "acceptance",
         _mixture(lambda mixture: trajectoriesOf(mixture).getAcceptanceRate()),
