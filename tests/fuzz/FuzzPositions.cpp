@@ -2,6 +2,7 @@
  * that says so, and no move changes that. */
 
 #include "Fuzzing.h"
+#include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include <memory>
 
@@ -80,7 +81,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
         bool isNative = data.ConsumeBool();
         HybridMonteCarloIntegrator integrator(fabs(drawNumber(data)), fabs(drawNumber(data)), 3, 0.5,
                                               data.ConsumeBool(), isNative ? "native" : "custom");
-        integrator.setForcePrecision(isNative && data.ConsumeBool() ? "mixed" : "double");
+        if (isNative && data.ConsumeBool())
+            dynamic_cast<HamiltonianTrajectoryIntegrator&>(integrator.getMove(0)).setForcePrecision("mixed");
         integrator.setRandomNumberSeed(1);
         Context context(system, integrator, *platform);
         context.setPositions(positions);
