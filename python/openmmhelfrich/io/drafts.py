@@ -103,22 +103,22 @@ class Draft:
 
     # --- what HDF5 calls
 
-    def seek(self, offset, whence=os.SEEK_SET):
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> None:
         self._position = offset + (self._size if whence == os.SEEK_END else 0)
 
-    def tell(self):
+    def tell(self) -> int:
         return self._position
 
-    def read(self, size):
+    def read(self, size: int) -> bytes:
         first, last = self._position // PAGE, (self._position + size - 1) // PAGE
         content = b"".join(self._page(page) for page in range(first, last + 1))
         return content[self._position - first * PAGE :][:size]
 
-    def readinto(self, buffer):
+    def readinto(self, buffer: Any) -> None:
         with self._noting():
             memoryview(buffer)[:] = self.read(len(buffer))
 
-    def write(self, data):
+    def write(self, data: Any) -> None:
         with self._noting():
             first, last = self._position // PAGE, (self._position + len(data) - 1) // PAGE
             content = bytearray(b"".join(self._page(page) for page in range(first, last + 1)))
@@ -128,10 +128,10 @@ class Draft:
                 self._changes[first + i] = bytes(content[i * PAGE : (i + 1) * PAGE])
             self._size = max(self._size, self._position + len(data))
 
-    def truncate(self, size):
+    def truncate(self, size: int) -> None:
         self._size = size
 
-    def flush(self):
+    def flush(self) -> None:
         pass
 
     def _page(self, number):
