@@ -349,16 +349,19 @@ class MeshTrajectory(Frames):
         return MeshFrame(self._number("Steps/Values", i), mesh, data)
 
     def _rows(self, name, start, count):
-        """Return rows of an array, which is looked up once."""
+        """Return rows of an array."""
+        return _rows(self._array(name), start, start + count)
+
+    def _array(self, name):
         if name not in self._arrays:
-            self._arrays[name] = self._root[name]
-        return _rows(self._arrays[name], start, start + count)
+            self._arrays[name] = _numbers(self._root[name])
+        return self._arrays[name]
 
     def _number(self, name, row, column=()):
         """Return a number of an array of small rows, of which a block is read at a time."""
         first = row // BLOCK * BLOCK
         if self._blocks.get(name, (None,))[0] != first:
-            self._blocks[name] = first, self._rows(name, first, min(BLOCK, len(self._root[name]) - first))
+            self._blocks[name] = first, self._rows(name, first, min(BLOCK, len(self._array(name)) - first))
         return int(self._blocks[name][1][row - first][column])
 
 
@@ -400,14 +403,20 @@ def _polyData(file):
     return root
 
 
+def _numbers(array):
+    """Return an array of numbers, of a kind that numpy has too: HDF5 can crash where it converts what is of no kind."""
+    isArray = isinstance(array, h5py.Dataset) and array.dtype.kind in "iuf" and array.ndim > 0
+    if not isArray or array.id.get_type() != h5py.h5t.py_create(array.dtype):
+        raise ValueError(f"{array.name} is not an array of numbers")
+    return array
+
+
 def _rows(array, start, stop):
     """Return rows of an array.
 
     HDF5 takes zeros for what a file does not hold, and sets aside as much memory as a damaged one claims: both are
     refused here.
     """
-    if not isinstance(array, h5py.Dataset) or array.dtype.kind not in "iuf" or not array.ndim:
-        raise ValueError(f"{array.name} is not an array of numbers")
     if not 0 <= start <= stop <= len(array):
         raise ValueError(f"{array.name} has {len(array)} rows; {start} to {stop} are expected")
     size = (stop - start) * math.prod(array.shape[1:]) * array.dtype.itemsize
