@@ -507,6 +507,9 @@ def _existing(out, path, keep):
     count = int(root["Steps"].attrs["NSteps"])
     if count < keep:
         raise ValueError(f"{path} has {count} frames; it should have {keep} or more to go on from")
+    for array, rows in _growingArrays(root, count):
+        if len(array) != rows:
+            raise ValueError(f"{path} is damaged: {array.name} has {len(array)} rows; {rows} are expected")
     _resize(root, keep)
     return root
 
@@ -557,20 +560,24 @@ def _growing(group, name, columns=None, kind="i8"):
     group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(BLOCK, *tail))
 
 
+def _growingArrays(root, count):
+    """Return the arrays that grow, each with the rows that it has for a number of frames."""
+    numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
+    steps = root["Steps"]
+    entries = [*steps["PointDataOffsets"].values(), *(steps[name] for name in steps if name != "PointDataOffsets")]
+    return [
+        (root["Points"], count * numVertices),
+        (root["Polygons/Connectivity"], count * numCorners),
+        *((values, count * numVertices) for values in root["PointData"].values()),
+        *((array, count) for array in entries),
+    ]
+
+
 def _resize(root, count):
     """Make room for a number of frames, or drop those beyond it."""
-    numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
-    root["Points"].resize(count * numVertices, axis=0)
-    root["Polygons/Connectivity"].resize(count * numCorners, axis=0)
-    for values in root["PointData"].values():
-        values.resize(count * numVertices, axis=0)
-    steps = root["Steps"]
-    for entries in [
-        *steps["PointDataOffsets"].values(),
-        *(steps[name] for name in steps if name != "PointDataOffsets"),
-    ]:
-        entries.resize(count, axis=0)
-    steps.attrs["NSteps"] = count
+    for array, rows in _growingArrays(root, count):
+        array.resize(rows, axis=0)
+    root["Steps"].attrs["NSteps"] = count
 
 
 def _append(root, frame):
