@@ -1,6 +1,7 @@
 """Files that are replaced whole, in a single step."""
 
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,12 +19,12 @@ def replacing(file: PathLike) -> Iterator[Path]:
     half of one.
     """
     path = Path(file)
-    part = path.with_name(f".{path.name}.part")
+    part = hidden(path, "part")
     try:
         yield part
         sync(part)
         os.replace(part, path)
-        _syncFolder(path.parent)
+        syncFolder(path.parent)
     finally:
         part.unlink(missing_ok=True)
 
@@ -34,10 +35,20 @@ def sync(file: PathLike) -> None:
         os.fsync(written.fileno())
 
 
-def _syncFolder(folder):
-    with contextlib.suppress(OSError):  # not every file system knows how
+def syncFolder(folder: PathLike) -> None:
+    """Wait until the names in a folder are on the disk."""
+    try:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+    except OSError as error:  # not every file system knows how
+        if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):
+            raise
+
+
+def hidden(file: PathLike, ending: str) -> Path:
+    """Return the name of a file beside another for what is not to be seen."""
+    path = Path(file)
+    return path.with_name(f".{path.name}.{ending}")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import overload
 from xml.etree import ElementTree
 
-from ..files import PathLike
+from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.meshfiles import requireFormat
 from .dcdframes import DCDTrajectory
@@ -175,11 +175,12 @@ def _writePVD(file, meshes, steps):
     for mesh, step in zip(meshes, steps):
         ElementTree.SubElement(collection, "DataSet", timestep=str(step), part="0", file=mesh.name)
     ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)
+    with replacing(file) as part:
+        ElementTree.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
 
 def _writeXYZ(file, frames):
-    with open(file, "w") as out:
+    with replacing(file) as part, open(part, "w") as out:
         for frame in frames:
             out.write(f"{len(frame.mesh.vertices)}\nstep {frame.step}\n")
             out.writelines(

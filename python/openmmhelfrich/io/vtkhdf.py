@@ -6,9 +6,12 @@ Steps, version 2.0 of the specification
 vertices and of triangles are those of the first frame, so that the sizes of the one part and the Offsets of its
 triangles are stored once, and each frame is a chunk of every other array: what a frame costs does not depend on how
 many there are, and the last ones can be dropped.
+How a file is changed without a moment in which it is not whole, :mod:`.drafts` says.
 """
 
 import contextlib
+import itertools
+import math
 import os
 import shutil
 import time
@@ -23,6 +26,7 @@ from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
+from .drafts import Draft, GrowingFile, signalsLater
 
 VERSION = (2, 0)
 # Chosen by measurement (docs/looking.md): higher levels take longer for a percent or less.  Shuffled bytes of 64-bit
@@ -30,6 +34,13 @@ VERSION = (2, 0)
 COMPRESSION = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 # VTK wants all four kinds of cells, in this order.
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
+# The rows of a chunk of the small arrays, which have a row for each step.
+BLOCK = 256
+# As many bytes of new frames may wait in memory.
+MAX_WAITING = 64e6
+# No deflated data become larger than this many times their size, and no array is refused that is smaller than this
+# many bytes.
+MAX_RATIO, SMALL = 1032, 1 << 20
 
 
 class MeshFrame(NamedTuple):
@@ -84,19 +95,15 @@ def writeMeshTrajectory(
         if the file cannot be written
     """
     path = Path(file)
-    # The new file grows from a copy in the same folder, which then takes its place.
     with _plainErrors(path), replacing(path) as part:
         if keep:
             shutil.copyfile(path, part)
-        if isinstance(frames, list):
-            _requireRoom(part, frames)
-        with h5py.File(part, "a" if keep else "w", locking=False) as out:
-            root = _existing(out, path, keep) if keep else None
-            for frame in frames:
-                root = root or _create(out, frame, precision, lengthUnit)
-                _append(root, frame)
-            if root is None:
-                raise ValueError(f"{path}: there are no frames to write")
+        for batch in _batches(frames):
+            with Draft(part if keep else None) as draft:
+                _edit(draft, path, batch, keep, precision, lengthUnit)
+                draft.writeTo(part)
+            _verify(part, batch, keep)
+            keep += len(batch)
 
 
 def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
@@ -120,10 +127,10 @@ def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
 class MeshTrajectoryWriter:
     """Adds frames to a mesh trajectory as they come.
 
-    New frames wait in memory until :meth:`flush` makes the file complete with them, as :func:`writeMeshTrajectory`
-    does.  That copies the file, and so :meth:`add` flushes at most a fiftieth of the time: when a minute has passed
-    since the last time, or 50 times as long as that took, or earlier when 64 MB wait.  The first frame is written at
-    once.
+    New frames wait in memory until :meth:`flush` makes the file complete with them.  That takes time in proportion to
+    their number, and whatever happens meanwhile, the file is the old one or the new one.  :meth:`add` flushes at most a
+    fiftieth of the time: when a minute has passed since the last time, or 50 times as long as that took, or earlier
+    when 64 MB wait.  The first frame is written at once.
     """
 
     def __init__(self, file: PathLike, numFrames: int | None = 0, precision: str = "double", lengthUnit: str = "nm"):
@@ -139,11 +146,10 @@ class MeshTrajectoryWriter:
             see :func:`writeMeshTrajectory`
         """
         self._path, self._options = Path(file), {"precision": precision, "lengthUnit": lengthUnit}
-        existing = _count(self._path) if numFrames is None or numFrames > 0 else 0
+        existing = _count(self._path, numFrames) if numFrames is None or numFrames > 0 else 0
         self._kept = existing if numFrames is None else numFrames
-        if self._kept > existing:
-            raise ValueError(f"{self._path} has {existing} frames; it should have {self._kept} or more to go on from")
         _requireFolder(self._path)
+        self._file = GrowingFile(self._path)
         if self._kept == 0:
             self._path.unlink(missing_ok=True)
         self._surplus = existing > self._kept
@@ -160,8 +166,7 @@ class MeshTrajectoryWriter:
         if self._closed:
             raise ValueError(f"{self._path} is closed; no frame can be added")
         self._waiting.append(frame)
-        size = _sizeOf(frame)
-        if time.monotonic() >= self._nextFlush or size * len(self._waiting) > 64e6:
+        if time.monotonic() >= self._nextFlush or _sizeOf(frame) * len(self._waiting) > MAX_WAITING:
             self.flush()
 
     def flush(self) -> None:
@@ -171,7 +176,9 @@ class MeshTrajectoryWriter:
         """
         start = time.monotonic()
         if self._waiting or self._surplus:
-            writeMeshTrajectory(self._path, self._waiting, self._kept, **self._options)
+            with _plainErrors(self._path), Draft(self._path if self._kept else None) as draft:
+                _edit(draft, self._path, self._waiting, self._kept, **self._options)
+                self._file.replace(draft, lambda file: _verify(file, self._waiting, self._kept))
             self._kept, self._waiting, self._surplus = self.numFrames, [], False
         end = time.monotonic()
         self._nextFlush = end + max(60, 50 * (end - start))
@@ -180,6 +187,7 @@ class MeshTrajectoryWriter:
         """Flush, and take no more frames."""
         if not self._closed:
             self.flush()
+            self._file.close()
             self._closed = True
 
 
@@ -244,7 +252,7 @@ class Frames(ABC, Sequence[MeshFrame]):
         """Name the file in whatever its reader finds wrong with it."""
         try:
             yield
-        except (OSError, KeyError, ValueError, IndexError, RuntimeError) as error:
+        except Exception as error:  # of a damaged file the libraries make anything
             raise ValueError(f"{self._path} {what}: {str(error).strip(chr(39))}") from None
 
     def __repr__(self) -> str:
@@ -252,53 +260,125 @@ class Frames(ABC, Sequence[MeshFrame]):
 
 
 class MeshTrajectory(Frames):
-    """The frames of a VTKHDF file."""
+    """The frames of a VTKHDF file, as many as there were when it was opened."""
+
+    _draft: Any = None
 
     def __init__(self, file: PathLike):
         self._path = Path(file)
         if not self._path.exists():
             raise FileNotFoundError(f"there is no mesh trajectory {file}")
-        try:
-            # Files are replaced, never changed, and not every file system has locks.
-            self._file = h5py.File(self._path, locking=False)
-        except OSError:
-            raise ValueError(f"{file} is not a VTKHDF file, or not a complete one") from None
-        self._root = _polyData(self._file, self._path)
+        self.steps, self.lengthUnit = self._settled(self._describe)
+
+    def close(self) -> None:
+        """Close the file."""
+        super().close()
+        self._draft.close()
+
+    def holds(self, frame: MeshFrame, index: int) -> bool:
+        """Return whether a frame is that of an index, in the file's precision."""
+        found, precision = self[index], self._root["Points"].dtype
+        pairs = [(frame.mesh.vertices.astype(precision), found.mesh.vertices)]
+        pairs += [(np.asarray(frame.data[name], values.dtype), values) for name, values in found.data.items()]
+        return (
+            (frame.step, set(frame.data)) == (found.step, set(found.data))
+            and np.array_equal(frame.mesh.triangles, found.mesh.triangles)
+            and all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
+        )
+
+    @contextlib.contextmanager
+    def _complaint(self, what):
+        with super()._complaint(what):
+            try:
+                yield
+            finally:
+                if self._draft:
+                    self._draft.check()  # what HDF5 made of an error of the disk is beside the point
+
+    def _settled(self, read):
+        """Return what a function reads.
+
+        The program that writes the file may do so meanwhile.  What was read then may be of any time, and is read again.
+        """
+        while True:
+            try:
+                if self._draft is None:
+                    self._open()
+                found = read()
+                if self._draft.isCurrent(self._path):
+                    return found
+            except Exception:
+                if self._draft is None or self._draft.isCurrent(self._path):
+                    raise
+            self._draft = None
+
+    def _open(self):
+        with self._complaint("is not a VTKHDF file, or not a complete one"):
+            self._draft = Draft(self._path)
+            self._file = h5py.File(self._draft, "r")
+            self._root = _polyData(self._file)
         with self._complaint("is damaged"):
-            self.steps = np.asarray(self._root["Steps/Values"][: int(self._root["Steps"].attrs["NSteps"])]).astype(
-                np.int64
-            )
-            self.lengthUnit = str(self._file.attrs.get("lengthUnit", "nm"))
+            steps, self._arrays, self._blocks = self._root["Steps"], {}, {}
+            self._hasParts, self._dataNames = "NumberOfParts" in steps, list(steps.get("PointDataOffsets", ()))
+
+    def _describe(self):
+        with self._complaint("is damaged"):
+            steps = self._rows("Steps/Values", 0, int(self._root["Steps"].attrs["NSteps"]))
+            if not np.all(np.abs(steps) < 2**53):
+                raise ValueError("the number of a step is not a number")
+            return steps.astype(np.int64), str(_textOf(self._file.attrs, "lengthUnit") or "nm")
 
     def _read(self, i):
-        steps, polygons = self._root["Steps"], self._root["Polygons"]
-        if steps.get("NumberOfParts") is not None and steps["NumberOfParts"][i] != 1:
+        return self._settled(lambda: self._frame(i))
+
+    def _frame(self, i):
+        if self._hasParts and self._number("Steps/NumberOfParts", i) != 1:
             raise ValueError("it has several parts; one is expected")
-        part = steps["PartOffsets"][i]
-        numVertices = int(self._root["NumberOfPoints"][part])
-        numCells, numCorners = int(polygons["NumberOfCells"][part]), int(polygons["NumberOfConnectivityIds"][part])
-        cell, first = int(steps["CellOffsets"][i, 2]), int(steps["ConnectivityIdOffsets"][i, 2])
-        if np.any(np.diff(polygons["Offsets"][cell + part : cell + part + numCells + 1]) != 3):
+        part = self._number("Steps/PartOffsets", i)
+        numVertices, numCells = (self._number(name, part) for name in ("NumberOfPoints", "Polygons/NumberOfCells"))
+        cell, corner = self._number("Steps/CellOffsets", i, 2) + part, self._number("Steps/ConnectivityIdOffsets", i, 2)
+        if np.any(np.diff(self._rows("Polygons/Offsets", cell, numCells + 1)) != 3):
             raise ValueError("it has cells that are not triangles")
-        point = int(steps["PointOffsets"][i])
+        numCorners = self._number("Polygons/NumberOfConnectivityIds", part)
         mesh = Mesh(
-            self._root["Points"][point : point + numVertices],
-            polygons["Connectivity"][first : first + numCorners].reshape(-1, 3),
+            self._rows("Points", self._number("Steps/PointOffsets", i), numVertices),
+            self._rows("Polygons/Connectivity", corner, numCorners).reshape(-1, 3),
         )
-        offsets = {name: int(d[i]) for name, d in steps.get("PointDataOffsets", {}).items()}
-        return MeshFrame(
-            int(self.steps[i]),
-            mesh,
-            {name: self._root["PointData"][name][start : start + numVertices] for name, start in offsets.items()},
-        )
+        starts = {name: self._number(f"Steps/PointDataOffsets/{name}", i) for name in self._dataNames}
+        data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
+        return MeshFrame(self._number("Steps/Values", i), mesh, data)
+
+    def _rows(self, name, start, count):
+        """Return rows of an array."""
+        return _rows(self._array(name), start, start + count)
+
+    def _array(self, name):
+        if name not in self._arrays:
+            self._arrays[name] = _numbers(self._root[name])
+        return self._arrays[name]
+
+    def _number(self, name, row, column=()):
+        """Return a number of an array of small rows, of which a block is read at a time."""
+        first = row // BLOCK * BLOCK
+        if self._blocks.get(name, (None,))[0] != first:
+            self._blocks[name] = first, self._rows(name, first, min(BLOCK, len(self._array(name)) - first))
+        return int(self._blocks[name][1][row - first][column])
 
 
-def _count(path):
-    """Return the number of frames in a file, 0 if there is none."""
-    if not path.exists():
-        return 0
-    with readMeshTrajectory(path) as trajectory:
-        return len(trajectory)
+def _count(path, keep):
+    """Return the number of frames in a file, 0 if there is none.
+
+    Those where others are to be added or dropped must not be damaged: HDF5 can crash then.
+    """
+    count = 0
+    if path.exists():
+        with readMeshTrajectory(path) as trajectory:
+            count = len(trajectory)
+            for i in {0, count - 1, min(keep or count, count) - 1} if count else ():
+                trajectory[i]
+    if keep is not None and keep > count:
+        raise ValueError(f"{path} has {count} frames; it should have {keep} or more to go on from")
+    return count
 
 
 def _requireFolder(path):
@@ -311,26 +391,125 @@ def _requireFolder(path):
         raise PermissionError(f"{path.parent} is not writable; {path.name} cannot be made there")
 
 
-def _polyData(file, path):
+def _polyData(file):
     """Return the group of an open file that holds the PolyData."""
     root = file.get("VTKHDF")
-    kind = root.attrs.get("Type") if isinstance(root, h5py.Group) else None
+    kind = _textOf(root.attrs, "Type") if isinstance(root, h5py.Group) else None
     if kind is None:
-        raise ValueError(f"{path} is not a VTKHDF file; it has no group VTKHDF with a Type")
-    kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+        raise ValueError("it has no group VTKHDF with a Type")
     if kind != "PolyData" or "Steps" not in root:
-        raise ValueError(
-            f"{path} holds {kind}{'' if 'Steps' in root else ' without time steps'}; PolyData with steps is expected"
-        )
+        steps = "" if "Steps" in root else " without time steps"
+        raise ValueError(f"it holds {kind}{steps}; PolyData with steps is expected")
     return root
+
+
+def _numbers(array):
+    """Return an array of numbers, of a kind that numpy has too: HDF5 can crash where it converts what is of no kind."""
+    isArray = isinstance(array, h5py.Dataset) and array.dtype.kind in "iuf" and array.ndim > 0
+    if not isArray or array.id.get_type() != h5py.h5t.py_create(array.dtype):
+        raise ValueError(f"{array.name} is not an array of numbers")
+    return array
+
+
+def _rows(array, start, stop):
+    """Return rows of an array.
+
+    HDF5 takes zeros for what a file does not hold, and sets aside as much memory as a damaged one claims: both are
+    refused here.
+    """
+    if not 0 <= start <= stop <= len(array):
+        raise ValueError(f"{array.name} has {len(array)} rows; {start} to {stop} are expected")
+    size = (stop - start) * math.prod(array.shape[1:]) * array.dtype.itemsize
+    _requireStored(size, _storedSize(array, start, stop), array.name)
+    return array[start:stop]
+
+
+def _storedSize(array, start, stop):
+    """Return how many bytes of a file have some rows of an array."""
+    if not array.chunks or start == stop:
+        return min(array.id.get_storage_size(), array.file.id.get_filesize())
+    rows, *columns = array.chunks
+    places = itertools.product(
+        range(start // rows * rows, stop, rows), *(range(0, n, step) for n, step in zip(array.shape[1:], columns))
+    )
+    total, size = 0, math.prod(array.chunks) * array.dtype.itemsize
+    for place in places:
+        stored = _chunkSize(array, place)
+        _requireStored(size, stored, array.name)
+        total += stored
+    return total
+
+
+def _chunkSize(array, place):
+    """Return how many bytes of a file have a chunk of an array."""
+    if array.compression or array.shuffle:
+        return len(array.id.read_direct_chunk(place)[1])  # asking for the size alone visits all chunks
+    chunk = array.id.get_chunk_info_by_coord(place)
+    if chunk.byte_offset is None:
+        raise ValueError(f"{array.name} lacks the rows from {place[0]} on")
+    return chunk.size
+
+
+def _requireStored(size, stored, name):
+    if size > max(SMALL, MAX_RATIO * stored):
+        raise ValueError(f"{name} claims {size} bytes, of which {stored} are there")
+
+
+def _textOf(attributes, name):
+    """Return a text among the attributes of a file or group, or None."""
+    text = attributes.get(name)
+    return text.decode(errors="replace") if isinstance(text, bytes) else text
+
+
+def _edit(draft, path, frames, keep, precision, lengthUnit):
+    """Let a draft have the first frames that it has, and others after them."""
+    if not keep and not frames:
+        raise ValueError(f"{path}: there are no frames to write")
+    with signalsLater():
+        try:
+            with h5py.File(draft, "r+" if keep else "w") as out:
+                root = _existing(out, path, keep) if keep else _create(out, frames[0], precision, lengthUnit)
+                for frame in frames:
+                    _append(root, frame)
+        finally:
+            draft.check()
+
+
+def _verify(file, frames, keep):
+    """Raise an OSError unless a file that has just been written has these frames after the first ones."""
+    try:
+        trajectory = MeshTrajectory(file)
+        with trajectory:
+            areThere = len(trajectory) == keep + len(frames) and all(
+                trajectory.holds(frame, keep + i) for i, frame in enumerate(frames)
+            )
+    except ValueError as error:
+        raise OSError(f"reading it back fails: {error}") from None
+    if not areThere:
+        raise OSError("reading it back gives other frames")
+
+
+def _batches(frames):
+    """Yield frames in lists of as many as may wait, the last of which may be empty."""
+    batch, size = [], 0
+    for frame in frames:
+        batch.append(frame)
+        size += _sizeOf(frame)
+        if size > MAX_WAITING:
+            yield batch
+            batch, size = [], 0
+    yield batch
 
 
 def _existing(out, path, keep):
     """Return the group to which to append, with `keep` frames in it."""
-    root = _polyData(out, path)
+    root = _polyData(out)
     count = int(root["Steps"].attrs["NSteps"])
     if count < keep:
         raise ValueError(f"{path} has {count} frames; it should have {keep} or more to go on from")
+    for array, rows in _growingArrays(root, count):
+        if len(array) != rows:
+            raise ValueError(f"{path} is damaged: {array.name} has {len(array)} rows; {rows} are expected")
     _resize(root, keep)
     return root
 
@@ -340,7 +519,9 @@ def _create(out, frame, precision, lengthUnit):
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}; it must be 'double' or 'single'")
     numVertices, numTriangles = len(frame.mesh.vertices), len(frame.mesh.triangles)
-    out.attrs["lengthUnit"] = lengthUnit
+    # Of fixed length: texts of any length are in a heap, in which a damaged size can make HDF5 loop for ever.
+    text = lengthUnit.encode()
+    out.attrs.create("lengthUnit", text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
     root = out.create_group("VTKHDF")
     root.attrs["Version"] = VERSION
     root.attrs.create("Type", b"PolyData", dtype="S8")  # of fixed length: VTK takes no other
@@ -376,23 +557,27 @@ def _create(out, frame, precision, lengthUnit):
 def _growing(group, name, columns=None, kind="i8"):
     """Create an empty array with an entry for each step."""
     tail = () if columns is None else (columns,)
-    group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(256, *tail))
+    group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(BLOCK, *tail))
+
+
+def _growingArrays(root, count):
+    """Return the arrays that grow, each with the rows that it has for a number of frames."""
+    numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
+    steps = root["Steps"]
+    entries = [*steps["PointDataOffsets"].values(), *(steps[name] for name in steps if name != "PointDataOffsets")]
+    return [
+        (root["Points"], count * numVertices),
+        (root["Polygons/Connectivity"], count * numCorners),
+        *((values, count * numVertices) for values in root["PointData"].values()),
+        *((array, count) for array in entries),
+    ]
 
 
 def _resize(root, count):
     """Make room for a number of frames, or drop those beyond it."""
-    numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
-    root["Points"].resize(count * numVertices, axis=0)
-    root["Polygons/Connectivity"].resize(count * numCorners, axis=0)
-    for values in root["PointData"].values():
-        values.resize(count * numVertices, axis=0)
-    steps = root["Steps"]
-    for entries in [
-        *steps["PointDataOffsets"].values(),
-        *(steps[name] for name in steps if name != "PointDataOffsets"),
-    ]:
-        entries.resize(count, axis=0)
-    steps.attrs["NSteps"] = count
+    for array, rows in _growingArrays(root, count):
+        array.resize(rows, axis=0)
+    root["Steps"].attrs["NSteps"] = count
 
 
 def _append(root, frame):
@@ -425,19 +610,6 @@ def _append(root, frame):
         steps[name][count] = entry
 
 
-def _requireRoom(part, frames):
-    """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program
-    with it.
-    """
-    if not hasattr(os, "posix_fallocate"):
-        return
-    raw = sum(_sizeOf(frame) + 1024 for frame in frames)
-    with open(part, "ab") as out:
-        size = out.tell()
-        os.posix_fallocate(out.fileno(), 0, size + raw + 65536)
-        out.truncate(size)
-
-
 def _sizeOf(frame):
     """Return the number of bytes of a frame in a file, before compression; indices have 64 bits there."""
     return (
@@ -452,10 +624,12 @@ def _plainErrors(path):
     """Say in a sentence what HDF5 says in its own words."""
     try:
         yield
-    except (OSError, RuntimeError) as error:
+    except ValueError:
+        raise
+    except Exception as error:
         number = getattr(error, "errno", None)
         raise (
             OSError(number, f"{path} cannot be written: {os.strerror(number)}")
             if number
-            else OSError(f"{path} cannot be written: {error}")
+            else OSError(f"{path} cannot be written: {str(error).strip(chr(39))}")
         ) from None

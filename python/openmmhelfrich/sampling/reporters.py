@@ -125,9 +125,10 @@ class MeshReporter:
 
     The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are
     written all at once, after a minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.
-    To write the frames up to a checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to
-    go on from there, create the reporter with ``append=True`` and that number as `numFrames`: later frames, which the
-    run will make again, are dropped.
+    Until then a second copy of the file, whose name begins with a dot, lies beside it.  To write the frames up to a
+    checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to go on from there, create the
+    reporter with ``append=True`` and that number as `numFrames`: later frames, which the run will make again, are
+    dropped.
     """
 
     def __init__(
@@ -208,7 +209,7 @@ class MeshReporter:
     def flush(self) -> None:
         """Make the file complete with all frames so far.
 
-        This copies it, which takes time in proportion to its size.
+        If this fails, the file is as it was and the frames go on waiting.
         """
         self._writer.flush()
 
