@@ -201,6 +201,7 @@ def measureMemory(results, size, platform, threads, precision):
     import openmm as mm
 
     import openmmhelfrich as mh
+    import openmmhelfrich.helfrich  # the library is loaded before anything is measured
 
     mesh = createMembrane(size)
     sizes = []
