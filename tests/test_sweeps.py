@@ -223,6 +223,7 @@ def testPointsWhoseFilesAreOfAnotherStep(grid, expected, tmp_path, cluster, monk
         patch.setattr(mh.Mesh, "write", fail)
         with pytest.raises(OSError, match="killed"):
             studies.resume(stopped / "run")
+    (stopped / "result.json").unlink()
     (old / "result.json").write_text(json.dumps({"steps": 450, "shapeClass": "prolate"}))  # as of version 0.1.0
     (light / "run.checkpoint").unlink()  # to save room
     assert checkpointSteps(tmp_path) == {point.name: 450 for point in points[:3]}
