@@ -4,6 +4,7 @@ The first row of a file names its columns, each with its unit, if it has one, in
 """
 
 import csv
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -31,13 +32,21 @@ class Table(dict[str, NDArray[np.float64]]):
 
     @classmethod
     def read(cls, file: PathLike) -> "Table":
-        """Read a file of comma-separated values whose first row names the columns."""
-        with open(file, newline="") as table:
-            rows = list(csv.reader(table))
-        if not rows:
+        """Read a file of comma-separated values whose first row names the columns.
+
+        Raises a ValueError if it is none, or a row is none of numbers.
+        """
+        heads, *rows = _readRows(file) or [[]]
+        if not heads:
             raise ValueError(f"{file} is empty; it must hold a table of observables")
-        columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
-        return cls(zip(map(plainName, rows[0]), columns))
+        for number, row in enumerate(rows, 2):
+            if len(row) != len(heads):
+                raise ValueError(f"{file} has {len(row)} values in row {number}; it has {len(heads)} columns")
+        try:
+            columns = np.array(rows, dtype=float).reshape(-1, len(heads)).T
+        except ValueError as error:
+            raise ValueError(f"{file} is not a table of numbers: {error}") from None
+        return cls(zip(map(plainName, heads), columns))
 
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame of the same columns."""
@@ -57,8 +66,16 @@ class Table(dict[str, NDArray[np.float64]]):
 
 def readHeads(file: PathLike) -> list[str]:
     """Return the heads of the columns of a file, with their units; none if it is empty."""
-    with open(file, newline="") as table:
-        return next(csv.reader(table), [])
+    return next(iter(_readRows(file, 1)), [])
+
+
+def _readRows(file, count=None):
+    """Return the first rows of a file, or all."""
+    try:
+        with open(file, newline="", encoding="utf-8") as table:
+            return list(itertools.islice(csv.reader(table), count))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
 
 
 def headOf(name: str, unit: str) -> str:
@@ -68,9 +85,9 @@ def headOf(name: str, unit: str) -> str:
 
 def plainName(head: str) -> str:
     """Return the name of a column without its unit."""
-    return head.split(" (")[0]
+    return head.split(" (", 1)[0]
 
 
 def unitsOf(heads: Iterable[str]) -> dict[str, str]:
     """Return the units of columns by their names, of those that have one."""
-    return dict(head.rstrip(")").split(" (") for head in heads if " (" in head)
+    return dict(head.removesuffix(")").split(" (", 1) for head in heads if " (" in head)

@@ -15,7 +15,6 @@ import atexit
 import contextlib
 import ctypes
 import gc
-import io
 import os
 import re
 import shutil
@@ -25,7 +24,7 @@ import sys
 import tempfile
 import traceback
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -199,7 +198,10 @@ def _contentOf(file):
     if file.suffix == ".checkpoint":
         with zipfile.ZipFile(file) as archive:
             return {name: archive.read(name) for name in archive.namelist()}
-    return re.sub(rb"(Created by meshio v[\d.]+), .*", rb"\1", file.read_bytes())  # a date
+    return re.sub(DATES, b"", file.read_bytes())
+
+
+DATES = rb"(?<=Created by meshio v)[^\n<]*|\d{4}-\d\d-\d\d \d\d:\d\d UTC"
 
 
 def differences(found: Contents, expected: Contents) -> str:
@@ -262,10 +264,10 @@ SCENES = {
 }
 
 
-def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int) -> tuple[int, list[str]]:
-    """Attack a scene; return the number of attacks and what is wrong after each that went wrong."""
+def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int) -> Iterator[str]:
+    """Attack a scene; yield, for each attack, what is wrong after it, "" if nothing is."""
     scene = SCENES[name]
-    with _temporaryFolder() as place:
+    with temporaryFolder() as place:
         start, folder = place / "start", place / "folder"
         start.mkdir()
         for file, text in scene.files.items():
@@ -277,17 +279,14 @@ def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int
         shutil.copytree(start, folder)
         watched = execute(scene.command, folder)
         _require(watched)
-        expected, count, wrong = contentsOf(folder), 0, []
+        expected = contentsOf(folder)
         for mode in modes:
             for n in range(1 + part * every, numOperations(watched, mode) + 1, every * numParts):
                 shutil.rmtree(folder)
                 shutil.copytree(start, folder)
                 outcome = execute(scene.command, folder, mode, n)
                 complaint = judge(scene, folder, outcome, mode, before, expected)
-                count += 1
-                if complaint:
-                    wrong.append(f"{name}: {mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}")
-    return count, wrong
+                yield complaint and f"{name}: {mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}"
 
 
 ROOMY = ("open", "write", "link", "mkdir")
@@ -314,9 +313,9 @@ def judge(
         return f"it dies of {signal.Signals(-outcome.code).name}"
     if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
         return f"exit code {outcome.code}, and it says: {outcome.errors}"
-    said = re.search("everything up to step (\\d+) is safe", outcome.errors)
-    if said and int(said[1]) != loadRunState(folder / "run.checkpoint").step:
-        return f"the checkpoint is of step {loadRunState(folder / 'run.checkpoint').step}, but it says {outcome.errors}"
+    for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
+        if int(step) != loadRunState(folder / f"{prefix}.checkpoint").step:
+            return f"the checkpoint is of another step than it says: {outcome.errors}"
     torn = tornFiles(folder, before, expected)
     if torn:
         return f"{torn} after: {outcome.errors}"
@@ -344,7 +343,7 @@ def tornFiles(folder: Path, before: Contents, expected: Contents) -> str:
 
 
 @contextlib.contextmanager
-def _temporaryFolder():
+def temporaryFolder() -> Iterator[Path]:
     """Lend a folder, which no child that ends removes."""
     place = Path(tempfile.mkdtemp())
     try:
@@ -396,7 +395,8 @@ def _startPreloaded():
 def _warmUp():
     """Import what draws before there are children, and let it draw faster: without looking for the best layout."""
     Figure.set_layout_engine = lambda *_, **__: None
-    drawMesh(mh.Mesh.icosphere(0), io.BytesIO())
+    with temporaryFolder() as place:
+        drawMesh(mh.Mesh.icosphere(0), place / "a.png")
 
 
 def _start(options, part):
@@ -408,9 +408,14 @@ def _start(options, part):
     try:
         code = 0
         for name in options.scenes or SCENES:
-            count, wrong = attack(name, options.mode or MODES[1:], options.every, part, options.jobs)
-            print("\n".join([*wrong, f"{name}: {count} attacks, {len(wrong)} faults"]), flush=True)
-            code = code or bool(wrong)
+            count, faults = 0, 0
+            for complaint in attack(name, options.mode or MODES[1:], options.every, part, options.jobs):
+                count += 1
+                if complaint:
+                    faults += 1
+                    print(complaint, flush=True)
+            print(f"{name}: {count} attacks, {faults} faults", flush=True)
+            code = code or faults > 0
     except BaseException:
         traceback.print_exc()
     finally:
