@@ -2,13 +2,17 @@
 
 The file is a ZIP archive of texts: the System, the Integrator and the State as OpenMM's XML, which holds every number
 to the last bit and is the same on each platform, and a JSON file with the configuration, the stage, and the sizes of
-the files that the run appends to.  Live triangles, random numbers' counters and the order of the vertices are part of
+the files that the run appends to.  At the end another JSON file is added, the record of the files that were written of
+this state: a checkpoint without one, or with one that the files do not match, is of a run whose results are still to be
+drawn.  Live triangles, random numbers' counters and the order of the vertices are part of
 the State, as parameters of the Integrator.
 """
 
 import json
+import shutil
+import uuid
 import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
+RECORD = "record.json"
 
 
 @dataclass
@@ -44,6 +49,10 @@ class RunState:
         the number of Monte Carlo steps made
     isComplete : bool
         whether all stages are done
+    run : str
+        what tells the run from all others
+    record : dict
+        what :func:`addRecord` added to the checkpoint
     """
 
     config: dict
@@ -54,6 +63,8 @@ class RunState:
     versions: dict
     step: int
     isComplete: bool
+    run: str = field(default_factory=lambda: uuid.uuid4().hex)  # earlier versions' runs get one when they go on
+    record: dict[str, Any] = field(default_factory=dict)
 
 
 def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunState) -> None:
@@ -62,8 +73,10 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
     Raises OSError if that fails; the earlier one is whole then.
     """
     state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+    run = {"format": FORMAT, **asdict(runState)}
+    del run["record"]  # of files that are older than this checkpoint
     parts = {
-        "run.json": json.dumps({"format": FORMAT, **asdict(runState)}, indent=1),
+        "run.json": json.dumps(run, indent=1),
         "system.xml": mm.XmlSerializer.serialize(simulation.system),
         "integrator.xml": mm.XmlSerializer.serialize(simulation.integrator),
         "state.xml": mm.XmlSerializer.serialize(state),
@@ -73,12 +86,20 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
             archive.writestr(name, text)
 
 
+def addRecord(file: PathLike, record: dict[str, Any]) -> None:
+    """Add the record of the files of a run to its checkpoint, in a single step."""
+    with replacing(file) as part:
+        shutil.copyfile(file, part)
+        with zipfile.ZipFile(part, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(RECORD, json.dumps(record, indent=1))
+
+
 def loadRunState(file: PathLike) -> RunState:
     """Return the RunState that a checkpoint holds.
 
     Raises FileNotFoundError if there is no such file, and ValueError if it is not a checkpoint.
     """
-    (state,) = _read(file, ("run.json",), _parse)
+    state = _read(file, _runStateIn)
     if state is None:
         raise ValueError(f"{file} is a checkpoint of another version's format")
     return state
@@ -88,7 +109,7 @@ def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
-    system, integrator, state = _read(file, ("system.xml", "integrator.xml", "state.xml"), mm.XmlSerializer.deserialize)
+    system, integrator, state = _read(file, _simulationIn)
     force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
     mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
     simulation = app.Simulation(
@@ -98,19 +119,26 @@ def loadSimulation(
     return simulation, force
 
 
-def _read(file, names, parse):
+def _read(file, parse):
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     try:
         with zipfile.ZipFile(file) as archive:
-            return [parse(archive.read(name).decode()) for name in names]
+            return parse(archive)
     except mm.OpenMMException:
         raise
     except Exception:  # of a damaged archive the library makes anything from a KeyError to an encrypted file
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
-def _parse(text):
+def _runStateIn(archive):
     """Return a RunState, or None if its format is another version's."""
-    data = json.loads(text)
-    return RunState(**data) if data.pop("format", None) == FORMAT else None
+    data = json.loads(archive.read("run.json").decode())
+    record = dict(json.loads(archive.read(RECORD).decode())) if RECORD in archive.namelist() else {}
+    return RunState(**data, record=record) if data.pop("format", None) == FORMAT else None
+
+
+def _simulationIn(archive):
+    """Return a System, an Integrator and a State."""
+    names = ("system.xml", "integrator.xml", "state.xml")
+    return [mm.XmlSerializer.deserialize(archive.read(name).decode()) for name in names]
