@@ -11,10 +11,8 @@ and mode, in a copy of the folder.  What must come of it:
 """
 
 import argparse
-import atexit
 import contextlib
-import ctypes
-import gc
+import functools
 import os
 import re
 import shutil
@@ -22,22 +20,23 @@ import signal
 import subprocess
 import sys
 import tempfile
-import traceback
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
+from children import MODES, Outcome, execute, fork, temporaryFolder, waitFor
 from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
-from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.runs.checkpoint import RunState, loadRunState
 
-MODES = ("watch", "fail", "full", "kill", "torn")
-SECONDS = 100
+# What lets a program mount disks that no other sees.
+OWN_DISKS = ["unshare", "--user", "--map-root-user", "--mount"]
+# How often another process fills the disk, and how large that is.
+TIMES_FILLED, DISK = 300, "4m"
 
 RUN = """
 [mesh]
@@ -69,24 +68,6 @@ sampling.temperature = [300, 310]
 """
 
 
-class Outcome(NamedTuple):
-    """What came of a command.
-
-    Attributes
-    ----------
-    code : int
-        its exit code, or less than 0: the signal that ended it
-    errors : str
-        what it wrote to standard error
-    operations : list of str
-        those that were attacked, or all that were watched
-    """
-
-    code: int
-    errors: str
-    operations: list[str]
-
-
 @dataclass
 class Scene:
     """A command to attack.
@@ -112,67 +93,6 @@ class Scene:
     killedAt: int = 0
 
 
-def execute(command: list[str], folder: Path, mode: str = "watch", n: int = 0) -> Outcome:
-    """Do a command in a folder, in a process of their own, under an attack."""
-    with tempfile.TemporaryFile() as errors, tempfile.TemporaryFile() as journal:
-        sys.stdout.flush()
-        child = os.fork()
-        if child == 0:
-            code = 99
-            try:
-                code = _doCommand(command, folder, mode, n, errors.fileno(), journal.fileno())
-            finally:
-                os._exit(code)
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        texts = []
-        for file in (errors, journal):
-            file.seek(0)
-            texts.append(file.read().decode())
-    return Outcome(code, texts[0], texts[1].splitlines())
-
-
-def _doCommand(command, folder, mode, n, errors, journal):
-    signal.alarm(SECONDS)
-    os.chdir(folder)
-    os.dup2(errors, 2)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    _attack(folder, mode, n, journal)
-    code = _do(command)
-    gc.collect()
-    atexit._run_exitfuncs()
-    _attack(folder, mode, 0, -1)
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    return code
-
-
-def _attack(folder, mode, n, journal):
-    ctypes.CDLL(None).attack(os.fsencode(folder), MODES.index(mode), ctypes.c_long(n), journal)
-
-
-def _do(command):
-    try:
-        with contextlib.ExitStack() as stack:
-            if command[0] == "sweep":
-                command = [*command, "--scheduler", stack.enter_context(_cluster()).scheduler_address]
-            app(command)
-    except SystemExit as end:
-        return end.code or 0
-    except BaseException:
-        traceback.print_exc()
-        return 99
-    return 0
-
-
-def _cluster():
-    """Return a Dask cluster whose worker is this process, so that what it does is attacked too."""
-    from distributed import LocalCluster
-
-    return LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs="CRITICAL"
-    )
-
-
 # --- what is in a folder
 
 Contents: TypeAlias = dict[str, Any]
@@ -184,7 +104,9 @@ def contentsOf(folder: Path) -> Contents:
 
 
 def _contentOf(file):
-    if file.suffix == ".vtkhdf" and not file.name.startswith("."):
+    if file.name.startswith("."):
+        return file.read_bytes()
+    if file.suffix == ".vtkhdf":
         with mh.readMeshTrajectory(file) as frames:
             return [
                 (
@@ -197,11 +119,12 @@ def _contentOf(file):
             ]
     if file.suffix == ".checkpoint":
         with zipfile.ZipFile(file) as archive:
-            return {name: archive.read(name) for name in archive.namelist()}
-    return re.sub(DATES, b"", file.read_bytes())
+            return {name: re.sub(OWN, b"", archive.read(name)) for name in archive.namelist()}
+    return re.sub(OWN, b"", file.read_bytes())
 
 
-DATES = rb"(?<=Created by meshio v)[^\n<]*|\d{4}-\d\d-\d\d \d\d:\d\d UTC"
+# What is of a time or a run: dates, checksums of files that have dates, the identity of a run.
+OWN = rb"(?<=Created by meshio v)[^\n<]*|\d{4}-\d\d-\d\d \d\d:\d\d UTC|\b[0-9a-f]{64}\b|\b[0-9a-f]{32}\b"
 
 
 def differences(found: Contents, expected: Contents) -> str:
@@ -267,9 +190,10 @@ SCENES = {
 def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int) -> Iterator[str]:
     """Attack a scene; yield, for each attack, what is wrong after it, "" if nothing is."""
     scene = SCENES[name]
-    with temporaryFolder() as place:
-        start, folder = place / "start", place / "folder"
+    with temporaryFolder() as place, contextlib.ExitStack() as stack:
+        start, folder, disk = place / "start", place / "folder", place / "disk"
         start.mkdir()
+        disk.mkdir()
         for file, text in scene.files.items():
             (start / file).write_text(text)
         for i, command in enumerate(scene.before, 1):
@@ -281,21 +205,35 @@ def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int
         _require(watched)
         expected = contentsOf(folder)
         for mode in modes:
-            for n in range(1 + part * every, numOperations(watched, mode) + 1, every * numParts):
-                shutil.rmtree(folder)
+            if mode == "filled":
+                stack.enter_context(_mounted(disk))
+                folder = disk / "folder"
+            for n in range(1 + part * every, numAttacks(watched, mode) + 1, every * numParts):
+                shutil.rmtree(folder, ignore_errors=True)
                 shutil.copytree(start, folder)
                 outcome = execute(scene.command, folder, mode, n)
                 complaint = judge(scene, folder, outcome, mode, before, expected)
                 yield complaint and f"{name}: {mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}"
 
 
+@contextlib.contextmanager
+def _mounted(folder):
+    """Let a folder be a small disk of its own."""
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK}", "none", folder], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
 ROOMY = ("open", "write", "link", "mkdir")
 
 
-def numOperations(watched: Outcome, mode: str) -> int:
-    """Return how many operations of a command a mode can attack, or a few more."""
+def numAttacks(watched: Outcome, mode: str) -> int:
+    """Return how many attacks of a mode there are on a command, or a few more."""
     names = [operation.split()[0] for operation in watched.operations]
-    return {"torn": names.count("write"), "full": sum(map(names.count, ROOMY))}.get(mode, len(names))
+    numbers = {"torn": names.count("write"), "full": sum(map(names.count, ROOMY)), "filled": TIMES_FILLED}
+    return numbers.get(mode, len(names))
 
 
 def judge(
@@ -342,16 +280,6 @@ def tornFiles(folder: Path, before: Contents, expected: Contents) -> str:
     return ""
 
 
-@contextlib.contextmanager
-def temporaryFolder() -> Iterator[Path]:
-    """Lend a folder, which no child that ends removes."""
-    place = Path(tempfile.mkdtemp())
-    try:
-        yield place
-    finally:
-        shutil.rmtree(place)
-
-
 GROWING = ("run.csv", "run.dcd")
 
 
@@ -372,8 +300,8 @@ def main() -> None:
         _startPreloaded()
     del os.environ["LD_PRELOAD"]
     _warmUp()
-    jobs = [_start(options, part) for part in range(options.jobs)]
-    codes = [os.waitstatus_to_exitcode(os.waitpid(job, 0)[1]) for job in jobs]
+    jobs = [fork(functools.partial(_attackPart, options, part)) for part in range(options.jobs)]
+    codes = [waitFor(job) for job in jobs]
     sys.exit(any(codes))
 
 
@@ -386,7 +314,7 @@ def _startPreloaded():
         subprocess.run([compiler, "-std=c++17", "-O1", "-shared", "-fPIC", source, "-o", library, "-ldl"], check=True)
         sys.exit(
             subprocess.run(
-                [sys.executable, __file__, *sys.argv[1:]],
+                [*OWN_DISKS, sys.executable, __file__, *sys.argv[1:]],
                 env={**os.environ, "LD_PRELOAD": library, "FAILING_DISK": library},
             ).returncode
         )
@@ -399,27 +327,19 @@ def _warmUp():
         drawMesh(mh.Mesh.icosphere(0), place / "a.png")
 
 
-def _start(options, part):
-    """Begin with a part of the attacks, in a process of its own; return its number."""
-    job = os.fork()
-    if job:
-        return job
-    code = 1
-    try:
-        code = 0
-        for name in options.scenes or SCENES:
-            count, faults = 0, 0
-            for complaint in attack(name, options.mode or MODES[1:], options.every, part, options.jobs):
-                count += 1
-                if complaint:
-                    faults += 1
-                    print(complaint, flush=True)
-            print(f"{name}: {count} attacks, {faults} faults", flush=True)
-            code = code or faults > 0
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(code)
+def _attackPart(options, part):
+    """Do a part of the attacks, and return whether something is wrong."""
+    allFaults = 0
+    for name in options.scenes or SCENES:
+        count, faults = 0, 0
+        for complaint in attack(name, options.mode or MODES[1:], options.every, part, options.jobs):
+            count += 1
+            if complaint:
+                faults += 1
+                print(complaint, flush=True)
+        print(f"{name}: {count} attacks, {faults} faults", flush=True)
+        allFaults += faults
+    return allFaults > 0
 
 
 if __name__ == "__main__":

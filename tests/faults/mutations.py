@@ -28,7 +28,8 @@ from unittest import mock
 
 import numpy as np
 import openmm as mm
-from attacks import GRID, RUN, temporaryFolder
+from attacks import GRID, RUN
+from children import fork, temporaryFolder, waitFor
 from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
@@ -334,24 +335,6 @@ def attack(name: str, seed: int, numbers: range) -> Iterator[str]:
             numbers = numbers[1:]
 
 
-def inChild(work: Callable[[], None]) -> int:
-    """Do what makes Contexts in a process of its own: their threads are not in those that are forked off later.
-
-    Returns its exit code, or less than 0: the signal that ended it.
-    """
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
 def _readInChild(name, seed, numbers):
     """Return, for the damaged files that a child has read, what is wrong, and how it ended if a file ended it."""
     with tempfile.TemporaryFile("w+") as results, tempfile.TemporaryFile("w+") as errors:
@@ -364,7 +347,7 @@ def _readInChild(name, seed, numbers):
             for result in readAll(name, seed, numbers):
                 print(json.dumps(result), file=results, flush=True)
 
-        code = inChild(read)
+        code = waitFor(fork(read))
         results.seek(0)
         errors.seek(0)
         found = [json.loads(line) for line in results]
@@ -390,7 +373,7 @@ def main() -> None:
     hasFault = False
     with temporaryFolder() as place:
         os.chdir(place)
-        inChild(prepare)
+        waitFor(fork(prepare))
         for name in options.kinds or KINDS:
             faults = 0
             for wrong in attack(name, options.seed, range(options.first, options.first + options.count)):
