@@ -178,7 +178,8 @@ def _requireGone(holder, hasLock, file, prefix):
         raise _inUse(holder, prefix)
     if holder.get("host") == me["host"] and not isHere:
         return
-    raise FileExistsError(
+    kind = FileExistsError if holder else InUseError  # it may be about to write its name
+    raise kind(
         f"{prefix} is in use by {_describe(holder)}, as {file} says, and locks do not tell here whether it still is; "
         f"if it has ended, delete {file}"
     )
