@@ -24,7 +24,7 @@ from openmmhelfrich.cli import app
 # What FailingDisk does, in its order; and an attack of other processes.
 ON_OPERATIONS = ("watch", "fail", "full", "kill", "torn")
 MODES = (*ON_OPERATIONS, "filled")
-SECONDS = 100
+SECONDS = 600  # that a command may take
 
 
 class Outcome(NamedTuple):
