@@ -13,7 +13,9 @@ and mode, in a copy of the folder.  What must come of it:
 import argparse
 import contextlib
 import functools
+import importlib
 import os
+import pkgutil
 import re
 import shutil
 import signal
@@ -321,7 +323,10 @@ def _startPreloaded():
 
 
 def _warmUp():
-    """Import what draws before there are children, and let it draw faster: without looking for the best layout."""
+    """Import everything before there are children, and let pictures be drawn faster: without the best layout."""
+    for module in pkgutil.walk_packages(mh.__path__, "openmmhelfrich."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
     Figure.set_layout_engine = lambda *_, **__: None
     with temporaryFolder() as place:
         drawMesh(mh.Mesh.icosphere(0), place / "a.png")

@@ -26,7 +26,7 @@ from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObse
 from ..sampling.targets import currentTargets
 from ..tables import Table
 from ..version import __version__
-from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, saveCheckpoint
+from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
@@ -163,7 +163,8 @@ class Study:
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
-            self.stage.setState(state.stageState)
+            with naming(outputs.checkpoint):
+                self.stage.setState(state.stageState)
 
     def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
         """Do what is left to do, draw the pictures, and return a Summary."""
