@@ -214,7 +214,10 @@ def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int
                 shutil.rmtree(folder, ignore_errors=True)
                 shutil.copytree(start, folder)
                 outcome = execute(scene.command, folder, mode, n)
-                complaint = judge(scene, folder, outcome, mode, before, expected)
+                try:
+                    complaint = judge(scene, folder, outcome, mode, before, expected)
+                except Exception as error:
+                    complaint = f"{type(error).__name__}: {error}, after: {outcome.errors}"
                 yield complaint and f"{name}: {mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}"
 
 

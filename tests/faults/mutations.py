@@ -315,9 +315,16 @@ def _faultOf(message, kind):
     return f"it has {longest} characters a line: {message[:200]}" if longest > 500 else ""
 
 
+def _requireGood(kind):
+    """Raise an error unless the file is taken that is not damaged."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        kind.read()
+
+
 def readAll(name: str, seed: int, numbers: range) -> Iterator[tuple[int, str]]:
     """Yield, for each of some damaged files, its number and what is wrong with how it is read."""
     kind, content = KINDS[name], Path(f"good/{KINDS[name].name}").read_bytes()
+    _requireGood(kind)
     for number in numbers:
         random = np.random.default_rng([seed, list(KINDS).index(name), number])
         Path(kind.name).write_bytes(kind.damage(content, random))

@@ -148,11 +148,13 @@ def _read(file, parse):
 
 def _runStateIn(archive):
     """Return a RunState, or None if its format is another version's."""
-    data = json.loads(archive.read("run.json").decode())
-    record = dict(json.loads(archive.read(RECORD).decode())) if RECORD in archive.namelist() else {}
-    if data.pop("format", None) != FORMAT:
+    text = archive.read("run.json")
+    if json.loads(text).get("format") != FORMAT:
         return None
-    return _RUN_STATE.validate_python({**data, "record": record}, strict=True)
+    state = _RUN_STATE.validate_json(text, strict=True)
+    if RECORD in archive.namelist():
+        state.record = dict(json.loads(archive.read(RECORD)))
+    return state
 
 
 def _simulationIn(archive):
