@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 from . import connectivity
 from .mesh import Mesh
 
+BLOCK = 1 << 18  # points that a search has at a time, which bounds the memory of large meshes
+
 
 @dataclass
 class MeshQuality:
@@ -100,22 +102,22 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther
     than two mean edge lengths.
     """
-    pairs = cKDTree(mesh.vertices).query_pairs(2 * mesh.edgeLengths.mean(), output_type="ndarray")
-    a, b = mesh.edges.T
-    n = len(mesh.vertices)
-    bonded = coo_array(
-        (np.ones(2 * len(a), dtype=np.int32), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)
-    ).tocsr()
-    near = (bonded + bonded @ bonded).tocoo()
-    pairs = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], near.row.astype(np.int64) * n + near.col)]
-    if not len(pairs):
-        return None
-    distances = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
-    closest = distances.argmin()
-    return int(pairs[closest, 0]), int(pairs[closest, 1]), float(distances[closest])
+    edges, n = mesh.edges, len(mesh.vertices)
+    a, b = np.concatenate((edges, edges[:, ::-1])).T
+    bonded = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)).tocsr()
+    near = bonded + bonded @ bonded
+    near.sort_indices()  # which makes a search of each look
+    closest = None
+    for pairs in _pairsWithin(mesh.vertices, 2 * mesh.edgeLengths.mean()):
+        pairs = pairs[~np.asarray(near[pairs[:, 0], pairs[:, 1]]).ravel()]
+        distances = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
+        if len(pairs) and (closest is None or distances.min() < closest[2]):
+            (i, j), distance = pairs[distances.argmin()], distances.min()
+            closest = int(i), int(j), float(distance)
+    return closest
 
 
-def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
+def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a
     (K, 3) array.
 
@@ -125,27 +127,71 @@ def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
     corners = mesh.vertices[mesh.triangles]
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, np.newaxis], axis=2).max(axis=1)
-    edges, found = mesh.edges, []
-    # Triangles of similar size together, so that a few large ones do not widen the search for all.
-    sizes = np.floor(np.log2(radii))
-    for size in np.unique(sizes):
-        mine = np.flatnonzero(sizes == size)
-        tree = cKDTree(middles[mine])
-        for start in range(0, len(edges), block):
-            some = edges[start : start + block]
-            a, b = mesh.vertices[some[:, 0]], mesh.vertices[some[:, 1]]
-            near = tree.query_ball_point((a + b) / 2, np.linalg.norm(b - a, axis=1) / 2 + radii[mine].max())
-            counts = np.fromiter(map(len, near), dtype=np.int64, count=len(near))
-            if counts.any():
-                e, t = np.repeat(some, counts, axis=0), mine[np.concatenate([n for n in near if n]).astype(np.int64)]
-                found.append(_passing(mesh, e, t))
-    return np.concatenate(found) if found else np.zeros((0, 3), dtype=int)
+    del corners
+    found = [
+        _passing(mesh, *_near(mesh, first, second, middles, radii))
+        for pairs in _touching(middles, radii, block)
+        for first, second in (pairs.T, pairs[:, ::-1].T)
+    ]
+    rows = np.unique(np.concatenate(found), axis=0) if found else np.zeros((0, 3), dtype=int)
+    return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
+
+
+def _pairsWithin(points, distance, block=BLOCK):
+    """Yield the pairs of points that are no farther than a distance from each other, in arrays of shape (K, 2)."""
+    if len(points) <= block:
+        yield cKDTree(points).query_pairs(distance, output_type="ndarray")
+        return
+    # In slabs across the longest axis, each with the points beyond it that its own can reach.
+    along = points[:, np.ptp(points, axis=0).argmax()]
+    order = np.argsort(along, kind="stable")
+    ends = np.searchsorted(along[order], along[order] + distance, side="right")
+    for start in range(0, len(order), block):
+        stop = min(start + block, len(order))
+        mine = order[start : ends[stop - 1]]
+        pairs = cKDTree(points[mine]).query_pairs(distance, output_type="ndarray")
+        yield mine[pairs[pairs.min(axis=1) < stop - start]]
+
+
+def _touching(middles, radii, block):
+    """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
+
+    def touch(pairs):
+        a, b = pairs.T
+        return pairs[_dot(middles[a] - middles[b], middles[a] - middles[b]) <= 1.000001 * (radii[a] + radii[b]) ** 2]
+
+    # Spheres of similar size together, so that a few large ones do not widen the search for all.
+    sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
+    classes = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    trees = [cKDTree(middles[mine]) for mine in classes] if len(classes) > 1 else []
+    for i, mine in enumerate(classes):
+        for pairs in _pairsWithin(middles[mine], 2 * radii[mine].max(), block):
+            yield touch(mine[pairs])
+        for tree, others in zip(trees[i + 1 :], classes[i + 1 :]):
+            reach = radii[mine].max() + radii[others].max()
+            for start in range(0, len(mine), block):
+                some = mine[start : start + block]
+                found = cKDTree(middles[some]).sparse_distance_matrix(tree, reach, output_type="ndarray")
+                yield touch(np.column_stack((some[found["i"]], others[found["j"]])))
+
+
+def _near(mesh, first, second, middles, radii):
+    """Return the edges of each first triangle that have no vertex of the second, and come close to it, with that."""
+    corners, others = mesh.triangles[first], mesh.triangles[second]
+    isShared = (corners[:, :, np.newaxis] == others[:, np.newaxis, :]).any(axis=2)
+    edges, triangles = [], []
+    for corner, following in ((0, 1), (1, 2), (2, 0)):
+        mine = np.flatnonzero(~(isShared[:, corner] | isShared[:, following]))
+        ends, t = np.sort(corners[mine][:, [corner, following]], axis=1), second[mine]
+        a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
+        isNear = np.linalg.norm((a + b) / 2 - middles[t], axis=1) <= np.linalg.norm(b - a, axis=1) / 2 + radii[t]
+        edges.append(ends[isNear])
+        triangles.append(t[isNear])
+    return np.concatenate(edges), np.concatenate(triangles)
 
 
 def _passing(mesh, edges, triangles):
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
-    apart = np.all(edges[:, :, np.newaxis] != mesh.triangles[triangles][:, np.newaxis, :], axis=(1, 2))
-    edges, triangles = edges[apart], triangles[apart]
     # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
     # (1997)).
     a, d = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
