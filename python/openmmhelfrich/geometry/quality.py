@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from . import connectivity
 from .mesh import Mesh
 
-BLOCK = 1 << 18  # points that a search has at a time, which bounds the memory of large meshes
+BLOCK = 1 << 17  # points that a search has at a time, which bounds the memory of large meshes
+SLACK = 1 + 1e-6  # for rounding, where a search is to miss nothing
 
 
 @dataclass
@@ -108,8 +109,9 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     near = bonded + bonded @ bonded
     near.sort_indices()  # which makes a search of each look
     closest = None
-    for pairs in _pairsWithin(mesh.vertices, 2 * mesh.edgeLengths.mean()):
-        pairs = pairs[~np.asarray(near[pairs[:, 0], pairs[:, 1]]).ravel()]
+    for pairs in _touching(mesh.vertices, np.full(n, mesh.edgeLengths.mean()), BLOCK):
+        if len(pairs):
+            pairs = pairs[~np.asarray(near[pairs[:, 0], pairs[:, 1]]).ravel()]
         distances = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
         if len(pairs) and (closest is None or distances.min() < closest[2]):
             (i, j), distance = pairs[distances.argmin()], distances.min()
@@ -129,65 +131,65 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     radii = np.linalg.norm(corners - middles[:, np.newaxis], axis=2).max(axis=1)
     del corners
     found = [
-        _passing(mesh, *_near(mesh, first, second, middles, radii))
+        _passing(mesh, edges, triangles)
         for pairs in _touching(middles, radii, block)
-        for first, second in (pairs.T, pairs[:, ::-1].T)
+        for edges, triangles in _near(mesh, pairs, middles, radii)
     ]
     rows = np.unique(np.concatenate(found), axis=0) if found else np.zeros((0, 3), dtype=int)
     return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
 
 
-def _pairsWithin(points, distance, block=BLOCK):
-    """Yield the pairs of points that are no farther than a distance from each other, in arrays of shape (K, 2)."""
-    if len(points) <= block:
-        yield cKDTree(points).query_pairs(distance, output_type="ndarray")
-        return
-    # In slabs across the longest axis, each with the points beyond it that its own can reach.
-    along = points[:, np.ptp(points, axis=0).argmax()]
-    order = np.argsort(along, kind="stable")
-    ends = np.searchsorted(along[order], along[order] + distance, side="right")
-    for start in range(0, len(order), block):
-        stop = min(start + block, len(order))
-        mine = order[start : ends[stop - 1]]
-        pairs = cKDTree(points[mine]).query_pairs(distance, output_type="ndarray")
-        yield mine[pairs[pairs.min(axis=1) < stop - start]]
-
-
 def _touching(middles, radii, block):
     """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
-
-    def touch(pairs):
-        a, b = pairs.T
-        return pairs[_dot(middles[a] - middles[b], middles[a] - middles[b]) <= 1.000001 * (radii[a] + radii[b]) ** 2]
-
     # Spheres of similar size together, so that a few large ones do not widen the search for all.
     sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
     classes = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     trees = [cKDTree(middles[mine]) for mine in classes] if len(classes) > 1 else []
     for i, mine in enumerate(classes):
-        for pairs in _pairsWithin(middles[mine], 2 * radii[mine].max(), block):
-            yield touch(mine[pairs])
+        for pairs in _touchingInSlabs(middles[mine], radii[mine], block):
+            yield mine[pairs]
         for tree, others in zip(trees[i + 1 :], classes[i + 1 :]):
             reach = radii[mine].max() + radii[others].max()
             for start in range(0, len(mine), block):
                 some = mine[start : start + block]
                 found = cKDTree(middles[some]).sparse_distance_matrix(tree, reach, output_type="ndarray")
-                yield touch(np.column_stack((some[found["i"]], others[found["j"]])))
+                a, b = some[found["i"]], others[found["j"]]
+                yield np.column_stack((a, b))[found["v"] <= SLACK * (radii[a] + radii[b])]
 
 
-def _near(mesh, first, second, middles, radii):
-    """Return the edges of each first triangle that have no vertex of the second, and come close to it, with that."""
-    corners, others = mesh.triangles[first], mesh.triangles[second]
-    isShared = (corners[:, :, np.newaxis] == others[:, np.newaxis, :]).any(axis=2)
-    edges, triangles = [], []
-    for corner, following in ((0, 1), (1, 2), (2, 0)):
-        mine = np.flatnonzero(~(isShared[:, corner] | isShared[:, following]))
-        ends, t = np.sort(corners[mine][:, [corner, following]], axis=1), second[mine]
-        a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
-        isNear = np.linalg.norm((a + b) / 2 - middles[t], axis=1) <= np.linalg.norm(b - a, axis=1) / 2 + radii[t]
-        edges.append(ends[isNear])
-        triangles.append(t[isNear])
-    return np.concatenate(edges), np.concatenate(triangles)
+def _touchingInSlabs(middles, radii, block):
+    """Yield the pairs of spheres of similar size that touch, found in slabs across the longest axis, each with the
+    spheres beyond it that its own can reach.
+    """
+    along, reach = middles[:, np.ptp(middles, axis=0).argmax()], 2 * radii.max()
+    order = np.argsort(along, kind="stable") if len(middles) > block else np.arange(len(middles))
+    for start in range(0, len(order), block):
+        last = min(start + block, len(order)) - 1
+        stop = np.searchsorted(along, along[order[last]] + reach, "right", order) if block < len(order) else len(order)
+        mine = order[start:stop]
+        x, r = middles[mine], radii[mine]
+        pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
+        a, b = pairs[pairs.min(axis=1) <= last - start].T
+        d = x[a] - x[b]
+        isTouching = _dot(d, d) <= SLACK * (r[a] + r[b]) ** 2
+        yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
+
+
+def _near(mesh, pairs, middles, radii):
+    """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
+    first, second = mesh.triangles[pairs[:, 0]], mesh.triangles[pairs[:, 1]]
+    same = first[:, :, np.newaxis] == second[:, np.newaxis, :]
+    for corners, isShared, others in (
+        (first, same.any(axis=2), pairs[:, 1]),
+        (second, same.any(axis=1), pairs[:, 0]),
+    ):
+        for edge in ([0, 1], [1, 2], [2, 0]):
+            mine = np.flatnonzero(~isShared[:, edge].any(axis=1))
+            ends, t = np.sort(corners[mine][:, edge], axis=1), others[mine]
+            a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
+            distance, d = (a + b) / 2 - middles[t], b - a
+            isNear = _dot(distance, distance) <= SLACK * (np.sqrt(_dot(d, d)) / 2 + radii[t]) ** 2
+            yield ends[isNear], t[isNear]
 
 
 def _passing(mesh, edges, triangles):
