@@ -317,7 +317,10 @@ def _takeFinished(states):
 
 @contextlib.contextmanager
 def _client(scheduler, workers):
-    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long."""
+    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long.
+
+    The ports of the latter take the certificate that it makes for itself, and are open to nobody else.
+    """
     distributed = require("distributed", "a sweep", "sweep")
     if scheduler is not None:
         try:
@@ -327,23 +330,35 @@ def _client(scheduler, workers):
         with client:
             yield client
         return
+    require("cryptography", "a sweep", "sweep")  # for the certificate
+    # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
+    silent = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
+        require("dask", "a sweep", "sweep").config.set(silent),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=0,
+            security=True,
             dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             silence_logs="CRITICAL",
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        client.register_worker_callbacks(_ignoreInterrupts)
+        client.run_on_scheduler(_closeHTTP)
+        client.register_worker_callbacks(_prepareWorker)
         yield client
 
 
-def _ignoreInterrupts():
-    """Leave Ctrl-C, which a terminal sends to every process, to the sweep."""
+def _closeHTTP(dask_scheduler):
+    dask_scheduler.http_server.stop()
+
+
+def _prepareWorker(dask_worker):
+    """Leave Ctrl-C, which a terminal sends to every process, to the sweep, and close the HTTP server."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    dask_worker.http_server.stop()
 
 
 def _askToStop(sweepName):
