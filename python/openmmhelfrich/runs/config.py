@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
+from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, plainNumber, thermalEnergy
 from .sections import (
     MembraneSection,
@@ -140,13 +141,13 @@ def _explain(mistake):
     if kind == "union_tag_invalid":
         return (
             f"{name} has the kind "
-            f"{mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+            f"{quoted(mistake['ctx']['tag'])}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
         )
     if kind == "value_error" and isinstance(mistake["input"], dict):
         return f"{name} {message}"  # a key of this table
     if kind == "model_type":
-        return f"{name} is {mistake['input']!r}; it must be a table of keys"
-    return f"{name} is {mistake['input']!r}; {message}"
+        return f"{name} is {quoted(mistake['input'])}; it must be a table of keys"
+    return f"{name} is {quoted(mistake['input'])}; {message}"
 
 
 def requirement(mistake: ErrorDetails) -> str:
@@ -165,17 +166,18 @@ def _placeName(place):
         return "the file"
     if place[0] == "stages":
         kind = f" ({place[2]})" if len(place) > 2 else ""
-        return " ".join([f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages", *map(str, place[3:])])
-    return f"[{place[0]}] {' '.join(map(str, place[1:]))}".strip()
+        stage = f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages"
+        return " ".join([stage, *(shortened(str(part)) for part in place[3:])])
+    return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
 
 
 def _explainUnknown(place):
     *home, key = place
     if not home:
-        return f"there is no section or key '{key}'{nearest(key, Config.model_fields)}"
+        return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"
     known = (STAGES[home[2]] if home[0] == "stages" else sections()[home[0]]).model_fields
     homes = [name for name, model in sections().items() if key in model.model_fields]
-    where = f"{_placeName(home)} has no key '{key}'"
+    where = f"{_placeName(home)} has no key {quoted(key)}"
     return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)
 
 

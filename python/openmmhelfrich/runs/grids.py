@@ -26,6 +26,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
+from ..messages import quoted, shortened
 from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
 from .scene import loadMesh, platformOf, tetherOf
 from .sections import Section
@@ -104,11 +105,11 @@ def _valuesOf(key, value):
         except ValidationError as error:
             raise ValueError(f"{key} {_explainRange(error.errors()[0])}") from None
     if not isinstance(value, list) or not value:
-        raise ValueError(f"{key} is {value!r}; it must be {_RANGE}")
+        raise ValueError(f"{key} is {quoted(value)}; it must be {_RANGE}")
     texts = [_text(v) for v in value]
     twice = next((text for i, text in enumerate(texts) if text in texts[:i]), None)
     if twice is not None:
-        raise ValueError(f"{key} has the value {twice} twice")
+        raise ValueError(f"{key} has the value {shortened(twice)} twice")
     return value
 
 
@@ -120,7 +121,7 @@ def _explainRange(mistake):
     return (
         requirement(mistake)
         if mistake["type"] == "value_error"
-        else f"{mistake['loc'][0]} is {mistake['input']!r}; {requirement(mistake)}"
+        else f"{mistake['loc'][0]} is {quoted(mistake['input'])}; {requirement(mistake)}"
     )
 
 
@@ -142,7 +143,7 @@ class Grid(Section):
     @model_validator(mode="after")
     def _check(self):
         if not isinstance(self.base, (str, dict)):
-            raise ValueError(f"base is {self.base!r}; it must be the name of a configuration file, or a table")
+            raise ValueError(f"base is {quoted(self.base)}; it must be the name of a configuration file, or a table")
         if "sampling.seed" in self.grid and self.seeds > 1:
             raise ValueError("seeds and the axis sampling.seed are both given; give one of them")
         if "output.prefix" in self.grid:
@@ -194,7 +195,7 @@ def _explain(mistake):
         return f"{place} is missing; it must be the name of a configuration file, or a table"
     if kind == "value_error":
         return requirement(mistake)
-    return f"{place} is {mistake['input']!r}; {requirement(mistake)}"
+    return f"{place} is {quoted(mistake['input'])}; {requirement(mistake)}"
 
 
 def _readBase(file):
