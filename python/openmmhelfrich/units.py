@@ -143,7 +143,9 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         return number + 273.15
     factor = _units(kind, scales).get(name.replace("³", "^3").replace("²", "^2"))
     if factor is None:
-        raise ValueError(f"{quoted(name)} is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number")
+        raise ValueError(
+            f"{quoted(name)} is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number"
+        )
     return _inPlainUnits(number * factor, kind, scales)
 
 

@@ -104,8 +104,10 @@ def _convergence(series):
 def _write(out, found):
     import csv
 
+    from ..files import replacing
+
     rows = [m.row() for series in found for m in series]
-    with open(out, "w", newline="") as file:
+    with replacing(out) as part, open(part, "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, rows[0])
         table.writeheader()
         table.writerows(rows)

@@ -1,12 +1,13 @@
 """The configuration of a run: a TOML file, read and validated before anything else happens, without OpenMM."""
 
+import contextlib
 import difflib
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
@@ -31,7 +32,15 @@ else:
 
 
 class Config(Section):
-    """A whole configuration."""
+    """A whole configuration.
+
+    Attributes
+    ----------
+    source : str
+        where it comes from, for messages
+    """
+
+    _source: str = PrivateAttr("configuration")
 
     mesh: MeshSection
     membrane: MembraneSection = MembraneSection()
@@ -41,6 +50,10 @@ class Config(Section):
     platform: PlatformSection = PlatformSection()
     output: OutputSection = OutputSection()
     stages: list[AnyStage] = Field(default_factory=list)
+
+    @property
+    def source(self) -> str:
+        return self._source
 
 
 def valueOf(config: Config, name: str) -> Any:
@@ -97,9 +110,20 @@ def readTOML(file: PathLike) -> dict[str, Any]:
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
     """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
     try:
-        return Config.model_validate(data, context=_scales(data))
+        config = Config.model_validate(data, context=_scales(data))
+        config._source = source
+        return config
     except ValidationError as error:
         raise ValueError("\n".join(f"{source}: {_explain(mistake)}" for mistake in error.errors())) from None
+
+
+@contextlib.contextmanager
+def naming(config: Config) -> Iterator[None]:
+    """Say in a ValueError where the configuration comes from that has the mistake."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError("\n".join(f"{config.source}: {line}" for line in str(error).splitlines())) from None
 
 
 def asDict(config: Config, onlyGiven: bool = False) -> dict[str, Any]:

@@ -27,9 +27,11 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
-from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
-from .scene import loadMesh, platformOf, tetherOf
+from .config import Config, nearest, parseConfig, readTOML, requirement
+from .room import diskSize, requireMemory
+from .scene import Scene, loadMesh
 from .sections import Section
+from .stages import checkStages
 
 MOST_POINTS = 100_000
 _RANGE = "a list of values, or a table of start, stop and step"
@@ -48,11 +50,14 @@ class Point:
     config : Config
         what to do.  Its seed follows from the point's name, so that neither the order of points nor their number
         matters
+    diskSize : float
+        how many bytes its results take, at least
     """
 
     name: str
     parameters: dict
     config: Config
+    diskSize: float = 0.0
 
 
 class Range(Section):
@@ -241,18 +246,18 @@ def _createPoint(base, variant, values, parameters, path, mistakes, meshes):
             config.mesh.file = str((path.parent / config.mesh.file).resolve())
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
-        _checkRun(config, meshes)
-        return Point(name, parameters, config)
+        return Point(name, parameters, config, _checkRun(config, meshes))
 
 
 def _checkRun(config, meshes):
-    """Raise what a run would raise before its first step."""
+    """Raise what a run would raise before its first step, and return how much room on the disk it takes."""
     key = config.mesh.model_dump_json()
     if key not in meshes:
         meshes[key] = loadMesh(config)
-    tetherOf(config, meshes[key])
-    stagesOf(config)
-    platformOf(config)
+    scene = Scene.of(config, meshes[key])
+    checkStages(scene)
+    requireMemory(len(scene.mesh.vertices))
+    return diskSize(scene.config, len(scene.mesh.vertices))
 
 
 def _nameOf(parameters):

@@ -23,7 +23,6 @@ from pydantic import (
 
 from ..units import Scales, plainNumber, thermalEnergy
 
-
 # What sizes numbers may have, and numbers of steps and the like.
 LEAST, GREATEST, GREATEST_WHOLE = 1e-30, 1e30, 10**15
 # What C++ counts: steps of a trajectory, moves of a step, iterations.
@@ -308,7 +307,10 @@ class SamplingSection(Section):
         "membranes faster than trajectories do; 0 makes none",
     )
     shear_waves_per_step: int = Field(
-        50, ge=1, le=GREATEST_COUNT, description="moves in such a step, each of which costs about half as much as a leapfrog step"
+        50,
+        ge=1,
+        le=GREATEST_COUNT,
+        description="moves in such a step, each of which costs about half as much as a leapfrog step",
     )
     shear_wave_cutoff: float = Field(
         3.0,

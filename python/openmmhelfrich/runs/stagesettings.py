@@ -156,7 +156,9 @@ class ContinueStage(StageSettings):
     hasPath = True
 
     kind: Literal["continue"] = Field(description="which kind of stage")
-    windows: int = Field(10, ge=1, le=10**6, description="steps of lambda from 0 to 1, so that there are windows+1 values")
+    windows: int = Field(
+        10, ge=1, le=10**6, description="steps of lambda from 0 to 1, so that there are windows+1 values"
+    )
     equilibration: int = Field(
         100, ge=0, description="Monte Carlo steps after each change of lambda, which the averages leave out"
     )

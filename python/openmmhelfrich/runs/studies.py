@@ -20,17 +20,19 @@ from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.psf import writePSF
 from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
-from ..sampling.targets import currentTargets
+from ..sampling.targets import currentTargets, setTargets
 from ..tables import Table
 from ..version import __version__
 from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
-from .stages import Stage, averagesOf, createStage
+from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
 
@@ -54,8 +56,11 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     """
     config = _asConfig(config)
     scene, outputs = Scene.of(config), Outputs.of(config)
+    targets = checkStages(scene)
+    requireRoom(scene, outputs)
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
+    study.requireFinite(targets)
     outputs.prepare(config.mesh.file, config.output.overwrite)
     study.save()  # with all files empty: whatever happens from now on, the run can go on
     return study.finish(progress)
@@ -108,7 +113,10 @@ def resume(
     _changePlatform(config, state, platform, threads)
     simulation, force = loadSimulation(file, *platformOf(config))
     scene = Scene.of(config, currentMesh(simulation, force))
-    return Study(scene, outputs, simulation, force, state).finish(progress)
+    study = Study(scene, outputs, simulation, force, state)
+    study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
+    requireRoom(scene, outputs, state.step)
+    return study.finish(progress)
 
 
 def isFinished(state: RunState, outputs: Outputs) -> bool:
@@ -181,6 +189,18 @@ class Study:
             self._draw(summary)
         return summary
 
+    def requireFinite(self, targets: list[dict[str, float]]) -> None:
+        """Raise a ValueError or an OpenMMException unless the energy and the forces are finite with each of some
+        targets.
+        """
+        context, before = self.simulation.context, currentTargets(self.simulation.context, self.force)
+        try:
+            for each in targets:
+                setTargets(context, self.force, each)
+                context.getState(energy=True, forces=True)
+        finally:
+            setTargets(context, self.force, before)
+
     @property
     def isComplete(self) -> bool:
         """Whether nothing is left to do."""
@@ -230,7 +250,12 @@ class Study:
             if self.stage.isWhole and not self.stage.isDone:
                 self.save()  # where it goes on if it is stopped
             while not self.stage.isDone:
-                self.stage.advance()
+                try:
+                    with interruptible(lambda: stop.signal is not None):
+                        self.stage.advance()
+                except StepInterrupted:
+                    isInterrupted = True
+                    break
                 if self.stage.isWhole and self.stage.isDone:
                     recorder.report()
                 if isToStop():

@@ -27,6 +27,7 @@ from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
 from ..optional import require
 from ..sampling.averages import lateRows
+from ..sampling.interruption import interruptible
 from ..sampling.observables import OBSERVABLES, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
@@ -34,6 +35,7 @@ from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
+from .room import requireDisk
 from .studies import StopSignals, isFinished, resume, run
 
 SECONDS_BETWEEN_MESSAGES = 0.5
@@ -133,6 +135,9 @@ def sweep(
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
     result = SweepResult(states, folder / "summary.csv")
+    # What a point that had begun has written already is not counted as room: it is little where the disk is full.
+    waiting = [state.point for state in states if state.status == "waiting"]
+    requireDisk(sum(point.diskSize for point in waiting if not _settingsFile(point.config).exists()), folder)
     folder.mkdir(parents=True, exist_ok=True)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
@@ -154,8 +159,9 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
             if not isOurs:
                 return {"status": "busy"}
             if not _resultFile(config).exists():
-                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
-                    return {"status": "stopped"}
+                with interruptible(lambda: sweepName in _stopping):
+                    if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                        return {"status": "stopped"}
                 _writeResult(config)
             return {"status": "done", "observables": _readResult(config)}
     except (ValueError, OSError, mm.OpenMMException) as error:
