@@ -44,6 +44,6 @@ def _requireAddressSpace() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_ADDRESS_SPACE:
         raise MemoryError(
-            f"this command takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB of addresses at least, and the limit (ulimit -v) is "
-            f"{limit / 1e6:.0f} MB"
+            f"this command takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB of addresses at least, and the limit (ulimit -v) "
+            f"is {limit / 1e6:.0f} MB"
         )

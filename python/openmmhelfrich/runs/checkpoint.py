@@ -14,12 +14,15 @@ from typing import Any
 
 import openmm as mm
 from openmm import app
+from pydantic import TypeAdapter
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
+# Texts like ours become no more than so many times smaller, beside a small part.
+MAX_RATIO, SMALL = 200, 1 << 20
 
 
 @dataclass
@@ -89,7 +92,13 @@ def loadSimulation(
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
     system, integrator, state = _read(file, ("system.xml", "integrator.xml", "state.xml"), mm.XmlSerializer.deserialize)
-    force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
+    forces = system.getForces() if isinstance(system, mm.System) else []
+    force = next((HelfrichForce.cast(f) for f in forces if HelfrichForce.isinstance(f)), None)
+    if force is None or not HybridMonteCarloIntegrator.isinstance(integrator) or not isinstance(state, mm.State):
+        raise ValueError(
+            f"{file} does not hold a run: there must be a State, a System with a HelfrichForce, and a "
+            "HybridMonteCarloIntegrator"
+        )
     mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
     simulation = app.Simulation(
         mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
@@ -103,14 +112,27 @@ def _read(file, names, parse):
         raise FileNotFoundError(f"there is no checkpoint {file}")
     try:
         with zipfile.ZipFile(file) as archive:
+            _requireStored(archive, names)
             return [parse(archive.read(name).decode()) for name in names]
-    except mm.OpenMMException:
+    except (mm.OpenMMException, MemoryError):
         raise
     except Exception:  # of a damaged archive the library makes anything from a KeyError to an encrypted file
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
+def _requireStored(archive, names):
+    """Raise a ValueError if parts of an archive claim far more bytes than it has: that much memory would be taken."""
+    parts = [archive.getinfo(name) for name in names]
+    if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
+        raise ValueError
+
+
 def _parse(text):
     """Return a RunState, or None if its format is another version's."""
     data = json.loads(text)
-    return RunState(**data) if data.pop("format", None) == FORMAT else None
+    if data.pop("format", None) != FORMAT:
+        return None
+    state = TypeAdapter(RunState).validate_python(data)
+    if not 0 <= state.stage < len(state.config["stages"]):
+        raise ValueError
+    return state

@@ -36,8 +36,8 @@ def requireMemory(numVertices: int) -> None:
     needed, free = PICTURES_LIBRARY + VERTEX * numVertices, _freeMemory()
     if needed > free:
         raise ValueError(
-            f"a run of {numVertices} vertices takes about {_text(needed)} of memory, and {_text(free)} are free; take a "
-            "mesh of fewer vertices"
+            f"a run of {numVertices} vertices takes about {_text(needed)} of memory, and {_text(free)} are free; take "
+            "a mesh of fewer vertices"
         )
 
 
@@ -46,11 +46,11 @@ def requireDisk(size: float, folder: PathLike) -> None:
     place = Path(folder).absolute()
     while not place.exists():
         place = place.parent
-    free = shutil.disk_usage(place).free
-    if size > free:
+    disk = shutil.disk_usage(place)
+    if size > disk.free and disk.total > 0:  # else it is no disk
         raise ValueError(
-            f"the results take at least {_text(size)}, and {_text(free)} are free in {place}; ask for fewer frames by a "
-            "longer trajectory_interval, or leave out the mesh_trajectory"
+            f"the results take at least {_text(size)}, and {_text(disk.free)} are free in {place}; ask for fewer "
+            "frames by a longer trajectory_interval, or leave out the mesh_trajectory"
         )
 
 

@@ -8,10 +8,12 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from openmm import app
+from pydantic import Field, TypeAdapter
+from typing_extensions import TypedDict
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
@@ -40,6 +42,16 @@ _TARGET_NAMES = {
     "reduced_volume": "reducedVolume",
     "target_area_difference": "areaDifference",
 }
+
+
+class _Memory(TypedDict):
+    """What every stage remembers, among other things."""
+
+    position: Annotated[int, Field(ge=0, strict=True)]
+    startTargets: dict[Literal["area", "volume", "areaDifference"], float]
+    startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
+    adapter: dict[str, Any] | None
+    waveAdapter: dict[str, Any] | None
 
 
 class Stage(ABC):
@@ -124,7 +136,8 @@ class Stage(ABC):
         }
 
     def setState(self, state: dict[str, Any]) -> None:
-        """Go on from a state that getState() returned."""
+        """Go on from a state that getState() returned; raise a ValueError or KeyError if it is not like one."""
+        TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
         self._startCounters = state["startCounters"]
         self._startAdaptation()

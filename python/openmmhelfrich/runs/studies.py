@@ -167,7 +167,10 @@ class Study:
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
-            self.stage.setState(state.stageState)
+            try:
+                self.stage.setState(state.stageState)
+            except (LookupError, TypeError, ValueError):
+                raise ValueError(f"{outputs.checkpoint} is damaged: its stage cannot go on from what it has") from None
 
     def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
         """Do what is left to do, draw the pictures, and return a Summary."""
