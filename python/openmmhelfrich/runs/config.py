@@ -118,7 +118,7 @@ def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Confi
 
 
 @contextlib.contextmanager
-def naming(config: Config) -> Iterator[None]:
+def namingSource(config: Config) -> Iterator[None]:
     """Say in a ValueError where the configuration comes from that has the mistake."""
     try:
         yield

@@ -18,7 +18,7 @@ from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
-from .config import Config, asDict, naming, stagesOf, valueOf
+from .config import Config, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI
 from .stagesettings import StageSettings
 
@@ -106,7 +106,7 @@ class Scene:
             if the mesh cannot be simulated, or a value of the configuration does not go with it
         """
         mesh = loadMesh(config) if mesh is None else mesh
-        with naming(config), _overflowsExplained(config):
+        with namingSource(config), _overflowsExplained(config):
             config = resolve(config, mesh)
             checkSizes(config, mesh)
             platform, properties = platformOf(config)

@@ -31,7 +31,7 @@ from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table
-from .config import naming
+from .config import namingSource
 from .scene import Scene, requireComparable
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
@@ -442,7 +442,7 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     """
     found = [targets or scene.targets]
     for i, settings in enumerate(scene.stages[first:], first):
-        with naming(scene.config):
+        with namingSource(scene.config):
             try:
                 found.append(_KINDS[type(settings)].check(settings, scene, found[-1]))
             except ValueError as error:
