@@ -28,6 +28,8 @@ from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
 RECORD = "record.json"
+# Texts like ours become no more than so many times smaller, beside a small part.
+MAX_RATIO, SMALL = 200, 1 << 20
 
 
 @dataclass
@@ -115,9 +117,15 @@ def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
+    system, integrator, state = _read(file, _simulationIn)
+    forces = system.getForces() if isinstance(system, mm.System) else []
+    force = next((HelfrichForce.cast(f) for f in forces if HelfrichForce.isinstance(f)), None)
+    if force is None or not HybridMonteCarloIntegrator.isinstance(integrator) or not isinstance(state, mm.State):
+        raise ValueError(
+            f"{file} does not hold a run: there must be a State, a System with a HelfrichForce, and a "
+            "HybridMonteCarloIntegrator"
+        )
     with naming(file):
-        system, integrator, state = _read(file, _simulationIn)
-        force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
         mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
@@ -131,7 +139,7 @@ def naming(file: PathLike) -> Iterator[None]:
     """Say of which checkpoint it is that something cannot be made of what it holds."""
     try:
         yield
-    except FileNotFoundError:
+    except (FileNotFoundError, MemoryError):
         raise
     except mm.OpenMMException as error:
         raise ValueError(f"the simulation in {file} cannot go on: {error}") from None
@@ -143,7 +151,15 @@ def _read(file, parse):
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     with naming(file), zipfile.ZipFile(file) as archive:
+        _requireStored(archive)
         return parse(archive)
+
+
+def _requireStored(archive):
+    """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
+    parts = archive.infolist()
+    if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
+        raise ValueError
 
 
 def _runStateIn(archive):
@@ -152,6 +168,8 @@ def _runStateIn(archive):
     if json.loads(text).get("format") != FORMAT:
         return None
     state = _RUN_STATE.validate_json(text, strict=True)
+    if state.stage >= len(state.config["stages"]):
+        raise ValueError
     if RECORD in archive.namelist():
         state.record = dict(json.loads(archive.read(RECORD)))
     return state

@@ -26,6 +26,7 @@ from ..geometry.mesh import Mesh
 from ..io.locks import InUseError, locked
 from ..optional import require
 from ..sampling.averages import lateRows
+from ..sampling.interruption import interruptible
 from ..sampling.observables import OBSERVABLES, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
@@ -33,6 +34,7 @@ from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
+from .room import requireDisk
 from .studies import StopSignals, resume, run
 
 SECONDS_BETWEEN_MESSAGES = 0.5
@@ -132,6 +134,9 @@ def sweep(
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
     result = SweepResult(states, folder / "summary.csv")
+    # What a point that had begun has written already is not counted as room: it is little where the disk is full.
+    waiting = [state.point for state in states if state.status == "waiting"]
+    requireDisk(sum(point.diskSize for point in waiting if not _settingsFile(point.config).exists()), folder)
     folder.mkdir(parents=True, exist_ok=True)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
@@ -152,8 +157,9 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK):
             observables = _finished(config)
             if observables is None:
-                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
-                    return {"status": "stopped"}
+                with interruptible(lambda: sweepName in _stopping):
+                    if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                        return {"status": "stopped"}
                 observables = _writeResult(config)
             return {"status": "done", "observables": observables}
     except InUseError:
@@ -332,7 +338,7 @@ def _client(scheduler, workers):
         return
     require("cryptography", "a sweep", "sweep")  # for the certificate
     # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
-    silent = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
         require("dask", "a sweep", "sweep").config.set(silent),
         distributed.LocalCluster(
