@@ -50,9 +50,9 @@ def testAnotherProcessFillsTheDisk(tmp_path):
 
 def testDamagedInput():
     kinds = ("toml", "grid", "trimem", "stl", "ply", "obj", "off", "vtk", "vtu", "msh")
-    assert not findFaults("mutations.py", *kinds, "--count", 200)
+    assert not findFaults("mutations.py", *kinds, "--count", 100)
 
 
 def testDamagedResults():
     kinds = ("vtkhdf", "dcd", "psf", "csv", "checkpoint", "system", "integrator", "state")
-    assert not findFaults("mutations.py", *kinds, "--count", 200)
+    assert not findFaults("mutations.py", *kinds, "--count", 100)
