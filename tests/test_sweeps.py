@@ -1,10 +1,11 @@
 """Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself."""
 
+import contextlib
 import csv
-import fcntl
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
+from openmmhelfrich.io.locks import locked
 from openmmhelfrich.runs import studies, sweeps
 from openmmhelfrich.runs.grids import readGrid
 
@@ -184,37 +186,57 @@ def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):
 
 def testPointThatAnotherProcessRuns(grid, expected, tmp_path, cluster):
     """It is left alone, and comes last; the others do not wait for it."""
-    locked = next(iter(expected))
-    (tmp_path / locked).mkdir()
-    lock = os.open(tmp_path / locked / "lock", os.O_WRONLY | os.O_CREAT)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    order, isLocked = [], True
+    name, order, released, lock = next(iter(expected)), [], [], contextlib.ExitStack()
+    (tmp_path / name).mkdir()
+    lock.enter_context(locked(tmp_path / name / "run"))
 
     def progress(states):
-        nonlocal isLocked
         order.extend(state.point.name for state in states if state.status == "done" and state.point.name not in order)
-        if len(order) == 3 and isLocked:
-            assert not (tmp_path / locked / "run.checkpoint").exists()
-            os.close(lock)
-            isLocked = False
+        if len(order) == 3 and not released:
+            released.append((tmp_path / name / "run.checkpoint").exists())
+            lock.close()
 
     sweeps.sweep(grid, tmp_path, cluster.scheduler_address, progress=progress)
-    assert len(order) == 4 and order[-1] == locked
+    assert len(order) == 4 and order[-1] == name and released == [False]
     assertDone(tmp_path, grid, expected)
 
 
-def testLockOfAKilledProcess(tmp_path):
-    program = (
-        "import fcntl, sys, time; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print('locked', "
-        "flush=True); time.sleep(60)"
-    )
-    holder = subprocess.Popen([sys.executable, "-c", program, tmp_path / "lock"], stdout=subprocess.PIPE)
-    holder.stdout.readline()
-    with open(tmp_path / "lock") as file, pytest.raises(BlockingIOError):
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    holder.kill()
-    with sweeps._locked(tmp_path / "lock") as isOurs:
-        assert isOurs
+def testPointsWhoseFilesAreOfAnotherStep(grid, expected, tmp_path, cluster, monkeypatch):
+    """None is done before its mesh is that of its last step, whatever files and checkpoints are there."""
+
+    def stop(study):
+        if study.simulation.currentStep == 120:
+            raise KeyboardInterrupt
+
+    def fail(*_):
+        raise OSError("killed")
+
+    sweeps.sweep(grid, tmp_path, cluster.scheduler_address)
+    rows, points = summary(tmp_path), readGrid(grid)
+    torn, stopped, old, light = (tmp_path / point.name for point in points)
+    with open(torn / "run.ply", "r+b") as file:
+        file.truncate(1000)
+    points[1].config.output.prefix, points[1].config.output.overwrite = str(stopped / "run"), True
+    studies.run(points[1].config, stop)
+    with monkeypatch.context() as patch:
+        patch.setattr(studies, "drawMesh", fail)
+        patch.setattr(mh.Mesh, "write", fail)
+        with pytest.raises(OSError, match="killed"):
+            studies.resume(stopped / "run")
+    (stopped / "result.json").unlink()
+    (old / "result.json").write_text(json.dumps({"steps": 450, "shapeClass": "prolate"}))  # as of version 0.1.0
+    (light / "run.checkpoint").unlink()  # to save room
+    assert checkpointSteps(tmp_path) == {point.name: 450 for point in points[:3]}
+    untouched = {file: file.stat().st_mtime_ns for file in light.iterdir()}
+    again = []
+    sweeps.sweep(grid, tmp_path, cluster.scheduler_address, progress=lambda states: again.append(states))
+    assert summary(tmp_path) == rows and again
+    assert {file: file.stat().st_mtime_ns for file in light.iterdir()} == untouched
+    shutil.copy(torn / "run.checkpoint", light / "run.checkpoint")  # for its form alone
+    found = contentsOf(tmp_path, grid)
+    assert all(found[point.name] == expected[point.name] for point in points[:3])
+    monkeypatch.setattr(sweeps, "_client", fail)
+    assert sweeps.sweep(grid, tmp_path).count("done") == 4  # nothing is left to do
 
 
 def testPointThatFails(tmp_path, cluster):

@@ -12,14 +12,14 @@ PathLike: TypeAlias = str | os.PathLike[str]
 
 @contextlib.contextmanager
 def replacing(file: PathLike) -> Iterator[Path]:
-    """Give a path to write to; when that is done without an error, its file takes the place of another in a single
-    step.
+    """Give a path to write to, with the same suffix; when that is done without an error, its file takes the place of
+    another in a single step.
 
     Whatever happens meanwhile, a full disk or the end of the machine, the file is the old one or the new one, never
     half of one.
     """
     path = Path(file)
-    part = hidden(path, "part")
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
         sync(part)

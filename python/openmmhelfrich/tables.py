@@ -93,21 +93,13 @@ def readHeads(file: PathLike) -> list[str]:
     return next(iter(_readRows(file, 1)), [])
 
 
-def _readRows(file: PathLike, most: int | None = None) -> list[list[str]]:
-    """Return the rows of a file, or its first ones."""
-    with open(file, newline="", encoding="utf-8") as table:
-        try:
-            return list(itertools.islice(csv.reader(table), most))
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
-
-
-def _isNumber(text: str) -> bool:
+def _readRows(file, count=None):
+    """Return the first rows of a file, or all."""
     try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        with open(file, newline="", encoding="utf-8") as table:
+            return list(itertools.islice(csv.reader(table), count))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
 
 
 def headOf(name: str, unit: str) -> str:
@@ -117,9 +109,9 @@ def headOf(name: str, unit: str) -> str:
 
 def plainName(head: str) -> str:
     """Return the name of a column without its unit."""
-    return head.split(" (")[0]
+    return head.split(" (", 1)[0]
 
 
 def unitsOf(heads: Iterable[str]) -> dict[str, str]:
     """Return the units of columns by their names, of those that have one."""
-    return dict(head.rstrip(")").split(" (") for head in heads if " (" in head)
+    return dict(head.removesuffix(")").split(" (", 1) for head in heads if " (" in head)

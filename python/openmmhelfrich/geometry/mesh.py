@@ -107,7 +107,7 @@ class Mesh:
         return mesh._withoutLooseVertices()
 
     def write(self, file: PathLike, unit: Length = unit.nanometer, data: Mapping[str, ArrayLike] | None = None) -> None:
-        """Write the mesh to a file, replacing one that exists.
+        """Write the mesh to a file, replacing one that exists in a single step.
 
         The suffix of its name tells the format, as in :meth:`read`.  STL holds single precision; the others hold
         double.

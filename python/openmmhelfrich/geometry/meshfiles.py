@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,8 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ..files import replacing
 
 # What the head of a file must hold, lest the mesh library searches for it beyond the end, for ever.
 _HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
@@ -30,22 +31,19 @@ def write(
     triangles: NDArray[np.integer],
     data: Mapping[str, ArrayLike] | None,
 ) -> None:
-    """Write a file, with data at the points where its format has room for such, replacing one that exists."""
+    """Write a file, with data at the points where its format has room for such, replacing one that exists in a single
+    step.
+    """
     import meshio
 
     suffix = path.suffix.lower()
     requireFormat(path)
     mesh = meshio.Mesh(points, [("triangle", triangles)], point_data=data if suffix in _WITH_DATA else None)
-    # A complete file takes the place of the old one in a single step, so that no failure leaves half a mesh.
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
-        with _silence():
+        with replacing(path) as part, _silence():
             meshio.write(part, mesh, file_format=_FORMAT.get(suffix), **_WRITE_OPTIONS.get(suffix, {}))
-        os.replace(part, path)
     except meshio.WriteError as error:
         raise ValueError(f"{path}: {error}") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _readFile(path):

@@ -9,6 +9,7 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.meshfiles import requireFormat
 from .dcdframes import DCDTrajectory
+from .locks import locked
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
 
 TRAJECTORIES = (".vtkhdf", ".hdf")
@@ -127,7 +128,8 @@ def convert(
     suffix, unit = output.suffix.lower(), getattr(frames, "lengthUnit", "nm")
     selected = (frames[i] for i in indices)
     if suffix in TRAJECTORIES:
-        writeMeshTrajectory(output, selected, lengthUnit=unit)
+        with locked(output.with_suffix("")):  # a run that has this prefix would lose its own
+            writeMeshTrajectory(output, selected, lengthUnit=unit)
     elif suffix == ".xyz":
         _writeXYZ(output, selected)
     else:

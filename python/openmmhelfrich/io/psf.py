@@ -10,7 +10,7 @@ _ATOM = "{:10d} {:<8.8s} {:<8.8s} {:<8.8s} {:<8.8s} {:<4.4s} {:>13s} {:>13s}{:8d
 
 
 def writePSF(file: PathLike, topology: app.Topology, mass: float = 1.0) -> None:
-    """Write the atoms and bonds of a Topology to a PSF file, replacing one that exists.
+    """Write the atoms and bonds of a Topology to a PSF file, replacing one that exists in a single step.
 
     VMD, mdtraj and MDAnalysis read it as the partner of a DCD trajectory, for any number of atoms.  The bonds are those
     that the Topology has: for a membrane whose edges flip, those at its creation.

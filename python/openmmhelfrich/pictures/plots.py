@@ -2,10 +2,12 @@
 
 import re
 import threading
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..files import PathLike
+from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
 from ..tables import Table, headOf
@@ -49,7 +51,7 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
         place.ticklabel_format(useOffset=False)
         if len(shown) > 1 and not isTarget(shown[1]):
             place.legend(fontsize="small", ncols=3 if len(shown) > 3 else 1)
-    _save(figure, file)
+    saveFigure(figure, file)
 
 
 def _plotCurve(axes, table, observable, isThin):
@@ -95,7 +97,7 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
         if axes.lines:
             axes.legend(fontsize="small")
     axes.set_xlabel("$\\lambda$; bars are standard deviations")
-    _save(figure, file)
+    saveFigure(figure, file)
 
 
 def _plotBranches(axes, windows, name, prefix):
@@ -150,7 +152,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     )
     _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
     _colorBar(figure, axes, norm, lengthUnit)
-    _save(figure, file)
+    saveFigure(figure, file)
 
 
 def _colorMap():
@@ -159,9 +161,10 @@ def _colorMap():
     return colormaps["coolwarm"]
 
 
-def _save(figure, file):
-    with _drawing:
-        figure.savefig(file, dpi=120)
+def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
+    """Write a matplotlib Figure to a picture, replacing one that exists in a single step."""
+    with _drawing, replacing(file) as part:
+        figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png")
 
 
 def _frame(axes, vertices, elevation, azimuth, lengthUnit):

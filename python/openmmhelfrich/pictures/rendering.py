@@ -1,7 +1,6 @@
 """Pictures and films of membranes in 3D, off screen, with pyvista where there is one."""
 
 import ctypes
-import io
 import os
 import sys
 from collections.abc import Sequence
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import PathLike
+from ..files import PathLike, replacing
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
 from .curvature import smoothMeanCurvature
@@ -190,7 +189,8 @@ def _aim(plotter, middle, radius, direction):
 def _save(image, file):
     from PIL import Image
 
-    Image.fromarray(image).save(file)
+    with replacing(file) as part:
+        Image.fromarray(image).save(part)
 
 
 def _writeGIF(images, file, framesPerSecond):
@@ -199,15 +199,16 @@ def _writeGIF(images, file, framesPerSecond):
     first, *others = [Image.fromarray(image) for image in images]
     first = first.quantize(256)
     others = [image.quantize(palette=first) for image in others]
-    # In memory first: what goes wrong meanwhile leaves no half of a file.
-    film = io.BytesIO()
-    first.save(film, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
-    Path(file).write_bytes(film.getvalue())
+    with replacing(file) as part:
+        first.save(part, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
 
 
 def _writeMP4(images, file, framesPerSecond):
     imageio = require("imageio.v2", "writing MP4 films")
     require("imageio_ffmpeg", "writing MP4 films")
-    with imageio.get_writer(str(file), fps=framesPerSecond, macro_block_size=16, quality=8) as film:
+    with (
+        replacing(file) as part,
+        imageio.get_writer(str(part), fps=framesPerSecond, macro_block_size=16, quality=8) as film,
+    ):
         for image in images:
             film.append_data(image)

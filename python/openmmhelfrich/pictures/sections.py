@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..analysis.convergence import DiscreteMinimum
 from ..files import PathLike
 from ..geometry.mesh import Mesh
+from .plots import saveFigure
 
 
 def plotSections(minima: Sequence[DiscreteMinimum], file: PathLike, columns: int = 7) -> None:
@@ -43,7 +44,7 @@ def plotSections(minima: Sequence[DiscreteMinimum], file: PathLike, columns: int
             f"({minimum.energyError:+.1%})",
             fontsize="small",
         )
-    figure.savefig(file, dpi=120)
+    saveFigure(figure, file)
 
 
 def _section(mesh: Mesh) -> NDArray[np.float64]:

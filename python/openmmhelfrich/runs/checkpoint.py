@@ -2,19 +2,25 @@
 
 The file is a ZIP archive of texts: the System, the Integrator and the State as OpenMM's XML, which holds every number
 to the last bit and is the same on each platform, and a JSON file with the configuration, the stage, and the sizes of
-the files that the run appends to.  Live triangles, random numbers' counters and the order of the vertices are part of
+the files that the run appends to.  At the end another JSON file is added, the record of the files that were written of
+this state: a checkpoint without one, or with one that the files do not match, is of a run whose results are still to be
+drawn.  Live triangles, random numbers' counters and the order of the vertices are part of
 the State, as parameters of the Integrator.
 """
 
+import contextlib
 import json
+import shutil
+import uuid
 import zipfile
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import openmm as mm
 from openmm import app
-from pydantic import TypeAdapter
+from pydantic import NonNegativeInt, TypeAdapter
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
@@ -23,6 +29,7 @@ from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 FORMAT = 1
 # Texts like ours become no more than so many times smaller, beside a small part.
 MAX_RATIO, SMALL = 200, 1 << 20
+RECORD = "record.json"
 
 
 @dataclass
@@ -47,16 +54,25 @@ class RunState:
         the number of Monte Carlo steps made
     isComplete : bool
         whether all stages are done
+    run : str
+        what tells the run from all others
+    record : dict
+        what :func:`addRecord` added to the checkpoint
     """
 
-    config: dict
-    stage: int
+    config: dict[str, Any]
+    stage: NonNegativeInt
     stageState: dict[str, Any] | None
-    sizes: dict
-    notes: list
-    versions: dict
-    step: int
+    sizes: dict[str, NonNegativeInt]
+    notes: list[str]
+    versions: dict[str, str]
+    step: NonNegativeInt
     isComplete: bool
+    run: str = field(default_factory=lambda: uuid.uuid4().hex)  # earlier versions' runs get one when they go on
+    record: dict[str, Any] = field(default_factory=dict)
+
+
+_RUN_STATE = TypeAdapter(RunState)
 
 
 def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunState) -> None:
@@ -65,8 +81,10 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
     Raises OSError if that fails; the earlier one is whole then.
     """
     state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+    run = {"format": FORMAT, **asdict(runState)}
+    del run["record"]  # of files that are older than this checkpoint
     parts = {
-        "run.json": json.dumps({"format": FORMAT, **asdict(runState)}, indent=1),
+        "run.json": json.dumps(run, indent=1),
         "system.xml": mm.XmlSerializer.serialize(simulation.system),
         "integrator.xml": mm.XmlSerializer.serialize(simulation.integrator),
         "state.xml": mm.XmlSerializer.serialize(state),
@@ -76,12 +94,20 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
             archive.writestr(name, text)
 
 
+def addRecord(file: PathLike, record: dict[str, Any]) -> None:
+    """Add the record of the files of a run to its checkpoint, in a single step."""
+    with replacing(file) as part:
+        shutil.copyfile(file, part)
+        with zipfile.ZipFile(part, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(RECORD, json.dumps(record, indent=1))
+
+
 def loadRunState(file: PathLike) -> RunState:
     """Return the RunState that a checkpoint holds.
 
     Raises FileNotFoundError if there is no such file, and ValueError if it is not a checkpoint.
     """
-    (state,) = _read(file, ("run.json",), _parse)
+    state = _read(file, _runStateIn)
     if state is None:
         raise ValueError(f"{file} is a checkpoint of another version's format")
     return state
@@ -91,48 +117,59 @@ def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
-    system, integrator, state = _read(file, ("system.xml", "integrator.xml", "state.xml"), mm.XmlSerializer.deserialize)
-    forces = system.getForces() if isinstance(system, mm.System) else []
-    force = next((HelfrichForce.cast(f) for f in forces if HelfrichForce.isinstance(f)), None)
-    if force is None or not HybridMonteCarloIntegrator.isinstance(integrator) or not isinstance(state, mm.State):
-        raise ValueError(
-            f"{file} does not hold a run: there must be a State, a System with a HelfrichForce, and a "
-            "HybridMonteCarloIntegrator"
+    with naming(file):
+        system, integrator, state = _read(file, _simulationIn)
+        force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
+        mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
+        simulation = app.Simulation(
+            mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
         )
-    mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
-    simulation = app.Simulation(
-        mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
-    )
-    simulation.context.setState(state)
-    return simulation, force
+        simulation.context.setState(state)
+        return simulation, force
 
 
-def _read(file, names, parse):
-    if not Path(file).exists():
-        raise FileNotFoundError(f"there is no checkpoint {file}")
+@contextlib.contextmanager
+def naming(file: PathLike) -> Iterator[None]:
+    """Say of which checkpoint it is that something cannot be made of what it holds."""
     try:
-        with zipfile.ZipFile(file) as archive:
-            _requireStored(archive, names)
-            return [parse(archive.read(name).decode()) for name in names]
-    except (mm.OpenMMException, MemoryError):
+        yield
+    except (FileNotFoundError, MemoryError):
         raise
-    except Exception:  # of a damaged archive the library makes anything from a KeyError to an encrypted file
+    except mm.OpenMMException as error:
+        raise ValueError(f"the simulation in {file} cannot go on: {error}") from None
+    except Exception:  # of what is damaged the libraries make anything from a KeyError to an encrypted file
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
-def _requireStored(archive, names):
-    """Raise a ValueError if parts of an archive claim far more bytes than it has: that much memory would be taken."""
-    parts = [archive.getinfo(name) for name in names]
+def _read(file, parse):
+    if not Path(file).exists():
+        raise FileNotFoundError(f"there is no checkpoint {file}")
+    with naming(file), zipfile.ZipFile(file) as archive:
+        _requireStored(archive)
+        return parse(archive)
+
+
+def _requireStored(archive):
+    """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
+    parts = archive.infolist()
     if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
-        raise ValueError
+        raise ValueError("it claims more than it has")
 
 
-def _parse(text):
+def _runStateIn(archive):
     """Return a RunState, or None if its format is another version's."""
-    data = json.loads(text)
-    if data.pop("format", None) != FORMAT:
+    text = archive.read("run.json")
+    if json.loads(text).get("format") != FORMAT:
         return None
-    state = TypeAdapter(RunState).validate_python(data)
-    if not 0 <= state.stage < len(state.config["stages"]):
-        raise ValueError
+    state = _RUN_STATE.validate_json(text, strict=True)
+    if RECORD in archive.namelist():
+        state.record = dict(json.loads(archive.read(RECORD)))
+    if state.stage >= len(state.config["stages"]):
+        raise ValueError("it is at a stage that there is not")
     return state
+
+
+def _simulationIn(archive):
+    """Return a System, an Integrator and a State."""
+    names = ("system.xml", "integrator.xml", "state.xml")
+    return [mm.XmlSerializer.deserialize(archive.read(name).decode()) for name in names]

@@ -1,6 +1,7 @@
 """The files that a run writes."""
 
 import contextlib
+import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Mapping
@@ -15,8 +16,11 @@ from ..helfrich import HelfrichForce
 from ..io.dcd import TrajectoryReporter
 from ..sampling.observables import OBSERVABLES, Place
 from ..sampling.reporters import MeshReporter, ObservablesReporter
-from .config import Config
+from .checkpoint import loadRunState
+from .config import Config, parseConfig
 from .scene import Scene
+
+APPENDED = ("table", "trajectory", "meshTrajectory")  # the files of which a checkpoint says how much belongs to the run
 
 
 @dataclass
@@ -58,15 +62,50 @@ class Outputs:
             checkpoint=Path(prefix + ".checkpoint"),
         )
 
+    @property
+    def prefix(self) -> Path:
+        """What all of them begin with."""
+        return self.checkpoint.with_suffix("")
+
     def paths(self) -> list[Path]:
         """Return the paths of all files that the run writes."""
         return [path for path in vars(self).values() if path is not None]
 
-    def prepare(self, source: PathLike | None, overwrite: bool = False) -> None:
-        """Make sure that every file can be written, and create their folder, before the first is opened.
+    def record(self, run: str, step: int) -> dict[str, Any]:
+        """Return what tells the files as they are now from all others: the run and its step; the size of each file; and
+        the checksum of each that is written as a whole.
+        """
+        files = {name: path for name, path in vars(self).items() if path is not None and name != "checkpoint"}
+        return {
+            "run": run,
+            "step": step,
+            "files": {name: _describe(path, name not in APPENDED) for name, path in files.items()},
+        }
+
+    def match(self, record: dict[str, Any]) -> bool:
+        """Return whether the files are those that a record tells."""
+        return record == self.record(record.get("run", ""), record.get("step", 0))
+
+    def makeFolder(self) -> None:
+        """Create the folder of the files.  Raises an OSError if it does not take files."""
+        folder = self.table.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise NotADirectoryError(f"{folder} is not a folder; choose another output prefix") from None
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise PermissionError(
+                f"{folder} is not writable ({error.strerror}); choose another output prefix"
+            ) from None
+
+    def prepare(self, source: PathLike | None, overwrite: bool = False) -> list[Path]:
+        """Make sure that every file can be written, before the first is opened, and return the files of an earlier run
+        that are to be removed when this one has its first checkpoint, so that none of them is taken for one of its own.
 
         Raises FileExistsError if one exists already and is not to be overwritten, or is the mesh file that the run
-        reads (None if there is none), and another OSError if their folder does not take files.
+        reads (None if there is none), and PermissionError if one cannot be written.
         """
         if source is not None and any(path.exists() and path.samefile(source) for path in self.paths()):
             raise FileExistsError(
@@ -79,20 +118,21 @@ class Outputs:
                 f"{', '.join(map(str, existing))} exist{'s' if len(existing) == 1 else ''} already; "
                 f"choose another output prefix, or ask to overwrite files{hint}"
             )
-        folder = self.table.parent
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            raise NotADirectoryError(f"{folder} is not a folder; choose another output prefix") from None
-        try:
-            tempfile.TemporaryFile(dir=folder).close()
-        except OSError as error:
-            raise PermissionError(
-                f"{folder} is not writable ({error.strerror}); choose another output prefix"
-            ) from None
         for path in existing:
             if not os.access(path, os.W_OK):
                 raise PermissionError(f"{path} is not writable; choose another output prefix")
+        kept = {self.checkpoint, *(getattr(self, name) for name in APPENDED)}  # which begin anew where they are
+        old = {*existing, *self._earlier()} - kept
+        return [path for path in old if path.is_file() and not (source and path.samefile(source))]
+
+    def _earlier(self):
+        """Return the paths of the files of the run whose checkpoint is there, which may have had other settings."""
+        try:
+            config = parseConfig(loadRunState(self.checkpoint).config)
+        except (ValueError, OSError):
+            return []
+        config.output.prefix = str(self.prefix)
+        return Outputs.of(config).paths()
 
 
 class Recorder:
@@ -195,6 +235,20 @@ class Recorder:
 
     def _reporters(self):
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
+
+
+def _describe(file, isWhole):
+    """Return the size of a file, and its checksum if that is asked for; nothing if there is no such file."""
+    if not file.is_file():
+        return {}
+    described = {"size": file.stat().st_size}
+    if isWhole:
+        checksum = hashlib.sha256()
+        with open(file, "rb") as content:
+            while part := content.read(2**20):
+                checksum.update(part)
+        described["sha256"] = checksum.hexdigest()
+    return described
 
 
 def _checkLength(file, size):

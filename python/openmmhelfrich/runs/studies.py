@@ -18,6 +18,7 @@ from openmm import app
 
 from ..files import PathLike
 from ..helfrich import HelfrichForce
+from ..io.locks import locked
 from ..io.psf import writePSF
 from ..pictures.plots import drawMesh, plotObservables, plotPath
 from ..sampling.interruption import StepInterrupted, interruptible
@@ -26,7 +27,7 @@ from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObse
 from ..sampling.targets import currentTargets, setTargets
 from ..tables import Table
 from ..version import __version__
-from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
+from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
@@ -51,8 +52,9 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     Raises
     ------
     ValueError, OSError, openmm.OpenMMException
-        if the mesh, the configuration, the platform or the place for the results will not do; no file has been touched
-        then.  Later an OSError, if the disk is full; the last checkpoint is whole then
+        if the mesh, the configuration, the platform or the place for the results will not do, or another process runs
+        with this prefix; no file has been touched then.  Later an OSError, if the disk is full; the last checkpoint is
+        whole then
     """
     config = _asConfig(config)
     scene, outputs = Scene.of(config), Outputs.of(config)
@@ -61,9 +63,13 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
-    outputs.prepare(config.mesh.file, config.output.overwrite)
-    study.save()  # with all files empty: whatever happens from now on, the run can go on
-    return study.finish(progress)
+    outputs.makeFolder()
+    with locked(outputs.prefix):
+        old = outputs.prepare(config.mesh.file, config.output.overwrite)
+        study.save()  # with all files empty: whatever happens from now on, the run can go on
+        for path in old:
+            path.unlink(missing_ok=True)
+        return study.finish(progress)
 
 
 def resume(
@@ -95,6 +101,8 @@ def resume(
     ------
     FileNotFoundError, ValueError
         if there is no checkpoint, it is damaged, a file of the run is missing, or the run has no steps left
+    InUseError
+        if another process runs with this prefix
     """
     file = Path(f"{prefix}.checkpoint")
     if not file.exists():
@@ -102,26 +110,22 @@ def resume(
             f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has "
             "begun: start one with run"
         )
-    state = loadRunState(file)
-    config = parseConfig(state.config, str(file))
-    config.output.prefix = str(prefix)
-    outputs = Outputs.of(config)
-    if steps is not None:
-        _addSteps(config, steps)
-    elif isFinished(state, outputs):
-        raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
-    _changePlatform(config, state, platform, threads)
-    simulation, force = loadSimulation(file, *platformOf(config))
-    scene = Scene.of(config, currentMesh(simulation, force))
-    study = Study(scene, outputs, simulation, force, state)
-    study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
-    requireRoom(scene, outputs, state.step)
-    return study.finish(progress)
-
-
-def isFinished(state: RunState, outputs: Outputs) -> bool:
-    """Return whether a run has come to its end and left all of its files."""
-    return state.isComplete and all(path.exists() for path in outputs.paths())
+    with locked(prefix):
+        state = loadRunState(file)
+        config = parseConfig(state.config, str(file))
+        config.output.prefix = str(prefix)
+        outputs = Outputs.of(config)
+        if steps is not None:
+            _addSteps(config, steps)
+        elif outputs.match(state.record):
+            raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
+        _changePlatform(config, state, platform, threads)
+        simulation, force = loadSimulation(file, *platformOf(config))
+        scene = Scene.of(config, currentMesh(simulation, force))
+        study = Study(scene, outputs, simulation, force, state)
+        study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
+        requireRoom(scene, outputs, state.step)
+        return study.finish(progress)
 
 
 class Study:
@@ -162,15 +166,13 @@ class Study:
             force,
         )
         state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
-        self.index, self.notes, self._versions = state.stage, list(state.notes), state.versions
+        self.index, self.notes, self._versions, self._run = state.stage, list(state.notes), state.versions, state.run
         self._recorder: Recorder | None = None
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
-            try:
+            with naming(outputs.checkpoint):
                 self.stage.setState(state.stageState)
-            except (LookupError, TypeError, ValueError):
-                raise ValueError(f"{outputs.checkpoint} is damaged: its stage cannot go on from what it has") from None
 
     def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
         """Do what is left to do, draw the pictures, and return a Summary."""
@@ -190,6 +192,9 @@ class Study:
                     self.save()
             summary = self._summary(self.simulation.currentStep - firstStep, time.perf_counter() - start, stop.signal)
             self._draw(summary)
+            if self.isComplete:
+                record = self.outputs.record(self._run, self.simulation.currentStep)
+                addRecord(self.outputs.checkpoint, record)
         return summary
 
     def requireFinite(self, targets: list[dict[str, float]]) -> None:
@@ -222,6 +227,7 @@ class Study:
             self._versions,
             self.simulation.currentStep,
             self.isComplete,
+            self._run,
         )
         saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
         self._savedAt = time.monotonic(), self.simulation.currentStep

@@ -1,14 +1,12 @@
 """Sweeps: the points of a grid as tasks of dask.distributed.
 
 A point is a run in a folder of its own, and its checkpoint is all that a worker needs to go on with it, so that a task
-may die and be made again anywhere.  A lock on a file in the folder keeps two workers from one point; the operating
-system takes it from a worker that dies.  When the run has ended, ``result.json`` says what came of it, and a point that
-has one is finished.
+may die and be made again anywhere.  The lock of the run keeps two workers from one point.  When the run has ended,
+``result.json`` says what came of it, and of which files: a point that has one is finished, if its files are those.
 """
 
 import contextlib
 import csv
-import fcntl
 import json
 import math
 import signal
@@ -25,6 +23,7 @@ from ..analysis.description import describeShape
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
+from ..io.locks import InUseError, locked
 from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
@@ -36,7 +35,7 @@ from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
 from .room import requireDisk
-from .studies import StopSignals, isFinished, resume, run
+from .studies import StopSignals, resume, run
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
@@ -155,15 +154,16 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
     folder = _folder(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with _locked(folder / "lock") as isOurs:
-            if not isOurs:
-                return {"status": "busy"}
-            if not _resultFile(config).exists():
-                with interruptible(lambda: sweepName in _stopping):
-                    if _isStopped(_goOn(config, _Messenger(name, sweepName))):
-                        return {"status": "stopped"}
-                _writeResult(config)
-            return {"status": "done", "observables": _readResult(config)}
+        isToStop = interruptible(lambda: sweepName in _stopping)
+        with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK), isToStop:
+            observables = _finished(config)
+            if observables is None:
+                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                    return {"status": "stopped"}
+                observables = _writeResult(config)
+            return {"status": "done", "observables": observables}
+    except InUseError:
+        return {"status": "busy"}
     except (ValueError, OSError, mm.OpenMMException) as error:
         return {"status": "failed", "reason": str(error)}
     except Exception as error:  # whatever goes wrong in a point is its own affair
@@ -221,30 +221,13 @@ def _resultFile(config):
     return _folder(config) / "result.json"
 
 
-@contextlib.contextmanager
-def _locked(file):
-    """Lock a file and tell whether that was possible within a few seconds."""
-    with open(file, "a") as lock:
-        end = time.monotonic() + SECONDS_FOR_A_LOCK
-        while True:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                if time.monotonic() > end:
-                    yield False
-                    return
-                time.sleep(0.1)
-        yield True  # closing the file unlocks it
-
-
 def _goOn(config, progress):
     """Begin a run, or go on with it, and return its Summary; None if it has come to its end already."""
     outputs = Outputs.of(config)
     if not outputs.checkpoint.exists():
         _writeSettings(config)
         return run(config, progress)
-    if isFinished(loadRunState(outputs.checkpoint), outputs):
+    if outputs.match(loadRunState(outputs.checkpoint).record):
         return None
     return resume(config.output.prefix, progress=progress, threads=config.platform.threads)
 
@@ -290,12 +273,21 @@ class _Messenger:
 
 
 def _writeResult(config):
+    """Write what came of a point, with the record of the files that tell it, and return it."""
+    observables, record = observe(config), loadRunState(Outputs.of(config).checkpoint).record
     with replacing(_resultFile(config)) as part:
-        part.write_text(json.dumps(observe(config), indent=1) + "\n", encoding="utf-8")
+        part.write_text(json.dumps({**record, "observables": observables}, indent=1) + "\n", encoding="utf-8")
+    return observables
 
 
-def _readResult(config):
-    return json.loads(_resultFile(config).read_text(encoding="utf-8"))
+def _finished(config):
+    """Return what came of a point, or None if it is not finished, or its files are not those of its last step."""
+    try:
+        record = dict(json.loads(_resultFile(config).read_text(encoding="utf-8")))
+        observables = record.pop("observables")
+        return observables if Outputs.of(config).match(record) else None
+    except (OSError, ValueError, TypeError, KeyError):  # an earlier version's, or damaged
+        return None
 
 
 def observe(config: Config) -> dict[str, Any]:
@@ -324,8 +316,9 @@ def observe(config: Config) -> dict[str, Any]:
 
 def _takeFinished(states):
     for state in states:
-        if _resultFile(state.point.config).exists():
-            state.status, state.observables = "done", _readResult(state.point.config)
+        observables = _finished(state.point.config)
+        if observables is not None:
+            state.status, state.observables = "done", observables
 
 
 @contextlib.contextmanager

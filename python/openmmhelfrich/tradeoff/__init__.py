@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import PathLike
+from ..io.locks import locked
 from ..runs.config import Config, parseConfig, readConfig
 from .report import recommendationText, tableText, writeReport
 from .search import OutOfTime, Point, Search
@@ -60,7 +61,7 @@ def tradeoff(
     Raises
     ------
     ValueError, OSError, openmm.OpenMMException
-        if an argument or the scene will not do, or the files are those of another scene
+        if an argument or the scene will not do, the files are those of another scene, or another search writes them
     """
     if not 0 < error < 1:
         raise ValueError(f"tradeoff: the error is {error}; it must be between 0 and 1")
@@ -74,6 +75,13 @@ def tradeoff(
         else readConfig(config)
     )
     prefix = str(prefix or f"{config.output.prefix or 'scene'}_tradeoff")
+    Path(prefix).parent.mkdir(parents=True, exist_ok=True)
+    with locked(prefix):
+        return _search(config, prefix, error, effort, minutes, axes, overwrite, progress)
+
+
+def _search(config, prefix, error, effort, minutes, axes, overwrite, progress):
+    """Go on with a search, or begin one, and write down what it found."""
     if overwrite:
         for ending in (".json", "_start.ply", "_start.json", "_coarse.ply", "_coarse.json"):
             Path(prefix + ending).unlink(missing_ok=True)

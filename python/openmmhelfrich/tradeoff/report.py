@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from ..files import PathLike, replacing
+from ..pictures.plots import saveFigure
 from ..runs.config import asDict
 from ..runs.configfile import configText
 from .search import AVERAGES, Point, Search
@@ -186,7 +187,7 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
     pareto.legend(
         handles=handles, fontsize="x-small", ncols=2, title="squares: another distribution", title_fontsize="x-small"
     )
-    figure.savefig(file, dpi=110)
+    saveFigure(figure, file, dpi=110)
 
 
 def _plotCosts(axes, search, points, colors):

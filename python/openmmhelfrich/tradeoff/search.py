@@ -349,9 +349,7 @@ class Search:
                 config, mesh, [SampleStage(**{**last.model_dump(), "steps": steps, "step_size": "auto"})]
             )
         file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as part:
-            mesh.write(part.with_suffix(".ply"))
-            part.with_suffix(".ply").replace(part)
+        mesh.write(file)
         return targets
 
     def _load(self):
