@@ -27,9 +27,9 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
-RECORD = "record.json"
 # Texts like ours become no more than so many times smaller, beside a small part.
 MAX_RATIO, SMALL = 200, 1 << 20
+RECORD = "record.json"
 
 
 @dataclass
@@ -117,15 +117,9 @@ def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
-    system, integrator, state = _read(file, _simulationIn)
-    forces = system.getForces() if isinstance(system, mm.System) else []
-    force = next((HelfrichForce.cast(f) for f in forces if HelfrichForce.isinstance(f)), None)
-    if force is None or not HybridMonteCarloIntegrator.isinstance(integrator) or not isinstance(state, mm.State):
-        raise ValueError(
-            f"{file} does not hold a run: there must be a State, a System with a HelfrichForce, and a "
-            "HybridMonteCarloIntegrator"
-        )
     with naming(file):
+        system, integrator, state = _read(file, _simulationIn)
+        force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
         mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
@@ -159,7 +153,7 @@ def _requireStored(archive):
     """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
     parts = archive.infolist()
     if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
-        raise ValueError
+        raise ValueError("it claims more than it has")
 
 
 def _runStateIn(archive):
@@ -168,10 +162,10 @@ def _runStateIn(archive):
     if json.loads(text).get("format") != FORMAT:
         return None
     state = _RUN_STATE.validate_json(text, strict=True)
-    if state.stage >= len(state.config["stages"]):
-        raise ValueError
     if RECORD in archive.namelist():
         state.record = dict(json.loads(archive.read(RECORD)))
+    if state.stage >= len(state.config["stages"]):
+        raise ValueError("it is at a stage that there is not")
     return state
 
 

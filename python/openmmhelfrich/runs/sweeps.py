@@ -154,12 +154,12 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
     folder = _folder(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK):
+        isToStop = interruptible(lambda: sweepName in _stopping)
+        with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK), isToStop:
             observables = _finished(config)
             if observables is None:
-                with interruptible(lambda: sweepName in _stopping):
-                    if _isStopped(_goOn(config, _Messenger(name, sweepName))):
-                        return {"status": "stopped"}
+                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                    return {"status": "stopped"}
                 observables = _writeResult(config)
             return {"status": "done", "observables": observables}
     except InUseError:
