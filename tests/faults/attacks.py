@@ -13,9 +13,7 @@ and mode, in a copy of the folder.  What must come of it:
 import argparse
 import contextlib
 import functools
-import importlib
 import os
-import pkgutil
 import re
 import shutil
 import signal
@@ -28,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from children import MODES, Outcome, execute, fork, temporaryFolder, waitFor
+from children import MODES, Outcome, execute, fork, importEverything, temporaryFolder, waitFor
 from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
@@ -327,9 +325,7 @@ def _startPreloaded():
 
 def _warmUp():
     """Import everything before there are children, and let pictures be drawn faster: without the best layout."""
-    for module in pkgutil.walk_packages(mh.__path__, "openmmhelfrich."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
+    importEverything()
     Figure.set_layout_engine = lambda *_, **__: None
     with temporaryFolder() as place:
         drawMesh(mh.Mesh.icosphere(0), place / "a.png")

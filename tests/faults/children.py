@@ -7,7 +7,9 @@ import atexit
 import contextlib
 import ctypes
 import gc
+import importlib
 import os
+import pkgutil
 import random
 import shutil
 import signal
@@ -19,6 +21,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, NamedTuple
 
+import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 
 # What FailingDisk does, in its order; and an attack of other processes.
@@ -78,6 +81,13 @@ def fork(work: Callable[[], int | None]) -> int:
 def waitFor(child: int) -> int:
     """Return the exit code of a child, or less than 0: the signal that ended it."""
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def importEverything() -> None:
+    """Import all modules of the package, which children have then from the start."""
+    for module in pkgutil.walk_packages(mh.__path__, "openmmhelfrich."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
 
 
 @contextlib.contextmanager

@@ -30,7 +30,7 @@ from unittest import mock
 import numpy as np
 import openmm as mm
 from attacks import GRID, RUN
-from children import fork, temporaryFolder, waitFor
+from children import fork, importEverything, temporaryFolder, waitFor
 from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
@@ -340,6 +340,8 @@ def attack(name: str, seed: int, numbers: range) -> Iterator[str]:
         found, end = _readInChild(name, seed, numbers[:BATCH])
         yield from (f"{name} {number}: {what}" for number, what in found if what)
         numbers = numbers[len(found) :]
+        if end.startswith("exit code 99:"):
+            raise RuntimeError(f"{name}: {end}")
         if end:
             if " in step\n" not in end:  # a file may ask for steps that take long
                 yield f"{name} {numbers[0]}: {end}"
@@ -386,7 +388,9 @@ def main() -> None:
     hasFault = False
     with temporaryFolder() as place:
         os.chdir(place)
-        waitFor(fork(prepare))
+        importEverything()
+        if waitFor(fork(prepare)):
+            sys.exit("the good files cannot be made")
         for name in options.kinds or KINDS:
             faults = 0
             for wrong in attack(name, options.seed, range(options.first, options.first + options.count)):
