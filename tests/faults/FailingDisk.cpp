@@ -36,8 +36,7 @@ template <class F>
 F* next(F*, const char* name) {
     return reinterpret_cast<F*>(dlsym(RTLD_NEXT, name));
 }
-#define NEXT(function)                                                                                                 \
-    static const auto next##function = next(&function, #function)
+#define NEXT(function) static const auto next##function = next(&function, #function)
 
 bool isWatched(const std::string& path) {
     return journal >= 0 && path.compare(0, folder.size(), folder) == 0 &&
@@ -199,8 +198,7 @@ SENDS(sendfile64, off64_t)
 
 ssize_t copy_file_range(int from, off64_t* start, int to, off64_t* place, size_t size, unsigned flags) {
     NEXT(copy_file_range);
-    return writeAs("write", to, size,
-                   [&](size_t n) { return nextcopy_file_range(from, start, to, place, n, flags); });
+    return writeAs("write", to, size, [&](size_t n) { return nextcopy_file_range(from, start, to, place, n, flags); });
 }
 
 #define OF_DESCRIPTOR(function, needs)                                                                                 \
