@@ -1,6 +1,6 @@
 """Commands whose disk fails at their n-th operation, or which are killed there, for every n.
 
-Run with FailingDisk preloaded, which attack.sh and test_attacks.py see to.  What is attacked is a *scene*: a folder
+The program compiles FailingDisk and starts itself anew with that preloaded.  What is attacked is a *scene*: a folder
 with some files, and a command in it.  The command is forked off a process that has imported everything, once for each n
 and mode, in a copy of the folder.  What must come of it:
 
@@ -21,17 +21,18 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from children import MODES, Outcome, execute, fork, importEverything, temporaryFolder, waitFor
+from children import MODES, execute, fork, importEverything, temporaryFolder, waitFor
 from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
 from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.runs.checkpoint import RunState, loadRunState
+from openmmhelfrich.runs.config import readTOML
 
 # What lets a program mount disks that no other sees.
 OWN_DISKS = ["unshare", "--user", "--map-root-user", "--mount"]
@@ -187,36 +188,79 @@ SCENES = {
 }
 
 
-def attack(name: str, modes: Iterable[str], every: int, part: int, numParts: int) -> Iterator[str]:
-    """Attack a scene; yield, for each attack, what is wrong after it, "" if nothing is."""
-    scene = SCENES[name]
-    with temporaryFolder() as place, contextlib.ExitStack() as stack:
-        start, folder, disk = place / "start", place / "folder", place / "disk"
-        start.mkdir()
-        disk.mkdir()
+class Attacked:
+    """A scene in a folder of its own, and what comes of it undisturbed."""
+
+    def __init__(self, scene: Scene, place: Path):
+        self._scene, self._start, self._disk = scene, place / "start", place / "disk"
+        self._start.mkdir()
+        self._disk.mkdir()
         for file, text in scene.files.items():
-            (start / file).write_text(text)
+            (self._start / file).write_text(text)
         for i, command in enumerate(scene.before, 1):
             killedAt = scene.killedAt if i == len(scene.before) else 0
-            _require(execute(command, start, "kill" if killedAt else "watch", killedAt))
-        before = contentsOf(start)
-        shutil.copytree(start, folder)
-        watched = execute(scene.command, folder)
-        _require(watched)
-        expected = contentsOf(folder)
-        for mode in modes:
-            if mode == "filled":
-                stack.enter_context(_mounted(disk))
-                folder = disk / "folder"
-            for n in range(1 + part * every, numAttacks(watched, mode) + 1, every * numParts):
-                shutil.rmtree(folder, ignore_errors=True)
-                shutil.copytree(start, folder)
-                outcome = execute(scene.command, folder, mode, n)
-                try:
-                    complaint = judge(scene, folder, outcome, mode, before, expected)
-                except Exception as error:
-                    complaint = f"{type(error).__name__}: {error}, after: {outcome.errors}"
-                yield complaint and f"{name}: {mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}"
+            _require(execute(command, self._start, "kill" if killedAt else "watch", killedAt))
+        self._before, self._folder = contentsOf(self._start), place / "folder"
+        shutil.copytree(self._start, self._folder)
+        self._watched = execute(scene.command, self._folder)
+        _require(self._watched)
+        self._expected = contentsOf(self._folder)
+
+    def count(self, mode: str) -> int:
+        """Return how many attacks of a mode there are, or a few more."""
+        names = [operation.split()[0] for operation in self._watched.operations]
+        numbers = {"torn": names.count("write"), "full": sum(map(names.count, ROOMY)), "filled": TIMES_FILLED}
+        return numbers.get(mode, len(names))
+
+    def attack(self, mode: str, n: int) -> str:
+        """Return what is wrong after an attack, "" if nothing is."""
+        with _mounted(self._disk) if mode == "filled" else contextlib.nullcontext():
+            folder = self._disk / "folder" if mode == "filled" else self._folder
+            shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(self._start, folder)
+            outcome = execute(self._scene.command, folder, mode, n)
+            try:
+                complaint = self._judge(folder, outcome, mode)
+            except Exception as error:
+                complaint = f"{type(error).__name__}: {error}, after: {outcome.errors}"
+        return complaint and f"{mode} {n} ({', '.join(outcome.operations[:1])}): {complaint}"
+
+    def _judge(self, folder, outcome, mode):
+        if outcome.code == 0:
+            return outcome.errors or differences(contentsOf(folder), self._expected)
+        if outcome.code < 0 and not (mode in ("kill", "torn") and outcome.code == -signal.SIGKILL):
+            return f"it dies of {signal.Signals(-outcome.code).name}"
+        if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
+            return f"exit code {outcome.code}, and it says: {outcome.errors}"
+        for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
+            if int(step) > loadRunState(folder / f"{prefix}.checkpoint").step:
+                return f"the checkpoint is of an earlier step than it says: {outcome.errors}"
+        found = contentsOf(folder)
+        wrong = [name for name in found if not self._isWhole(folder, name, found[name], mode)]
+        if wrong:
+            return f"{', '.join(wrong)} should not be as it is, after: {outcome.errors}"
+        again = execute(self._scene.goOn(folder), folder)
+        if again.code and "is complete" not in again.errors:
+            return f"it says '{outcome.errors}', and then: {again.errors}"
+        remains = differences(contentsOf(folder), self._expected)
+        return f"it goes on after '{outcome.errors}', but {remains}" if remains else ""
+
+    def _isWhole(self, folder, name, content, mode):
+        """Return whether a file is old or new after an attack."""
+        file = Path(name)
+        if file.name.startswith("."):
+            return mode not in ("full", "filled") or name in self._before  # what is begun in vain is removed
+        if file.suffix == ".toml":
+            return bool(readTOML(folder / name))
+        if file.name in OTHERS or file.suffix == ".checkpoint":
+            return True
+        new = self._expected.get(name)
+        return content in (self._before.get(name), new) or (isinstance(new, list) and content == new[: len(content)])
+
+
+# They may have ends that are dropped later, or say what happened.
+OTHERS = ("run.csv", "run.dcd", "summary.csv")
+ROOMY = ("open", "write", "link", "mkdir")
 
 
 @contextlib.contextmanager
@@ -227,63 +271,6 @@ def _mounted(folder):
         yield
     finally:
         subprocess.run(["umount", folder], check=True)
-
-
-ROOMY = ("open", "write", "link", "mkdir")
-
-
-def numAttacks(watched: Outcome, mode: str) -> int:
-    """Return how many attacks of a mode there are on a command, or a few more."""
-    names = [operation.split()[0] for operation in watched.operations]
-    numbers = {"torn": names.count("write"), "full": sum(map(names.count, ROOMY)), "filled": TIMES_FILLED}
-    return numbers.get(mode, len(names))
-
-
-def judge(
-    scene: Scene,
-    folder: Path,
-    outcome: Outcome,
-    mode: str,
-    before: Contents,
-    expected: Contents,
-) -> str:
-    """Return what is wrong after an attack, "" if nothing is."""
-    if outcome.code == 0:
-        return outcome.errors or differences(contentsOf(folder), expected)
-    if outcome.code < 0 and not (mode in ("kill", "torn") and outcome.code == -signal.SIGKILL):
-        return f"it dies of {signal.Signals(-outcome.code).name}"
-    if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
-        return f"exit code {outcome.code}, and it says: {outcome.errors}"
-    for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
-        if int(step) != loadRunState(folder / f"{prefix}.checkpoint").step:
-            return f"the checkpoint is of another step than it says: {outcome.errors}"
-    torn = tornFiles(folder, before, expected)
-    if torn:
-        return f"{torn} after: {outcome.errors}"
-    again = execute(scene.goOn(folder), folder)
-    if again.code and "is complete" not in again.errors:
-        return f"it says '{outcome.errors}', and then: {again.errors}"
-    remains = differences(contentsOf(folder), expected)
-    return f"it goes on after '{outcome.errors}', but {remains}" if remains else ""
-
-
-def tornFiles(folder: Path, before: Contents, expected: Contents) -> str:
-    """Return what is wrong with files that are to be whole at any moment."""
-    found = contentsOf(folder)
-    for name, content in found.items():
-        file = Path(name)
-        if file.name.startswith(".") or file.suffix in (".toml", ".checkpoint") or file.name in GROWING:
-            continue
-        if isinstance(content, list):
-            isWhole = content == before.get(name) or content == expected[name][: len(content)]
-        else:
-            isWhole = content in (before.get(name), expected.get(name))
-        if not isWhole:
-            return f"{name} is neither old nor new"
-    return ""
-
-
-GROWING = ("run.csv", "run.dcd")
 
 
 def _require(outcome):
@@ -303,6 +290,8 @@ def main() -> None:
         _startPreloaded()
     del os.environ["LD_PRELOAD"]
     _warmUp()
+    if options.mode is None:
+        options.mode = [mode for mode in MODES[1:] if mode != "filled" or _canMount()]
     jobs = [fork(functools.partial(_attackPart, options, part)) for part in range(options.jobs)]
     codes = [waitFor(job) for job in jobs]
     sys.exit(any(codes))
@@ -310,6 +299,7 @@ def main() -> None:
 
 def _startPreloaded():
     """Compile the library, and start the program anew with it."""
+    ownDisks = OWN_DISKS if subprocess.run([*OWN_DISKS, "true"], capture_output=True).returncode == 0 else []
     with tempfile.TemporaryDirectory() as place:
         library = f"{place}/FailingDisk.so"
         compiler = os.environ.get("CXX", "c++")
@@ -317,10 +307,20 @@ def _startPreloaded():
         subprocess.run([compiler, "-std=c++17", "-O1", "-shared", "-fPIC", source, "-o", library, "-ldl"], check=True)
         sys.exit(
             subprocess.run(
-                [*OWN_DISKS, sys.executable, __file__, *sys.argv[1:]],
+                [*ownDisks, sys.executable, __file__, *sys.argv[1:]],
                 env={**os.environ, "LD_PRELOAD": library, "FAILING_DISK": library},
             ).returncode
         )
+
+
+def _canMount():
+    with temporaryFolder() as place:
+        try:
+            with _mounted(place):
+                return True
+        except subprocess.CalledProcessError:
+            print("This system does not let a program mount a disk of its own; the mode 'filled' is left out.")
+            return False
 
 
 def _warmUp():
@@ -336,11 +336,15 @@ def _attackPart(options, part):
     allFaults = 0
     for name in options.scenes or SCENES:
         count, faults = 0, 0
-        for complaint in attack(name, options.mode or MODES[1:], options.every, part, options.jobs):
-            count += 1
-            if complaint:
-                faults += 1
-                print(complaint, flush=True)
+        with temporaryFolder() as place:
+            attacked = Attacked(SCENES[name], place)
+            for mode in options.mode:
+                for n in range(1 + part * options.every, attacked.count(mode) + 1, options.every * options.jobs):
+                    complaint = attacked.attack(mode, n)
+                    count += 1
+                    if complaint:
+                        faults += 1
+                        print(f"{name}: {complaint}", flush=True)
         print(f"{name}: {count} attacks, {faults} faults", flush=True)
         allFaults += faults
     return allFaults > 0
