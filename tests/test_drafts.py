@@ -151,12 +151,13 @@ def testErrorsOfTheWriter(tmp_path, monkeypatch, number):
     assert told > 0.9 * n  # there is another way without links
 
 
-@pytest.mark.parametrize("counted", [CHANGES, ("pread",)])
-def testErrorsWhereItGoesOn(tmp_path, monkeypatch, counted):
+@pytest.mark.parametrize("counted, every", [(CHANGES, 1), (("pread",), 7)])
+def testErrorsWhereItGoesOn(tmp_path, monkeypatch, counted, every):
     start, file, told = tmp_path / "start", tmp_path / "a", 0
     mh.writeMeshTrajectory(start, map(createFrame, range(3)))
     shutil.copyfile(start, file)
-    for n in range(1, numOperations(goOn, file, 2, counted=counted) + 1):
+    numbers = range(1, numOperations(goOn, file, 2, counted=counted) + 1, every)
+    for n in numbers:
         shutil.copyfile(start, file)
         counts = [2]
         with monkeypatch.context() as patch:
@@ -169,7 +170,7 @@ def testErrorsWhereItGoesOn(tmp_path, monkeypatch, counted):
         assert len(framesOf(file)) >= counts[-1]
         goOn(file, counts[-1])
         assert len(framesOf(file)) == 4 and sorted(os.listdir(tmp_path)) == ["a", "start"]
-    assert told > 0.9 * n
+    assert told > 0.9 * len(numbers)
 
 
 def testKilledAtEachOperation(tmp_path):
@@ -249,7 +250,7 @@ def testErrorsOfTheReporter(tmp_path, monkeypatch):
 
     total = numOperations(work, [(None, 0)])
     expected = mh.readMeshTrajectory(tmp_path / "a")[:]
-    for n in range(1, total + 1):
+    for n in range(1, total + 1, 3):
         (tmp_path / "a").unlink()
         saved = [(None, 0)]
         with monkeypatch.context() as patch:
@@ -278,8 +279,10 @@ def testSignalsWithinHDF5(tmp_path, monkeypatch):
     writer.add(createFrame(1))
     with monkeypatch.context() as patch:
         patch.setattr(drafts.Draft, "write", interrupted)
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background has none
         with pytest.raises(KeyboardInterrupt):
             writer.flush()
+    signal.signal(signal.SIGINT, before)
     assert count > 10 and len(framesOf(tmp_path / "a")) == 1
     writer.close()
     assert len(framesOf(tmp_path / "a")) == 2

@@ -1,5 +1,6 @@
 """Sweeps give what plain runs of their points give, whatever happens to workers, and to the sweep itself."""
 
+import asyncio
 import contextlib
 import csv
 import json
@@ -7,6 +8,7 @@ import os
 import random
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,7 +18,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from distributed import LocalCluster
+from distributed import LocalCluster, Security
+from distributed.comm import connect
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
@@ -163,6 +166,55 @@ def testKilledWorkersAndKilledSweep(grid, expected, tmp_path):
     assert process.wait() == 0, process.stderr.read()
     assertDone(tmp_path, grid, expected)
     assert all(file.stat().st_mtime_ns == moment for file, moment in finished.items())
+
+
+def listeners(process):
+    """Return the addresses at which a process and its children wait for connections."""
+    everyone = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+    return {c.laddr for p in everyone for c in p.net_connections("inet") if c.status == psutil.CONN_LISTEN}
+
+
+def isOpenTo(address, security):
+    """Return whether Dask, with a Security, can talk to who listens at an address."""
+
+    async def talk():
+        comm = await connect(address, 3, **security.get_connection_args("client"))
+        comm.abort()
+
+    try:
+        asyncio.run(talk())
+    except OSError:
+        return False
+    return True
+
+
+def answersHTTP(address):
+    with socket.create_connection(address, timeout=10) as client:
+        client.sendall(b"GET / HTTP/1.0\r\n\r\n")
+        try:
+            return client.recv(4) == b"HTTP"
+        except ConnectionError:
+            return False
+
+
+def testNobodyElseReachesTheProcessesOfASweep(grid, tmp_path):
+    """A scheduler, a worker and its nanny listen, on this machine alone, and only to those of the same certificate."""
+    process = command(grid, tmp_path, "--workers", "1")
+    try:
+        waitUntil(isUnderWay(tmp_path, 1), process)
+        waitUntil(lambda: len(listeners(process)) == 3, process)
+        for address in listeners(process):
+            assert address.ip == "127.0.0.1" and not answersHTTP(address)
+            assert not isOpenTo(f"tcp://127.0.0.1:{address.port}", Security())
+            assert not isOpenTo(f"tls://127.0.0.1:{address.port}", Security.temporary())
+    finally:
+        process.terminate()
+    assert process.wait() == 128 + signal.SIGTERM
+
+
+def testWhoIsOpenIsFoundOut(cluster):
+    """What tells that a sweep's processes are not open does find one that is."""
+    assert isOpenTo(cluster.scheduler_address, Security())
 
 
 def testStoppedSweepGoesOnElsewhere(grid, expected, tmp_path, cluster):

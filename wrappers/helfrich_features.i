@@ -5,6 +5,8 @@
 
 %fragment("HelfrichExceptions", "header") {
 static void setOpenMMException(const char* message) {
+    if (PyErr_Occurred())
+        return; // a listener's, or a signal's
     PyObject* type = PyObject_GetAttrString(PyImport_AddModule("openmm"), "OpenMMException");
     if (type != NULL)
         PyErr_SetString(type, message);

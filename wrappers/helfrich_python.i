@@ -100,6 +100,42 @@ def _loadPlugins():
 _loadPlugins()
 %}
 
+// What ends a long step early.
+%{
+#include "openmmhelfrich/internal/Interruption.h"
+
+static PyObject* stepListener = NULL;
+
+/**
+ * Let handlers of signals run, which wait while C++ does, and then the listener.
+ *
+ * @return whether one of them raised an exception
+ */
+static bool isInterrupted() {
+    PyGILState_STATE state = PyGILState_Ensure();
+    bool result = (PyErr_CheckSignals() != 0);
+    if (!result && stepListener != NULL) {
+        PyObject* answer = PyObject_CallNoArgs(stepListener);
+        result = (answer == NULL);
+        Py_XDECREF(answer);
+    }
+    PyGILState_Release(state);
+    return result;
+}
+%}
+
+%init %{
+HelfrichPlugin::Interruption::setQuestion(isInterrupted);
+%}
+
+%inline %{
+static void _setStepListener(PyObject* listener) {
+    Py_INCREF(listener);
+    Py_XDECREF(stepListener);
+    stepListener = listener;
+}
+%}
+
 // Plugin classes come back from OpenMM as their base class: cast() gives the object its own.
 %define HELFRICH_CLASS(Class, Base)
 %extend HelfrichPlugin::Class {

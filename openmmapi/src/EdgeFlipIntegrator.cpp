@@ -1,6 +1,8 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include <cmath>
+#include <sstream>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -32,22 +34,55 @@ vector<string> EdgeFlipIntegrator::getKernelNames() {
     return {SweepEdgeFlipsKernel::Name()};
 }
 
+long long EdgeFlipIntegrator::getNumAttempts(const HelfrichMesh& mesh) const {
+    double numAttempts = fraction * mesh.getNumEdges();
+    requireAtMost("EdgeFlipIntegrator: the number of attempts in a sweep", numAttempts,
+                  SweepEdgeFlipsKernel::MAX_ATTEMPTS);
+    return llround(numAttempts);
+}
+
 void EdgeFlipIntegrator::makeMove() {
-    for (int n = 0; n < (int) getMembranes().size(); n++) {
-        HelfrichForceImpl& membrane = *getMembranes()[n];
-        if (!isIntegrated(membrane))
-            continue;
-        long long numAttempts = llround(fraction * membrane.getMesh().getNumEdges());
-        EdgeFlipStatistics statistics = membrane.flipEdges(*context, getThermalEnergy(), numAttempts,
-                                                           getRandom(RandomStream::EdgeFlips + n), numSweeps);
-        numAttempted += statistics.attempted;
-        numAccepted += statistics.accepted;
-        numForbidden += statistics.forbidden;
-    }
+    bool isLong = false;
+    for (auto membrane : getMembranes())
+        isLong |= SweepEdgeFlipsKernel::isLong(getNumAttempts(membrane->getMesh()), membrane->getMesh());
+    EdgeFlipStatistics statistics = (isLong ? sweepOrRestore() : sweep());
+    numAttempted += statistics.attempted;
+    numAccepted += statistics.accepted;
+    numForbidden += statistics.forbidden;
     numSweeps++;
     if (numSweeps % SWEEPS_PER_ORDER == 0)
         for (auto membrane : getMembranes())
             membrane->getMesh().renewOrder();
+}
+
+EdgeFlipStatistics EdgeFlipIntegrator::sweep() {
+    EdgeFlipStatistics total;
+    for (int n = 0; n < (int) getMembranes().size(); n++) {
+        HelfrichForceImpl& membrane = *getMembranes()[n];
+        if (!isIntegrated(membrane))
+            continue;
+        EdgeFlipStatistics statistics =
+                membrane.flipEdges(*context, getThermalEnergy(), getNumAttempts(membrane.getMesh()),
+                                   getRandom(RandomStream::EdgeFlips + n), numSweeps);
+        total.attempted += statistics.attempted;
+        total.accepted += statistics.accepted;
+        total.forbidden += statistics.forbidden;
+    }
+    return total;
+}
+
+EdgeFlipStatistics EdgeFlipIntegrator::sweepOrRestore() {
+    stringstream before;
+    for (auto membrane : getMembranes())
+        membrane->createCheckpoint(before);
+    try {
+        return sweep();
+    }
+    catch (const StepInterrupted&) {
+        for (auto membrane : getMembranes())
+            membrane->loadCheckpoint(*context, before);
+        throw;
+    }
 }
 
 double EdgeFlipIntegrator::getFlipRate() const {

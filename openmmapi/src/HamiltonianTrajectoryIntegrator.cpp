@@ -1,5 +1,6 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmmhelfrich/internal/Splitting.h"
 #include <algorithm>
@@ -9,6 +10,11 @@
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
+
+/**
+ * Of a trajectory, and of substeps; with a jitter there may be twice as many.
+ */
+static const int MAX_STEPS = 1000000000;
 
 HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize,
                                                                  int stepsPerTrajectory)
@@ -24,6 +30,7 @@ void HamiltonianTrajectoryIntegrator::setStepSize(double size) {
 
 void HamiltonianTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
     requirePositive("HamiltonianTrajectoryIntegrator: the number of steps per trajectory", steps);
+    requireAtMost("HamiltonianTrajectoryIntegrator: the number of steps per trajectory", steps, MAX_STEPS);
     stepsPerTrajectory = steps;
 }
 
@@ -53,6 +60,7 @@ void HamiltonianTrajectoryIntegrator::setSplitting(const string& splitting) {
 
 void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
     requirePositive("HamiltonianTrajectoryIntegrator: the number of substeps of the tether", substeps);
+    requireAtMost("HamiltonianTrajectoryIntegrator: the number of substeps of the tether", substeps, MAX_STEPS);
     tetherSubsteps = substeps;
 }
 
@@ -92,18 +100,26 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
+    vector<Vec3> velocities;
+    context->getVelocities(velocities);
     startEnergy += trajectory.begin(*context, getThermalEnergy(), refreshment, getRandom(RandomStream::Momenta),
                                     numTrajectories);
     if (!isfinite(startEnergy))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the energy is not finite at the start of a trajectory; "
                               "see the forces of the System");
-    lastNumSteps = drawNumSteps();
+    int numSteps = drawNumSteps();
+    double endEnergy;
     try {
-        lastEnergyChange = moveToEnd(lastNumSteps) - startEnergy;
+        endEnergy = moveToEnd(numSteps);
     }
-    catch (const OpenMMException&) {
-        lastEnergyChange = numeric_limits<double>::infinity();
+    catch (const StepInterrupted&) {
+        trajectory.restore(*context);
+        context->setVelocities(velocities);
+        context->systemChanged();
+        throw;
     }
+    lastNumSteps = numSteps;
+    lastEnergyChange = endEnergy - startEnergy;
     if (!isfinite(lastEnergyChange)) {
         lastEnergyChange = numeric_limits<double>::infinity();
         numDiverged++;
@@ -128,10 +144,19 @@ int HamiltonianTrajectoryIntegrator::drawNumSteps() const {
 }
 
 double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
+    try {
+        return computeEnd(numSteps);
+    }
+    catch (const OpenMMException&) {
+        return numeric_limits<double>::infinity();
+    }
+}
+
+double HamiltonianTrajectoryIntegrator::computeEnd(int numSteps) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     Splitting scheme = Splitting::byName(splitting);
     int stages = scheme.getNumStages();
-    vector<KickAndDrift> sequence = scheme.getSequence(stages * getStepSize(), numSteps / stages, tetherSubsteps);
+    KickAndDriftSequence sequence = scheme.getSequence(stages * getStepSize(), numSteps / stages, tetherSubsteps);
     double potentialEnergy;
     if (movesByItself())
         potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
@@ -142,9 +167,12 @@ double HamiltonianTrajectoryIntegrator::moveToEnd(int numSteps) {
     return potentialEnergy + trajectory.computeKineticEnergy(*context);
 }
 
-void HamiltonianTrajectoryIntegrator::moveStepByStep(const vector<KickAndDrift>& sequence) {
+void HamiltonianTrajectoryIntegrator::moveStepByStep(const KickAndDriftSequence& sequence) {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
-    for (size_t i = 0; i < sequence.size(); i++) {
+    Interruption interruption(context->getSystem().getNumParticles());
+    for (long long i = 0; i < sequence.size(); i++) {
+        if (interruption.isRequested())
+            throw StepInterrupted();
         if (i > 0 || tetherSubsteps > 1)
             computeForces(sequence[i]);
         trajectory.move(*context, sequence[i]);

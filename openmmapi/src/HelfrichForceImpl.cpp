@@ -145,7 +145,7 @@ bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
            kernel.getAs<CalcHelfrichForceKernel>().canMakeTrajectory();
 }
 
-double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const vector<KickAndDrift>& sequence, bool mixed) {
+double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed) {
     HelfrichEnergyTerms terms;
     if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed,
                                                                 terms))

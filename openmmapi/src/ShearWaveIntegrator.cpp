@@ -1,4 +1,5 @@
 #include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include <cmath>
 #include <limits>
@@ -6,6 +7,11 @@
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
+
+/**
+ * A step of so many moves can be interrupted: to keep the positions at its start costs next to nothing.
+ */
+static const int LONG_STEP = 100;
 
 ShearWaveIntegrator::ShearWaveIntegrator(double temperature, double amplitude, double minWaveNumber,
                                          double maxWaveNumber, int movesPerStep)
@@ -57,8 +63,33 @@ void ShearWaveIntegrator::makeMove() {
         throw OpenMMException(
                 "ShearWaveIntegrator: the energy is not finite before a move; see the forces of the System");
     context->getPositions(positions);
+    if (movesPerStep >= LONG_STEP)
+        makeMovesOrRestore(energy);
+    else
+        makeMoves(energy);
+}
+
+void ShearWaveIntegrator::makeMovesOrRestore(double energy) {
+    vector<Vec3> start = positions;
+    long long counters[] = {numAttempted, numAccepted, numDiverged};
+    try {
+        makeMoves(energy);
+    }
+    catch (const StepInterrupted&) {
+        numAttempted = counters[0];
+        numAccepted = counters[1];
+        numDiverged = counters[2];
+        context->setPositions(start);
+        throw;
+    }
+}
+
+void ShearWaveIntegrator::makeMoves(double energy) {
     double sumOfProbabilities = 0;
+    Interruption interruption(context->getSystem().getNumParticles());
     for (int i = 0; i < movesPerStep; i++) {
+        if (movesPerStep >= LONG_STEP && interruption.isRequested())
+            throw StepInterrupted();
         displace();
         context->setPositions(trialPositions);
         double trialEnergy = computeTrialEnergy();

@@ -25,16 +25,16 @@ void testTimesAddUp() {
             for (int tetherSubsteps : {1, 2, 5}) {
                 auto sequence = Splitting::byName(name).getSequence(stepSize, numSteps, tetherSubsteps);
                 double driftTime = 0;
-                for (auto& substep : sequence)
-                    driftTime += substep.drift;
+                for (long long n = 0; n < sequence.size(); n++)
+                    driftTime += sequence[n].drift;
                 ASSERT_EQUAL_TOL(numSteps * stepSize, driftTime, 1e-14);
                 ASSERT_EQUAL(0.0, sequence.back().drift);
                 for (int i = 0; i < NUM_TERMS; i++) {
                     double kickTime = 0;
-                    for (auto& substep : sequence)
-                        kickTime += getTime(substep, Term(i));
+                    for (long long n = 0; n < sequence.size(); n++)
+                        kickTime += getTime(sequence[n], Term(i));
                     ASSERT_EQUAL_TOL(numSteps * stepSize, kickTime, 1e-14);
-                    for (size_t n = 0; n < sequence.size(); n++)
+                    for (long long n = 0; n < sequence.size(); n++)
                         ASSERT_EQUAL_TOL(getTime(sequence[n], Term(i)),
                                          getTime(sequence[sequence.size() - 1 - n], Term(i)), 1e-14);
                 }
@@ -46,7 +46,7 @@ void testSubstepsOfTheTether() {
 
     auto sequence = Splitting::byName("leapfrog").getSequence(0.3, 2, 3);
     ASSERT_EQUAL(7, (int) sequence.size());
-    for (size_t n = 0; n < sequence.size(); n++) {
+    for (long long n = 0; n < sequence.size(); n++) {
         ASSERT(sequence[n].terms == (n % 3 == 0 ? TermMask::ALL : TermMask(Term::Tether)));
         ASSERT(getTime(sequence[n], Term::Tether) > 0);
     }

@@ -24,9 +24,11 @@ def replacing(file: PathLike) -> Iterator[Path]:
         yield part
         sync(part)
         os.replace(part, path)
-        syncFolder(path.parent)
-    finally:
-        part.unlink(missing_ok=True)
+    except BaseException:
+        with contextlib.suppress(OSError):  # the first error tells more
+            part.unlink(missing_ok=True)
+        raise
+    syncFolder(path.parent)
 
 
 def sync(file: PathLike) -> None:

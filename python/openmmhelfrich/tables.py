@@ -4,6 +4,7 @@ The first row of a file names its columns, each with its unit, if it has one, in
 """
 
 import csv
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,11 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .files import PathLike, replacing
+from .messages import quoted, shortened
 from .optional import dataFrame
 
 
+class MissingColumn(ValueError, KeyError):
+    """A table has no column of a name."""
+
+    __str__ = ValueError.__str__
+
+
 class Table(dict[str, NDArray[np.float64]]):
-    """Columns of numbers: a dict from names to arrays of equal length."""
+    """Columns of numbers: a dict from names to arrays of equal length.
+
+    Attributes
+    ----------
+    source : str
+        the file that it was read from, for messages
+    """
+
+    source = "the table"
+
+    def __missing__(self, name: str) -> NDArray[np.float64]:
+        raise MissingColumn(f"{self.source} has no column {quoted(name)}; it has {shortened(', '.join(self))}")
 
     @classmethod
     def ofRows(cls, rows: Sequence[Mapping[str, float]]) -> "Table":
@@ -31,13 +50,23 @@ class Table(dict[str, NDArray[np.float64]]):
 
     @classmethod
     def read(cls, file: PathLike) -> "Table":
-        """Read a file of comma-separated values whose first row names the columns."""
-        with open(file, newline="") as table:
-            rows = list(csv.reader(table))
-        if not rows:
+        """Read a file of comma-separated values whose first row names the columns.
+
+        Raises a ValueError if it is not one.
+        """
+        heads, *rows = _readRows(file) or [[]]
+        if not heads:
             raise ValueError(f"{file} is empty; it must hold a table of observables")
-        columns = np.array(rows[1:], dtype=float).reshape(-1, len(rows[0])).T
-        return cls(zip(map(plainName, rows[0]), columns))
+        for i, row in enumerate(rows):
+            if len(row) != len(heads):
+                raise ValueError(f"{file} has {len(row)} values in line {i + 2}; its first line names {len(heads)}")
+        try:
+            columns = np.array(rows, dtype=float).reshape(-1, len(heads)).T
+        except ValueError:
+            raise _noNumber(file, heads, rows) from None
+        table = cls(zip(map(plainName, heads), columns))
+        table.source = str(file)
+        return table
 
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame of the same columns."""
@@ -45,11 +74,13 @@ class Table(dict[str, NDArray[np.float64]]):
 
     def where(self, chosen: NDArray[Any]) -> "Table":
         """Return a Table of the rows that an array, of booleans or of indices, chooses."""
-        return Table((name, values[chosen]) for name, values in self.items())
+        table = Table((name, values[chosen]) for name, values in self.items())
+        table.source = self.source
+        return table
 
     def write(self, file: PathLike) -> None:
         """Write the table as comma-separated values, replacing a file that exists in a single step."""
-        with replacing(file) as part, open(part, "w", newline="") as out:
+        with replacing(file) as part, open(part, "w", newline="", encoding="utf-8") as out:
             writer = csv.writer(out, lineterminator="\n")
             writer.writerow(self)
             writer.writerows(zip(*(values.tolist() for values in self.values())))
@@ -57,8 +88,33 @@ class Table(dict[str, NDArray[np.float64]]):
 
 def readHeads(file: PathLike) -> list[str]:
     """Return the heads of the columns of a file, with their units; none if it is empty."""
-    with open(file, newline="") as table:
-        return next(csv.reader(table), [])
+    return next(iter(_readRows(file, 1)), [])
+
+
+def _readRows(file: PathLike, most: int | None = None) -> list[list[str]]:
+    """Return the rows of a file, or its first ones."""
+    with open(file, newline="", encoding="utf-8") as table:
+        try:
+            return list(itertools.islice(csv.reader(table), most))
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
+
+
+def _noNumber(file, heads, rows):
+    """Return the error that says what in a table is no number."""
+    for i, row in enumerate(rows):
+        for head, text in zip(heads, row):
+            if not _isNumber(text):
+                return ValueError(f"{file}: {shortened(head)} is {quoted(text)} in line {i + 2}; it must be a number")
+    return ValueError(f"{file} is not a table of numbers")
+
+
+def _isNumber(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def headOf(name: str, unit: str) -> str:
@@ -68,9 +124,9 @@ def headOf(name: str, unit: str) -> str:
 
 def plainName(head: str) -> str:
     """Return the name of a column without its unit."""
-    return head.split(" (")[0]
+    return head.split(" (", 1)[0]
 
 
 def unitsOf(heads: Iterable[str]) -> dict[str, str]:
     """Return the units of columns by their names, of those that have one."""
-    return dict(head.rstrip(")").split(" (") for head in heads if " (" in head)
+    return dict(head.removesuffix(")").split(" (", 1) for head in heads if " (" in head)

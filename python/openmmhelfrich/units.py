@@ -9,6 +9,8 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from .messages import quoted
+
 GAS_CONSTANT = 8.31446261815324  # J/mol/K
 AVOGADRO_CONSTANT = 6.02214076e23  # 1/mol
 
@@ -141,7 +143,9 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         return number + 273.15
     factor = _units(kind, scales).get(name.replace("³", "^3").replace("²", "^2"))
     if factor is None:
-        raise ValueError(f"'{name}' is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number")
+        raise ValueError(
+            f"{quoted(name)} is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number"
+        )
     return _inPlainUnits(number * factor, kind, scales)
 
 
@@ -182,7 +186,7 @@ def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
         return value / scales.kT**energy
     if scales.length is None:
         raise ValueError(
-            f"it has a unit, but the mesh's length_unit, '{scales.lengthName}', is not a length: give a plain "
+            f"it has a unit, but the mesh's length_unit, {quoted(scales.lengthName)}, is not a length: give a plain "
             "number, or a length_unit like 'nm' or 'um'"
         )
     return value / (scales.kT**energy * scales.length**length)

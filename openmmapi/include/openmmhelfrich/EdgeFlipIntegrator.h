@@ -6,6 +6,9 @@
 
 namespace HelfrichPlugin {
 
+class HelfrichMesh;
+struct EdgeFlipStatistics;
+
 /**
  * This Integrator changes the connectivity of the System's membranes and leaves the particles where they are.  One step
  * is one sweep of edge flips over each HelfrichForce of the System: a fraction of its number of edges of attempts, each
@@ -69,6 +72,12 @@ protected:
     void makeMove();
     void initialize(OpenMM::ContextImpl& context);
 private:
+    long long getNumAttempts(const HelfrichMesh& mesh) const;
+    EdgeFlipStatistics sweep();
+    /**
+     * Make a long sweep, and leave the triangles as they were if it is interrupted.
+     */
+    EdgeFlipStatistics sweepOrRestore();
     double fraction;
     long long &numSweeps = addCounter("numSweeps"), &numAttempted = addCounter("numAttempted"),
               &numAccepted = addCounter("numAccepted"), &numForbidden = addCounter("numForbidden");

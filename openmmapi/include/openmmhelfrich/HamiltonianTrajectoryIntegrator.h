@@ -10,6 +10,7 @@
 namespace HelfrichPlugin {
 
 struct KickAndDrift;
+class KickAndDriftSequence;
 
 /**
  * This Integrator samples the positions of the particles at constant temperature by Hybrid Monte Carlo (Duane et al.,
@@ -170,8 +171,14 @@ private:
     HelfrichForceImpl* findSoleMembrane() const;
     bool movesByItself() const;
     int drawNumSteps() const;
+    /**
+     * Move to the end of a trajectory.
+     *
+     * @return the energy there; infinity if the trajectory diverged
+     */
     double moveToEnd(int numSteps);
-    void moveStepByStep(const std::vector<KickAndDrift>& sequence);
+    double computeEnd(int numSteps);
+    void moveStepByStep(const KickAndDriftSequence& sequence);
     void computeForces(const KickAndDrift& kick);
     void setKick(const KickAndDrift* kick);
     int stepsPerTrajectory;

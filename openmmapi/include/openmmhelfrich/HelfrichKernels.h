@@ -11,6 +11,7 @@
 #include "openmm/KernelImpl.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -90,10 +91,10 @@ public:
      * positions alone all the same, and the terms in double precision.
      * @param[out] terms  the terms of the energy at the end
      * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of
-     * the last drift made
+     * the last drift made, and so they are when it throws StepInterrupted
      */
     virtual bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
-                                const std::vector<KickAndDrift>& sequence, bool mixed, HelfrichEnergyTerms& terms) {
+                                const KickAndDriftSequence& sequence, bool mixed, HelfrichEnergyTerms& terms) {
         throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no trajectories");
     }
 };
@@ -110,6 +111,17 @@ struct EdgeFlipStatistics {
  */
 class SweepEdgeFlipsKernel : public OpenMM::KernelImpl {
 public:
+    /**
+     * No number of attempts is greater than this.
+     */
+    static constexpr long long MAX_ATTEMPTS = 1LL << 33;
+    /**
+     * Get whether a sweep takes so long that to keep the triangles beforehand costs next to nothing.  Such a sweep may
+     * throw StepInterrupted, and leaves the mesh changed then.
+     */
+    static bool isLong(long long numAttempts, const HelfrichMesh& mesh) {
+        return numAttempts > std::max(100000LL, 4LL * mesh.getNumEdges());
+    }
     static std::string Name() {
         return "SweepEdgeFlips";
     }
@@ -134,7 +146,7 @@ public:
      * @param context          the Context in which to execute the kernel
      * @param parameters       the moduli and targets
      * @param kT               the temperature, measured in kJ/mol
-     * @param numAttempts      the number of flips to attempt, less than 2^34
+     * @param numAttempts      the number of flips to attempt, at most MAX_ATTEMPTS
      * @param random           the source of random numbers
      * @param sweep            the number of the sweep, which with that of the attempt is the counter of the random
      * numbers

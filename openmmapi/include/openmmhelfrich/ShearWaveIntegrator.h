@@ -103,6 +103,11 @@ protected:
     void makeMove();
     void initialize(OpenMM::ContextImpl& context);
 private:
+    void makeMoves(double energy);
+    /**
+     * Make the moves of a long step, and leave everything as it was if it is interrupted.
+     */
+    void makeMovesOrRestore(double energy);
     void displace();
     double computeTrialEnergy();
     double amplitude, minWaveNumber, maxWaveNumber;

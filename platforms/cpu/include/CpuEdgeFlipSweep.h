@@ -75,7 +75,7 @@ public:
      *
      * @param parameters   the moduli and targets
      * @param kT           the temperature, measured in kJ/mol
-     * @param numAttempts  the number of flips to attempt, less than 2^34
+     * @param numAttempts  the number of flips to attempt, at most SweepEdgeFlipsKernel::MAX_ATTEMPTS
      * @param random       the source of random numbers
      * @param sweep        the number of the sweep, which with that of the attempt is the counter of the random numbers
      * @param observer     called for each accepted flip, unless empty
@@ -159,7 +159,9 @@ private:
     int numBatches, numCopies;
     Philox random;
     const Observer* observer;
+    /// what ended the sweep early, and whether something did
     std::exception_ptr exception;
+    std::atomic<bool> isAbandoned;
     HelfrichTotals totals;
     /// what the energy would change by with the totals
     ChangeByTotals change;

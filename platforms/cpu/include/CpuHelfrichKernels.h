@@ -65,7 +65,7 @@ public:
         return true;
     }
     bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
-                        const std::vector<KickAndDrift>& sequence, bool mixed, HelfrichEnergyTerms& terms);
+                        const KickAndDriftSequence& sequence, bool mixed, HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double>> Array;
     void setLayoutWidth(int width);
@@ -88,7 +88,7 @@ private:
               int chunk, const KickAndDrift& times, double* nextPositions);
     template <class Real>
     bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
-                   const std::vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms);
+                   const KickAndDriftSequence& sequence, HelfrichEnergyTerms& terms);
     // These are for all threads of a parallel region to call; they return the same on each.
     bool roundPositions(CpuHelfrichArrays<float>& arrays);
     template <class Real>

@@ -1,5 +1,6 @@
 #include "CpuEdgeFlipSweep.h"
 #include "CpuInstructionSet.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
 #include <omp.h>
@@ -80,6 +81,7 @@ EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameter
     this->observer = &observer;
     change = ChangeByTotals(p, totals);
     exception = NULL;
+    isAbandoned = false;
     statistics = EdgeFlipStatistics();
     numBatches = (numAttempts + batchSize - 1) / batchSize;
     numClaimed = numDecided = 0;
@@ -142,14 +144,20 @@ static void waitForOthers(int& tries) {
 }
 
 void CpuEdgeFlipSweep::decideAll() {
-    for (int batch = 0, upcoming = NONE; batch < numBatches; batch++) {
+    Interruption interruption(batchSize);
+    bool isLong = SweepEdgeFlipsKernel::isLong(numAttempts, mesh);
+    for (int batch = 0, upcoming = NONE; batch < numBatches && !exception; batch++) {
         int tries = 0;
         while (getPlace(batch).evaluated.load(memory_order_acquire) != batch)
             if (!evaluateNext(state, batch, upcoming))
                 waitForOthers(tries);
         decide(batch);
         numDecided.store(batch + 1, memory_order_release);
+        if (isLong && interruption.isRequested())
+            exception = make_exception_ptr(StepInterrupted());
     }
+    if (exception)
+        isAbandoned = true;
     if (statistics.accepted > 0)
         mesh.markChanged();
 }
@@ -157,7 +165,7 @@ void CpuEdgeFlipSweep::decideAll() {
 void CpuEdgeFlipSweep::help(Copy* copy) {
     const CpuEdgeFlipState& state = (copy == NULL ? this->state : copy->state);
     int tries = 0, upcoming = NONE, numSeen;
-    while ((numSeen = numDecided.load(memory_order_acquire)) < numBatches) {
+    while ((numSeen = numDecided.load(memory_order_acquire)) < numBatches && !isAbandoned) {
         if (copy != NULL)
             carryOut(*copy, numSeen);
         if (evaluateNext(state, numSeen, upcoming))
@@ -165,7 +173,7 @@ void CpuEdgeFlipSweep::help(Copy* copy) {
         else
             waitForOthers(tries);
     }
-    if (copy != NULL)
+    if (copy != NULL && !isAbandoned)
         finish(*copy);
 }
 

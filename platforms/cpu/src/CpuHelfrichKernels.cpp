@@ -1,4 +1,5 @@
 #include "CpuHelfrichKernels.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
@@ -334,7 +335,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
 
 template <class Real>
 bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichParameters& parameters,
-                                           const vector<KickAndDrift>& sequence, HelfrichEnergyTerms& terms) {
+                                           const KickAndDriftSequence& sequence, HelfrichEnergyTerms& terms) {
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
     // known.
 
@@ -343,7 +344,8 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     const auto startArrays = prepareArrays<Real>(parameters, numThreads);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
-    bool isFinite = true;
+    bool isFinite = true, isInterrupted[2] = {false, false};
+    Interruption interruption(mesh->getNumVertices());
 #pragma omp parallel num_threads(numThreads)
     {
         CpuHelfrichArrays<Real> arrays = startArrays;
@@ -353,9 +355,14 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadState(context, chunk);
         bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, now);
-        for (size_t step = 1; step < sequence.size() && canGoOn; step++) {
+        for (long long step = 1; step < sequence.size() && canGoOn; step++) {
+            // Behind the barriers of the step all threads see the answer; that of the next step has another place.
+
+#pragma omp master
+            isInterrupted[step % 2] = interruption.isRequested();
             swap(arrays.positions, next);
-            canGoOn = makeStep(sequence[step].getParameters(parameters), arrays, sequence[step], next, now);
+            KickAndDrift times = sequence[step];
+            canGoOn = makeStep(times.getParameters(parameters), arrays, times, next, now) && !isInterrupted[step % 2];
         }
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
@@ -366,11 +373,13 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
             terms = now;
         }
     }
+    if (isInterrupted[0] || isInterrupted[1])
+        throw StepInterrupted();
     return isFinite;
 }
 
 bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters,
-                                                const vector<KickAndDrift>& sequence, bool mixed,
+                                                const KickAndDriftSequence& sequence, bool mixed,
                                                 HelfrichEnergyTerms& terms) {
     bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms)
                           : makeSteps<double>(context, parameters, sequence, terms);

@@ -1,6 +1,7 @@
 #include "ReferenceEdgeFlips.h"
 #include "openmmhelfrich/internal/EdgeFlipDraw.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
+#include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 
 using namespace HelfrichPlugin;
@@ -23,7 +24,11 @@ void ReferenceEdgeFlips::findClosePairs() {
 
 EdgeFlipStatistics ReferenceEdgeFlips::sweep(double kT, long long numAttempts, const Philox& random, long long sweep) {
     EdgeFlipStatistics statistics;
+    Interruption interruption(1000);
+    bool isLong = SweepEdgeFlipsKernel::isLong(numAttempts, mesh);
     for (; statistics.attempted < numAttempts; statistics.attempted++) {
+        if (isLong && interruption.isRequested())
+            throw StepInterrupted();
         EdgeFlipDraw draw = drawEdgeFlip(random, sweep, statistics.attempted, mesh.getNumDirectedEdges());
         int h = mesh.halfedgeOf(draw.directedEdge);
         if (!mesh.canFlip(h))

@@ -1,38 +1,24 @@
 """The command openmm-helfrich.
 
-Each module of this package holds related commands, in a typer application of its own.
+Each module of this package holds related commands, in a typer application of its own, and :mod:`.commands` has all of
+them.  They are imported only when Ctrl-C is looked after.
 """
 
-from typing import Annotated
+from importlib import import_module
+from typing import Any
 
-import typer
-
-from ..version import __version__
-from . import minima, runs, shapes, sweeps, tradeoff
-
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=True,
-    pretty_exceptions_enable=False,
-    help="Simulate fluid membranes with OpenMM.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.add_typer(runs.app)
-app.add_typer(sweeps.app)
-app.add_typer(shapes.app)
-app.add_typer(minima.app)
-app.add_typer(tradeoff.app)
+from . import terminal
 
 
-@app.callback(invoke_without_command=True)
-def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
-    if version:
-        import openmm as mm
-
-        print(f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}")
-        raise typer.Exit()
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        return import_module(".commands", __name__).app
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
 def main() -> None:
     """Run the command."""
-    app()
+    with terminal.attended():
+        from .commands import app
+
+        app()

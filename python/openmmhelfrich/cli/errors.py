@@ -1,14 +1,19 @@
 """Errors as a user sees them."""
 
 import functools
-import sys
+import resource
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 import typer
 
+from ..messages import explain
+from .terminal import INTERRUPTED, say, wasInterrupted
+
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
+
+LEAST_ADDRESS_SPACE = 700_000_000
 
 
 def friendly(command: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -17,18 +22,28 @@ def friendly(command: Callable[Parameters, Result]) -> Callable[Parameters, Resu
     @functools.wraps(command)
     def wrapped(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
         try:
+            _requireAddressSpace()
             return command(*arguments, **options)
-        except Exception as error:
-            if not _isForTheUser(error):
+        except typer.Exit:
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            if wasInterrupted() or isinstance(error, KeyboardInterrupt):
+                say("interrupted")
+                raise typer.Exit(INTERRUPTED) from None
+            sentence = explain(error)
+            if sentence is None:
                 raise
-            for line in str(error).splitlines():
-                print(f"openmm-helfrich: {line}", file=sys.stderr)
+            say(sentence)
             raise typer.Exit(1) from None
 
     return wrapped
 
 
-def _isForTheUser(error: Exception) -> bool:
-    from openmm import OpenMMException  # here, so that commands that need no OpenMM start fast
-
-    return isinstance(error, (ValueError, OSError, OpenMMException))
+def _requireAddressSpace() -> None:
+    """Raise a MemoryError if a limit leaves no room for the libraries: some wait for memory for ever."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_ADDRESS_SPACE:
+        raise MemoryError(
+            f"this command takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB of addresses at least, and the limit (ulimit -v) "
+            f"is {limit / 1e6:.0f} MB"
+        )

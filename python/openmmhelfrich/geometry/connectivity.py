@@ -20,6 +20,20 @@ def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
     return triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
 
 
+def edges(triangles: ArrayLike, numVertices: int) -> IndexArray:
+    """Return the vertices of each edge, smaller index first, in ascending order: an (E, 2) array."""
+    key = np.sort(_edgeKeys(triangles, numVertices))
+    isFirst = np.ones(len(key), dtype=bool)
+    np.not_equal(key[1:], key[:-1], out=isFirst[1:])
+    return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1)))
+
+
+def _edgeKeys(triangles, numVertices):
+    """Return a number for each halfedge, the same for those of an edge and in the order of edges."""
+    origin, target = halfedges(triangles)
+    return np.minimum(origin, target) * numVertices + np.maximum(origin, target)
+
+
 def groupHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
     """Sort the halfedges by the edge to which they belong.
 
@@ -30,8 +44,7 @@ def groupHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, 
     start : (E,) array
         where each edge begins in `order`; edges ascend by (smaller vertex, larger vertex)
     """
-    origin, target = halfedges(triangles)
-    key = np.minimum(origin, target) * numVertices + np.maximum(origin, target)
+    key = _edgeKeys(triangles, numVertices)
     order = np.argsort(key, kind="stable")
     key = key[order]
     start = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, dtype=int)

@@ -179,10 +179,7 @@ class Mesh:
     @property
     def edges(self) -> NDArray[np.int32]:
         """The vertices of each edge, smaller index first, in ascending order: an (E, 2) int32 array."""
-        order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
-        origin, target = connectivity.halfedges(self.triangles)
-        h = order[start]
-        return np.sort(np.column_stack((origin[h], target[h])), axis=1).astype(np.int32)
+        return connectivity.edges(self.triangles, len(self.vertices)).astype(np.int32)
 
     @property
     def edgeLengths(self) -> NDArray[np.float64]:

@@ -9,6 +9,9 @@ from scipy.spatial import cKDTree
 from . import connectivity
 from .mesh import Mesh
 
+BLOCK = 1 << 17  # points that a search has at a time, which bounds the memory of large meshes
+SLACK = 1 + 1e-6  # for rounding, where a search is to miss nothing
+
 
 @dataclass
 class MeshQuality:
@@ -100,22 +103,23 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     """Return the two closest vertices that are three or more edges apart, and their distance; None if all are farther
     than two mean edge lengths.
     """
-    pairs = cKDTree(mesh.vertices).query_pairs(2 * mesh.edgeLengths.mean(), output_type="ndarray")
-    a, b = mesh.edges.T
-    n = len(mesh.vertices)
-    bonded = coo_array(
-        (np.ones(2 * len(a), dtype=np.int32), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)
-    ).tocsr()
-    near = (bonded + bonded @ bonded).tocoo()
-    pairs = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], near.row.astype(np.int64) * n + near.col)]
-    if not len(pairs):
-        return None
-    distances = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
-    closest = distances.argmin()
-    return int(pairs[closest, 0]), int(pairs[closest, 1]), float(distances[closest])
+    edges, n = mesh.edges, len(mesh.vertices)
+    a, b = np.concatenate((edges, edges[:, ::-1])).T
+    bonded = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)).tocsr()
+    near = bonded + bonded @ bonded
+    near.sort_indices()  # which makes a search of each look
+    closest = None
+    for pairs in _touching(mesh.vertices, np.full(n, mesh.edgeLengths.mean()), BLOCK):
+        if len(pairs):
+            pairs = pairs[~np.asarray(near[pairs[:, 0], pairs[:, 1]]).ravel()]
+        distances = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
+        if len(pairs) and (closest is None or distances.min() < closest[2]):
+            (i, j), distance = pairs[distances.argmin()], distances.min()
+            closest = int(i), int(j), float(distance)
+    return closest
 
 
-def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
+def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a
     (K, 3) array.
 
@@ -125,27 +129,71 @@ def crossings(mesh: Mesh, block: int = 100000) -> np.ndarray:
     corners = mesh.vertices[mesh.triangles]
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, np.newaxis], axis=2).max(axis=1)
-    edges, found = mesh.edges, []
-    # Triangles of similar size together, so that a few large ones do not widen the search for all.
-    sizes = np.floor(np.log2(radii))
-    for size in np.unique(sizes):
-        mine = np.flatnonzero(sizes == size)
-        tree = cKDTree(middles[mine])
-        for start in range(0, len(edges), block):
-            some = edges[start : start + block]
-            a, b = mesh.vertices[some[:, 0]], mesh.vertices[some[:, 1]]
-            near = tree.query_ball_point((a + b) / 2, np.linalg.norm(b - a, axis=1) / 2 + radii[mine].max())
-            counts = np.fromiter(map(len, near), dtype=np.int64, count=len(near))
-            if counts.any():
-                e, t = np.repeat(some, counts, axis=0), mine[np.concatenate([n for n in near if n]).astype(np.int64)]
-                found.append(_passing(mesh, e, t))
-    return np.concatenate(found) if found else np.zeros((0, 3), dtype=int)
+    del corners
+    found = [
+        _passing(mesh, edges, triangles)
+        for pairs in _touching(middles, radii, block)
+        for edges, triangles in _near(mesh, pairs, middles, radii)
+    ]
+    rows = np.unique(np.concatenate(found), axis=0) if found else np.zeros((0, 3), dtype=int)
+    return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
+
+
+def _touching(middles, radii, block):
+    """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
+    # Spheres of similar size together, so that a few large ones do not widen the search for all.
+    sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
+    classes = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    trees = [cKDTree(middles[mine]) for mine in classes] if len(classes) > 1 else []
+    for i, mine in enumerate(classes):
+        for pairs in _touchingInSlabs(middles[mine], radii[mine], block):
+            yield mine[pairs]
+        for tree, others in zip(trees[i + 1 :], classes[i + 1 :]):
+            reach = radii[mine].max() + radii[others].max()
+            for start in range(0, len(mine), block):
+                some = mine[start : start + block]
+                found = cKDTree(middles[some]).sparse_distance_matrix(tree, reach, output_type="ndarray")
+                a, b = some[found["i"]], others[found["j"]]
+                yield np.column_stack((a, b))[found["v"] <= SLACK * (radii[a] + radii[b])]
+
+
+def _touchingInSlabs(middles, radii, block):
+    """Yield the pairs of spheres of similar size that touch, found in slabs across the longest axis, each with the
+    spheres beyond it that its own can reach.
+    """
+    along, reach = middles[:, np.ptp(middles, axis=0).argmax()], 2 * radii.max()
+    order = np.argsort(along, kind="stable") if len(middles) > block else np.arange(len(middles))
+    for start in range(0, len(order), block):
+        last = min(start + block, len(order)) - 1
+        stop = np.searchsorted(along, along[order[last]] + reach, "right", order) if block < len(order) else len(order)
+        mine = order[start:stop]
+        x, r = middles[mine], radii[mine]
+        pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
+        a, b = pairs[pairs.min(axis=1) <= last - start].T
+        d = x[a] - x[b]
+        isTouching = _dot(d, d) <= SLACK * (r[a] + r[b]) ** 2
+        yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
+
+
+def _near(mesh, pairs, middles, radii):
+    """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
+    first, second = mesh.triangles[pairs[:, 0]], mesh.triangles[pairs[:, 1]]
+    same = first[:, :, np.newaxis] == second[:, np.newaxis, :]
+    for corners, isShared, others in (
+        (first, same.any(axis=2), pairs[:, 1]),
+        (second, same.any(axis=1), pairs[:, 0]),
+    ):
+        for edge in ([0, 1], [1, 2], [2, 0]):
+            mine = np.flatnonzero(~isShared[:, edge].any(axis=1))
+            ends, t = np.sort(corners[mine][:, edge], axis=1), others[mine]
+            a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
+            distance, d = (a + b) / 2 - middles[t], b - a
+            isNear = _dot(distance, distance) <= SLACK * (np.sqrt(_dot(d, d)) / 2 + radii[t]) ** 2
+            yield ends[isNear], t[isNear]
 
 
 def _passing(mesh, edges, triangles):
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
-    apart = np.all(edges[:, :, np.newaxis] != mesh.triangles[triangles][:, np.newaxis, :], axis=(1, 2))
-    edges, triangles = edges[apart], triangles[apart]
     # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
     # (1997)).
     a, d = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]

@@ -182,7 +182,7 @@ def _writePVD(file, meshes, steps):
 
 
 def _writeXYZ(file, frames):
-    with replacing(file) as part, open(part, "w") as out:
+    with replacing(file) as part, open(part, "w", encoding="utf-8") as out:
         for frame in frames:
             out.write(f"{len(frame.mesh.vertices)}\nstep {frame.step}\n")
             out.writelines(

@@ -25,7 +25,7 @@ def writePSF(file: PathLike, topology: app.Topology, mass: float = 1.0) -> None:
         the mass of each atom, in Da
     """
     atoms, bonds = list(topology.atoms()), list(topology.bonds())
-    with replacing(file) as part, open(part, "w") as out:
+    with replacing(file) as part, open(part, "w", encoding="utf-8") as out:
         out.write(f"PSF EXT\n\n{1:10d} !NTITLE\n REMARKS a triangulated membrane: an atom a vertex, a bond an edge\n\n")
         out.write(f"{len(atoms):10d} !NATOM\n")
         for i, atom in enumerate(atoms):

@@ -8,22 +8,27 @@ drawn.  Live triangles, random numbers' counters and the order of the vertices a
 the State, as parameters of the Integrator.
 """
 
+import contextlib
 import json
 import shutil
 import uuid
 import zipfile
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import openmm as mm
 from openmm import app
+from pydantic import NonNegativeInt, TypeAdapter
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
+# Texts like ours become no more than so many times smaller, beside a small part.
+MAX_RATIO, SMALL = 200, 1 << 20
 RECORD = "record.json"
 
 
@@ -55,16 +60,19 @@ class RunState:
         what :func:`addRecord` added to the checkpoint
     """
 
-    config: dict
-    stage: int
+    config: dict[str, Any]
+    stage: NonNegativeInt
     stageState: dict[str, Any] | None
-    sizes: dict
-    notes: list
-    versions: dict
-    step: int
+    sizes: dict[str, NonNegativeInt]
+    notes: list[str]
+    versions: dict[str, str]
+    step: NonNegativeInt
     isComplete: bool
     run: str = field(default_factory=lambda: uuid.uuid4().hex)  # earlier versions' runs get one when they go on
     record: dict[str, Any] = field(default_factory=dict)
+
+
+_RUN_STATE = TypeAdapter(RunState)
 
 
 def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunState) -> None:
@@ -109,33 +117,56 @@ def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
-    system, integrator, state = _read(file, _simulationIn)
-    force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
-    mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
-    simulation = app.Simulation(
-        mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
-    )
-    simulation.context.setState(state)
-    return simulation, force
+    with naming(file):
+        system, integrator, state = _read(file, _simulationIn)
+        force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
+        mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
+        simulation = app.Simulation(
+            mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
+        )
+        simulation.context.setState(state)
+        return simulation, force
+
+
+@contextlib.contextmanager
+def naming(file: PathLike) -> Iterator[None]:
+    """Say of which checkpoint it is that something cannot be made of what it holds."""
+    try:
+        yield
+    except (FileNotFoundError, MemoryError):
+        raise
+    except mm.OpenMMException as error:
+        raise ValueError(f"the simulation in {file} cannot go on: {error}") from None
+    except Exception:  # of what is damaged the libraries make anything from a KeyError to an encrypted file
+        raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
 def _read(file, parse):
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
-    try:
-        with zipfile.ZipFile(file) as archive:
-            return parse(archive)
-    except mm.OpenMMException:
-        raise
-    except Exception:  # of a damaged archive the library makes anything from a KeyError to an encrypted file
-        raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
+    with naming(file), zipfile.ZipFile(file) as archive:
+        _requireStored(archive)
+        return parse(archive)
+
+
+def _requireStored(archive):
+    """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
+    parts = archive.infolist()
+    if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
+        raise ValueError("it claims more than it has")
 
 
 def _runStateIn(archive):
     """Return a RunState, or None if its format is another version's."""
-    data = json.loads(archive.read("run.json").decode())
-    record = dict(json.loads(archive.read(RECORD).decode())) if RECORD in archive.namelist() else {}
-    return RunState(**data, record=record) if data.pop("format", None) == FORMAT else None
+    text = archive.read("run.json")
+    if json.loads(text).get("format") != FORMAT:
+        return None
+    state = _RUN_STATE.validate_json(text, strict=True)
+    if RECORD in archive.namelist():
+        state.record = dict(json.loads(archive.read(RECORD)))
+    if state.stage >= len(state.config["stages"]):
+        raise ValueError("it is at a stage that there is not")
+    return state
 
 
 def _simulationIn(archive):

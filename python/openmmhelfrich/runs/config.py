@@ -1,15 +1,17 @@
 """The configuration of a run: a TOML file, read and validated before anything else happens, without OpenMM."""
 
+import contextlib
 import difflib
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
+from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, plainNumber, thermalEnergy
 from .sections import (
     MembraneSection,
@@ -30,7 +32,15 @@ else:
 
 
 class Config(Section):
-    """A whole configuration."""
+    """A whole configuration.
+
+    Attributes
+    ----------
+    source : str
+        where it comes from, for messages
+    """
+
+    _source: str = PrivateAttr("configuration")
 
     mesh: MeshSection
     membrane: MembraneSection = MembraneSection()
@@ -40,6 +50,10 @@ class Config(Section):
     platform: PlatformSection = PlatformSection()
     output: OutputSection = OutputSection()
     stages: list[AnyStage] = Field(default_factory=list)
+
+    @property
+    def source(self) -> str:
+        return self._source
 
 
 def valueOf(config: Config, name: str) -> Any:
@@ -96,9 +110,20 @@ def readTOML(file: PathLike) -> dict[str, Any]:
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
     """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
     try:
-        return Config.model_validate(data, context=_scales(data))
+        config = Config.model_validate(data, context=_scales(data))
+        config._source = source
+        return config
     except ValidationError as error:
         raise ValueError("\n".join(f"{source}: {_explain(mistake)}" for mistake in error.errors())) from None
+
+
+@contextlib.contextmanager
+def namingSource(config: Config) -> Iterator[None]:
+    """Say in a ValueError where the configuration comes from that has the mistake."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError("\n".join(f"{config.source}: {line}" for line in str(error).splitlines())) from None
 
 
 def asDict(config: Config, onlyGiven: bool = False) -> dict[str, Any]:
@@ -140,13 +165,13 @@ def _explain(mistake):
     if kind == "union_tag_invalid":
         return (
             f"{name} has the kind "
-            f"{mistake['ctx']['tag']!r}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
+            f"{quoted(mistake['ctx']['tag'])}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
         )
     if kind == "value_error" and isinstance(mistake["input"], dict):
         return f"{name} {message}"  # a key of this table
     if kind == "model_type":
-        return f"{name} is {mistake['input']!r}; it must be a table of keys"
-    return f"{name} is {mistake['input']!r}; {message}"
+        return f"{name} is {quoted(mistake['input'])}; it must be a table of keys"
+    return f"{name} is {quoted(mistake['input'])}; {message}"
 
 
 def requirement(mistake: ErrorDetails) -> str:
@@ -165,17 +190,18 @@ def _placeName(place):
         return "the file"
     if place[0] == "stages":
         kind = f" ({place[2]})" if len(place) > 2 else ""
-        return " ".join([f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages", *map(str, place[3:])])
-    return f"[{place[0]}] {' '.join(map(str, place[1:]))}".strip()
+        stage = f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages"
+        return " ".join([stage, *(shortened(str(part)) for part in place[3:])])
+    return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
 
 
 def _explainUnknown(place):
     *home, key = place
     if not home:
-        return f"there is no section or key '{key}'{nearest(key, Config.model_fields)}"
+        return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"
     known = (STAGES[home[2]] if home[0] == "stages" else sections()[home[0]]).model_fields
     homes = [name for name, model in sections().items() if key in model.model_fields]
-    where = f"{_placeName(home)} has no key '{key}'"
+    where = f"{_placeName(home)} has no key {quoted(key)}"
     return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)
 
 

@@ -26,9 +26,12 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
-from .config import Config, nearest, parseConfig, readTOML, requirement, stagesOf
-from .scene import loadMesh, platformOf, tetherOf
+from ..messages import quoted, shortened
+from .config import Config, nearest, parseConfig, readTOML, requirement
+from .room import diskSize, requireMemory
+from .scene import Scene, loadMesh
 from .sections import Section
+from .stages import checkStages
 
 MOST_POINTS = 100_000
 _RANGE = "a list of values, or a table of start, stop and step"
@@ -47,11 +50,14 @@ class Point:
     config : Config
         what to do.  Its seed follows from the point's name, so that neither the order of points nor their number
         matters
+    diskSize : float
+        how many bytes its results take, at least
     """
 
     name: str
     parameters: dict
     config: Config
+    diskSize: float = 0.0
 
 
 class Range(Section):
@@ -104,11 +110,11 @@ def _valuesOf(key, value):
         except ValidationError as error:
             raise ValueError(f"{key} {_explainRange(error.errors()[0])}") from None
     if not isinstance(value, list) or not value:
-        raise ValueError(f"{key} is {value!r}; it must be {_RANGE}")
+        raise ValueError(f"{key} is {quoted(value)}; it must be {_RANGE}")
     texts = [_text(v) for v in value]
     twice = next((text for i, text in enumerate(texts) if text in texts[:i]), None)
     if twice is not None:
-        raise ValueError(f"{key} has the value {twice} twice")
+        raise ValueError(f"{key} has the value {shortened(twice)} twice")
     return value
 
 
@@ -120,7 +126,7 @@ def _explainRange(mistake):
     return (
         requirement(mistake)
         if mistake["type"] == "value_error"
-        else f"{mistake['loc'][0]} is {mistake['input']!r}; {requirement(mistake)}"
+        else f"{mistake['loc'][0]} is {quoted(mistake['input'])}; {requirement(mistake)}"
     )
 
 
@@ -142,7 +148,7 @@ class Grid(Section):
     @model_validator(mode="after")
     def _check(self):
         if not isinstance(self.base, (str, dict)):
-            raise ValueError(f"base is {self.base!r}; it must be the name of a configuration file, or a table")
+            raise ValueError(f"base is {quoted(self.base)}; it must be the name of a configuration file, or a table")
         if "sampling.seed" in self.grid and self.seeds > 1:
             raise ValueError("seeds and the axis sampling.seed are both given; give one of them")
         if "output.prefix" in self.grid:
@@ -194,7 +200,7 @@ def _explain(mistake):
         return f"{place} is missing; it must be the name of a configuration file, or a table"
     if kind == "value_error":
         return requirement(mistake)
-    return f"{place} is {mistake['input']!r}; {requirement(mistake)}"
+    return f"{place} is {quoted(mistake['input'])}; {requirement(mistake)}"
 
 
 def _readBase(file):
@@ -240,18 +246,18 @@ def _createPoint(base, variant, values, parameters, path, mistakes, meshes):
             config.mesh.file = str((path.parent / config.mesh.file).resolve())
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
-        _checkRun(config, meshes)
-        return Point(name, parameters, config)
+        return Point(name, parameters, config, _checkRun(config, meshes))
 
 
 def _checkRun(config, meshes):
-    """Raise what a run would raise before its first step."""
+    """Raise what a run would raise before its first step, and return how much room on the disk it takes."""
     key = config.mesh.model_dump_json()
     if key not in meshes:
         meshes[key] = loadMesh(config)
-    tetherOf(config, meshes[key])
-    stagesOf(config)
-    platformOf(config)
+    scene = Scene.of(config, meshes[key])
+    checkStages(scene)
+    requireMemory(len(scene.mesh.vertices))
+    return diskSize(scene.config, len(scene.mesh.vertices))
 
 
 def _nameOf(parameters):

@@ -1,11 +1,16 @@
 """From a configuration to a scene: everything that a run needs to know before its first step, and its Simulation."""
 
+import contextlib
 import math
+import os
 import random
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import openmm as mm
 from openmm import app
 
@@ -13,12 +18,16 @@ from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
-from .config import Config, stagesOf, valueOf
-from .sections import MODULI
+from .config import Config, asDict, namingSource, stagesOf, valueOf
+from .sections import GREATEST, LEAST, MODULI
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
 LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
+# By so much a length or a target may differ from the mesh's own, and a step size from the rule of thumb.
+GREATEST_FACTOR = 1e6
+# More threads than this for each processor would wait for each other.
+THREADS_PER_PROCESSOR = 32
 
 
 class Tether(NamedTuple):
@@ -48,6 +57,8 @@ class Scene:
         the modulus of each term, in kJ/mol and powers of nm
     targets : dict of float
         "area", "volume" and "areaDifference", in powers of nm
+    ownMeasures : dict of float
+        the same of the mesh, but for an area difference that of a sphere of its area
     tether : Tether
         the bounds of edges
     repulsionOnset : float
@@ -73,6 +84,7 @@ class Scene:
     kT: float
     moduli: dict[str, float]
     targets: dict[str, float]
+    ownMeasures: dict[str, float]
     tether: Tether
     repulsionOnset: float
     stepSize: float
@@ -94,8 +106,10 @@ class Scene:
             if the mesh cannot be simulated, or a value of the configuration does not go with it
         """
         mesh = loadMesh(config) if mesh is None else mesh
-        config = resolve(config, mesh)
-        platform, properties = platformOf(config)
+        with namingSource(config), _overflowsExplained(config):
+            config = resolve(config, mesh)
+            checkSizes(config, mesh)
+            platform, properties = platformOf(config)
         sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
         area, volume, areaDifference = _targets(config, mesh)
         tether = tetherOf(config, mesh)
@@ -108,6 +122,7 @@ class Scene:
             kT=kT,
             moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
             targets={"area": area, "volume": volume, "areaDifference": areaDifference},
+            ownMeasures=measuresOf(config, mesh),
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
@@ -218,6 +233,8 @@ def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
     """Return the Platform that a Config asks for, and its properties."""
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
     name, threads = config.platform.name, config.platform.threads
+    if name == "CPU":
+        _checkThreads(threads)
     if name not in names:
         raise ValueError(f"[platform] name is '{name}'; it must be one of {', '.join(names)}")
     if threads is not None and name != "CPU":
@@ -228,6 +245,95 @@ def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
             f"not {name}"
         )
     return mm.Platform.getPlatformByName(name), {} if threads is None else {"Threads": str(threads)}
+
+
+def _checkThreads(threads: int | None) -> None:
+    """Raise a ValueError if the system cannot start so many threads: the program would end without a word."""
+    processors = os.cpu_count() or 1
+    count, most = threads or processors, THREADS_PER_PROCESSOR * processors
+    if count > most:
+        raise ValueError(
+            f"[platform] threads is {count}; it must be at most {most}, {THREADS_PER_PROCESSOR} for each of the "
+            f"{processors} processors that there are"
+        )
+    done, started = threading.Event(), 0
+    try:
+        for _ in range(2 * count):  # OpenMM's own, and as many of the force's
+            threading.Thread(target=done.wait, daemon=True).start()
+            started += 1
+    except RuntimeError:
+        raise ValueError(
+            f"[platform] threads is {count}, and the system lets this program start {started // 2}; ask for fewer, or "
+            "look at its limits of processes and memory"
+        ) from None
+    finally:
+        done.set()
+
+
+@contextlib.contextmanager
+def _overflowsExplained(config: Config) -> Iterator[None]:
+    """Name the keys that are likely to be wrong when arithmetic with them fails."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except ArithmeticError:
+        sizes = {
+            f"[{section}] {key} = {value:g}": abs(math.log(abs(value)))
+            for section, values in asDict(config).items()
+            if isinstance(values, dict)
+            for key, value in values.items()
+            if isinstance(value, float) and value != 0
+        }
+        extreme = sorted(sizes, key=lambda name: -sizes[name])[:3]
+        raise ValueError(
+            f"the configuration's numbers differ so much in size that energies or steps overflow: {', '.join(extreme)}"
+        ) from None
+
+
+def checkSizes(config: Config, mesh: Mesh) -> None:
+    """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
+    own = measuresOf(config, mesh)
+    for (name, measure), target in zip(own.items(), _targets(config, mesh)):
+        key = {"areaDifference": "area_difference"}.get(name, name)
+        requireComparable(f"[membrane] target_{key}", target, measure, f"the {name} of the mesh,")
+    length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
+    for name, value in (
+        ("[tether] min_length", tether.min_length),
+        ("[tether] max_length", tether.max_length),
+        ("[tether] length_scale", tether.length_scale),
+        ("[repulsion] onset", config.repulsion.onset),
+    ):
+        requireComparable(name, value, length, "the mean edge length")
+    stepSize = defaultStepSize(config, mesh)
+    if not LEAST <= stepSize <= GREATEST:
+        raise ValueError(
+            f"[sampling] mass is {sampling.mass:g} Da and temperature {sampling.temperature:g} K; with the moduli they "
+            f"ask for a step size of {stepSize:g} ps, which must be from {LEAST:g} to {GREATEST:g}"
+        )
+    requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
+    if sampling.step_size == "auto" and sampling.flip_probability + sampling.shear_wave_probability >= 1:
+        raise ValueError(
+            "[sampling] step_size is 'auto', but flip_probability and shear_wave_probability leave no trajectory to "
+            "find it by"
+        )
+    radius = _radius(mesh.area)
+    if sampling.shear_wave_probability > 0:
+        requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
+    """Return what targets are compared with: the area and volume of a mesh, and the area difference of a sphere."""
+    area = mesh.area
+    areaDifference = 2 * config.membrane.leaflet_separation * 4 * math.pi * _radius(area)
+    return {"area": area, "volume": mesh.volume, "areaDifference": areaDifference}
+
+
+def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
+    """Raise a ValueError if a number, unless it is none, is not within a large factor of another one."""
+    if not isinstance(value, float):
+        return
+    if not abs(own) / GREATEST_FACTOR <= abs(value) <= abs(own) * GREATEST_FACTOR:
+        raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
 
 
 def resolve(config: Config, mesh: Mesh) -> Config:

@@ -7,11 +7,35 @@ number; it is converted while the file is read.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from ..units import Scales, plainNumber, thermalEnergy
+
+# What sizes numbers may have, and numbers of steps and the like.
+LEAST, GREATEST, GREATEST_WHOLE = 1e-30, 1e30, 10**15
+# What C++ counts: steps of a trajectory, moves of a step, iterations.
+GREATEST_COUNT = 10**9
+
+
+def _numbersIn(value: Any) -> Iterator[int | float]:
+    """Yield the numbers of a value, of a list, or of a dict of lists."""
+    if isinstance(value, (list, tuple, dict)):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _numbersIn(part)
+    elif isinstance(value, (int, float)):
+        yield value
 
 
 def _scalesOf(info: ValidationInfo) -> Scales:
@@ -54,10 +78,21 @@ Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
 class Section(BaseModel):
     """A table of the file.
 
-    Unknown keys, NaN and infinity are errors, and so are numbers in quotes that have no unit.
+    Unknown keys, NaN and infinity are errors, and so are numbers in quotes that have no unit, and numbers so large or
+    small that their products overflow.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _range(cls, value: Any) -> Any:
+        for number in _numbersIn(value):
+            if isinstance(number, int) and abs(number) > GREATEST_WHOLE:
+                raise ValueError(f"it must be at most {GREATEST_WHOLE}")
+            if isinstance(number, float) and number != 0 and not LEAST <= abs(number) <= GREATEST:
+                raise ValueError(f"it must be 0, or from {LEAST:g} to {GREATEST:g} in size")
+        return value
 
 
 # The keys of the terms' moduli, in kT and powers of the unit of length.
@@ -227,7 +262,7 @@ class SamplingSection(Section):
         "most for their cost near 0.65, and 0.75 is safer where the membrane turns stiffer",
     )
     steps_per_trajectory: int = Field(
-        100, ge=1, description="steps in a trajectory, each of which computes the forces once"
+        100, ge=1, le=GREATEST_COUNT, description="steps in a trajectory, each of which computes the forces once"
     )
     integrator: Literal["leapfrog", "bcss2", "bcss3"] = Field(
         "leapfrog",
@@ -237,6 +272,7 @@ class SamplingSection(Section):
     tether_substeps: int = Field(
         1,
         ge=1,
+        le=GREATEST_COUNT,
         description="how often the tether acts for each time that everything else does; with more than 1 the "
         "step_size, of everything else, can be longer",
     )
@@ -271,7 +307,10 @@ class SamplingSection(Section):
         "membranes faster than trajectories do; 0 makes none",
     )
     shear_waves_per_step: int = Field(
-        50, ge=1, description="moves in such a step, each of which costs about half as much as a leapfrog step"
+        50,
+        ge=1,
+        le=GREATEST_COUNT,
+        description="moves in such a step, each of which costs about half as much as a leapfrog step",
     )
     shear_wave_cutoff: float = Field(
         3.0,

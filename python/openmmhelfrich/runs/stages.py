@@ -8,10 +8,12 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from openmm import app
+from pydantic import Field, TypeAdapter
+from typing_extensions import TypedDict
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
@@ -29,7 +31,8 @@ from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table
-from .scene import Scene
+from .config import namingSource
+from .scene import Scene, requireComparable
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -39,6 +42,16 @@ _TARGET_NAMES = {
     "reduced_volume": "reducedVolume",
     "target_area_difference": "areaDifference",
 }
+
+
+class _Memory(TypedDict):
+    """What every stage remembers, among other things."""
+
+    position: Annotated[int, Field(ge=0, strict=True)]
+    startTargets: dict[Literal["area", "volume", "areaDifference"], float]
+    startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
+    adapter: dict[str, Any] | None
+    waveAdapter: dict[str, Any] | None
 
 
 class Stage(ABC):
@@ -70,9 +83,25 @@ class Stage(ABC):
         self._startAdaptation()
 
     @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
+        end = endTargets(settings, start)
+        own = scene.ownMeasures
+        for name, value in end.items():
+            requireComparable(f"the target {name}", value, own[name], f"the {name} of the mesh,")
+        if end and not any(scene.moduli[name] > 0 for name in end):
+            raise ValueError(f"it has a target for the {' and the '.join(end)}, whose modulus is 0; give it a modulus")
+        return start | end
+
+    @classmethod
     def averages(cls, settings: Any, rows: Table) -> Table | None:
         """Return the averages over the windows of such a stage, if it has windows, from its equilibrated rows."""
         return None
+
+    @property
+    def startTargets(self) -> dict[str, float]:
+        """The targets at its beginning, in powers of nm, by "area", "volume" and "areaDifference"."""
+        return self._startTargets
 
     @property
     def isDone(self) -> bool:
@@ -107,7 +136,8 @@ class Stage(ABC):
         }
 
     def setState(self, state: dict[str, Any]) -> None:
-        """Go on from a state that getState() returned."""
+        """Go on from a state that getState() returned; raise a ValueError or KeyError if it is not like one."""
+        TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
         self._startCounters = state["startCounters"]
         self._startAdaptation()
@@ -138,8 +168,7 @@ class Stage(ABC):
         ]
 
     def _endTargets(self):
-        given = {_TARGET_NAMES[name]: getattr(self._settings, name) for name in self._settings.targetNames()}
-        return absoluteTargets(given, self._startTargets) if given else {}
+        return endTargets(self._settings, self._startTargets)
 
     def _startAdaptation(self):
         self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
@@ -253,6 +282,18 @@ class Sample(MonteCarlo):
 
     WAVE_ADAPTER = AmplitudeAdapter
 
+    @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        sampling = scene.config.sampling
+        requireComparable("step_size", settings.step_size, scene.stepSize, "that of [sampling] in ps,")
+        adapts = settings.step_size == "auto" or (settings.step_size is None and scene.adaptsStepSize)
+        if adapts and sampling.burn_in is not None and sampling.burn_in >= settings.steps:
+            raise ValueError(
+                f"[sampling] burn_in is {sampling.burn_in}, and the stage has {settings.steps} steps; the step size "
+                "would be found when the stage has ended: burn_in must be less"
+            )
+        return super().check(settings, scene, start)
+
     def _createAdapter(self):
         integrator, own = self._simulation.integrator, self._settings.step_size
         if own == "auto" or (own is None and self._scene.adaptsStepSize):
@@ -291,10 +332,15 @@ class Anneal(MonteCarlo):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self._schedule = createSchedule(self._createSchedule())
+        self._schedule = createSchedule(self._createSchedule(self._settings, self._scene.temperature))
 
-    def _createSchedule(self) -> Schedule:
-        settings, temperature = self._settings, self._scene.temperature
+    @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        cls._createSchedule(settings, scene.temperature)
+        return super().check(settings, scene, start)
+
+    @staticmethod
+    def _createSchedule(settings: Any, temperature: float) -> Schedule:
         if settings.table is not None:
             return TableSchedule(*zip(*settings.table))
         start, first = settings.start_temperature or temperature, settings.cooling_start
@@ -317,7 +363,17 @@ class Continue(MonteCarlo):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self._path = self._createPath()
+        self._path = self._createPath(self._settings, self._startTargets)
+
+    @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        super().check(settings, scene, start)
+        path = cls._createPath(settings, start)
+        for window in range(len(path.lambdas)):
+            for name, value in path.targets(window).items():
+                own = scene.ownMeasures[name]
+                requireComparable(f"the target {name} of window {window}", value, own, f"the {name} of the mesh,")
+        return start | path.targets(len(path.lambdas) - 1)
 
     @classmethod
     def averages(cls, settings: Any, rows: Table) -> Table | None:
@@ -325,12 +381,12 @@ class Continue(MonteCarlo):
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
-        self._path = self._createPath()
+        self._path = self._createPath(self._settings, self._startTargets)
 
-    def _createPath(self):
-        s = self._settings
+    @staticmethod
+    def _createPath(s, start):
         path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
-        return ContinuationPath(self._startTargets, self._endTargets(), s.windows, s.there_and_back, path)
+        return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 
     def _place(self, n):
         return divmod(n, self._settings.equilibration + self._settings.steps)
@@ -365,6 +421,39 @@ _KINDS: dict[type[StageSettings], type[Stage]] = {
 def createStage(settings: StageSettings, scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> Stage:
     """Return the stage that settings describe, at its beginning."""
     return _KINDS[type(settings)](settings, scene, simulation, force)
+
+
+def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None = None) -> list[dict[str, float]]:
+    """Raise a ValueError if one of the stages that are to come cannot be.
+
+    Parameters
+    ----------
+    scene : Scene
+        what has the stages
+    first : int
+        the index of the stage to begin with
+    targets : dict, optional
+        those at the start of this stage, by name; by default those of the scene
+
+    Returns
+    -------
+    list of dict
+        the targets at the start of each of these stages, and at the end
+    """
+    found = [targets or scene.targets]
+    for i, settings in enumerate(scene.stages[first:], first):
+        with namingSource(scene.config):
+            try:
+                found.append(_KINDS[type(settings)].check(settings, scene, found[-1]))
+            except ValueError as error:
+                raise ValueError(f"stage {i + 1} ({settings.title}): {error}") from None
+    return found
+
+
+def endTargets(settings: StageSettings, start: dict[str, float]) -> dict[str, float]:
+    """Return the targets that a stage gives, in powers of nm, by "area", "volume" and "areaDifference"."""
+    given = {_TARGET_NAMES[name]: getattr(settings, name) for name in settings.targetNames()}
+    return absoluteTargets(given, start) if given else {}
 
 
 def averagesOf(settings: StageSettings, rows: Table) -> Table | None:

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from .sections import StepSize, Targets, Temperature
+from .sections import GREATEST_COUNT, StepSize, Targets, Temperature
 
 
 class StageSettings(Targets):
@@ -74,6 +74,7 @@ class MinimizeStage(StageSettings):
     max_iterations: int = Field(
         10000,
         ge=1,
+        le=GREATEST_COUNT,
         description="of L-BFGS, at which to stop; to deflate a sphere of 2562 vertices to a reduced volume of 0.8 took "
         "50000",
     )
@@ -155,7 +156,9 @@ class ContinueStage(StageSettings):
     hasPath = True
 
     kind: Literal["continue"] = Field(description="which kind of stage")
-    windows: int = Field(10, ge=1, description="steps of lambda from 0 to 1, so that there are windows+1 values")
+    windows: int = Field(
+        10, ge=1, le=10**6, description="steps of lambda from 0 to 1, so that there are windows+1 values"
+    )
     equilibration: int = Field(
         100, ge=0, description="Monte Carlo steps after each change of lambda, which the averages leave out"
     )

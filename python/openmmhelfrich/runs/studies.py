@@ -21,17 +21,19 @@ from ..helfrich import HelfrichForce
 from ..io.locks import locked
 from ..io.psf import writePSF
 from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
-from ..sampling.targets import currentTargets
+from ..sampling.targets import currentTargets, setTargets
 from ..tables import Table
 from ..version import __version__
-from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, saveCheckpoint
+from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
-from .stages import Stage, averagesOf, createStage
+from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
 
@@ -56,8 +58,11 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     """
     config = _asConfig(config)
     scene, outputs = Scene.of(config), Outputs.of(config)
+    targets = checkStages(scene)
+    requireRoom(scene, outputs)
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
+    study.requireFinite(targets)
     outputs.makeFolder()
     with locked(outputs.prefix):
         old = outputs.prepare(config.mesh.file, config.output.overwrite)
@@ -117,7 +122,10 @@ def resume(
         _changePlatform(config, state, platform, threads)
         simulation, force = loadSimulation(file, *platformOf(config))
         scene = Scene.of(config, currentMesh(simulation, force))
-        return Study(scene, outputs, simulation, force, state).finish(progress)
+        study = Study(scene, outputs, simulation, force, state)
+        study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
+        requireRoom(scene, outputs, state.step)
+        return study.finish(progress)
 
 
 class Study:
@@ -163,7 +171,8 @@ class Study:
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
         if state.stageState is not None:
-            self.stage.setState(state.stageState)
+            with naming(outputs.checkpoint):
+                self.stage.setState(state.stageState)
 
     def finish(self, progress: Callable[["Study"], None] | None = None) -> Summary:
         """Do what is left to do, draw the pictures, and return a Summary."""
@@ -187,6 +196,18 @@ class Study:
                 record = self.outputs.record(self._run, self.simulation.currentStep)
                 addRecord(self.outputs.checkpoint, record)
         return summary
+
+    def requireFinite(self, targets: list[dict[str, float]]) -> None:
+        """Raise a ValueError or an OpenMMException unless the energy and the forces are finite with each of some
+        targets.
+        """
+        context, before = self.simulation.context, currentTargets(self.simulation.context, self.force)
+        try:
+            for each in targets:
+                setTargets(context, self.force, each)
+                context.getState(energy=True, forces=True)
+        finally:
+            setTargets(context, self.force, before)
 
     @property
     def isComplete(self) -> bool:
@@ -238,7 +259,12 @@ class Study:
             if self.stage.isWhole and not self.stage.isDone:
                 self.save()  # where it goes on if it is stopped
             while not self.stage.isDone:
-                self.stage.advance()
+                try:
+                    with interruptible(lambda: stop.signal is not None):
+                        self.stage.advance()
+                except StepInterrupted:
+                    isInterrupted = True
+                    break
                 if self.stage.isWhole and self.stage.isDone:
                     recorder.report()
                 if isToStop():

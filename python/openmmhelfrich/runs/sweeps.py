@@ -26,6 +26,7 @@ from ..geometry.mesh import Mesh
 from ..io.locks import InUseError, locked
 from ..optional import require
 from ..sampling.averages import lateRows
+from ..sampling.interruption import interruptible
 from ..sampling.observables import OBSERVABLES, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
@@ -33,6 +34,7 @@ from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
+from .room import requireDisk
 from .studies import StopSignals, resume, run
 
 SECONDS_BETWEEN_MESSAGES = 0.5
@@ -132,6 +134,9 @@ def sweep(
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
     result = SweepResult(states, folder / "summary.csv")
+    # What a point that had begun has written already is not counted as room: it is little where the disk is full.
+    waiting = [state.point for state in states if state.status == "waiting"]
+    requireDisk(sum(point.diskSize for point in waiting if not _settingsFile(point.config).exists()), folder)
     folder.mkdir(parents=True, exist_ok=True)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
@@ -149,7 +154,8 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
     folder = _folder(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK):
+        isToStop = interruptible(lambda: sweepName in _stopping)
+        with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK), isToStop:
             observables = _finished(config)
             if observables is None:
                 if _isStopped(_goOn(config, _Messenger(name, sweepName))):
@@ -317,7 +323,10 @@ def _takeFinished(states):
 
 @contextlib.contextmanager
 def _client(scheduler, workers):
-    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long."""
+    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long.
+
+    The ports of the latter take the certificate that it makes for itself, and are open to nobody else.
+    """
     distributed = require("distributed", "a sweep", "sweep")
     if scheduler is not None:
         try:
@@ -327,23 +336,35 @@ def _client(scheduler, workers):
         with client:
             yield client
         return
+    require("cryptography", "a sweep", "sweep")  # for the certificate
+    # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
+    silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
+        require("dask", "a sweep", "sweep").config.set(silent),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=0,
+            security=True,
             dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             silence_logs="CRITICAL",
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        client.register_worker_callbacks(_ignoreInterrupts)
+        client.run_on_scheduler(_closeHTTP)
+        client.register_worker_callbacks(_prepareWorker)
         yield client
 
 
-def _ignoreInterrupts():
-    """Leave Ctrl-C, which a terminal sends to every process, to the sweep."""
+def _closeHTTP(dask_scheduler):
+    dask_scheduler.http_server.stop()
+
+
+def _prepareWorker(dask_worker):
+    """Leave Ctrl-C, which a terminal sends to every process, to the sweep, and close the HTTP server."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    dask_worker.http_server.stop()
 
 
 def _askToStop(sweepName):

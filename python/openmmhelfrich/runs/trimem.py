@@ -66,7 +66,7 @@ class _Source:
         if not path.exists():
             raise FileNotFoundError(f"there is no configuration file {path}")
         self.stem = str(path.with_suffix(""))
-        self._parser, self._path, self._asked = (
+        self._parser, self.path, self._asked = (
             configparser.ConfigParser(inline_comment_prefixes=("#", ";")),
             path,
             set(),
@@ -97,7 +97,7 @@ class _Source:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(
-                f"{self._path}: [{section}] {key} is {text!r}; it must be "
+                f"{self.path}: [{section}] {key} is {text!r}; it must be "
                 f"{'a whole number' if isinstance(default, int) else 'a number'}"
             )
         return value
@@ -106,7 +106,7 @@ class _Source:
         """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless
         TriMem's is in the present one.
         """
-        return self.mesh if self._path.parent == Path() else self.mesh.resolve()
+        return self.mesh if self.path.parent == Path() else self.mesh.resolve()
 
     def leftOut(self):
         """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
@@ -127,10 +127,10 @@ class _Source:
 def _convert(source, mesh):
     """Return our configuration as a nested dict, and comments on it."""
     if source.text("BONDS", "bond_type", "Edge") != "Edge":
-        raise ValueError("[BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
+        raise ValueError(f"{source.path}: [BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
     unit = source.number("HMC", "initial_temperature", 1.0)
     if unit <= 0:
-        raise ValueError(f"[HMC] initial_temperature is {unit:g}; it must be positive")
+        raise ValueError(f"{source.path}: [HMC] initial_temperature is {unit:g}; it must be positive")
 
     def energy(key):
         return source.number("ENERGY", key, 1.0) / unit

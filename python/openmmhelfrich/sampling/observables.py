@@ -392,9 +392,12 @@ def readObservables(file: PathLike) -> Table:
 
 def observableUnits(file: PathLike) -> dict[str, str]:
     """Return the units of the columns of a table that an ObservablesReporter wrote, by the columns' names."""
-    units = unitsOf(readHeads(file))
-    if not {"energy", "area"} <= set(units):
-        raise ValueError(f"{file} is not a table of observables; it has no columns 'energy (...)' and 'area (...)'")
+    heads = readHeads(file)
+    units = unitsOf(heads)
+    if not {"energy", "area"} <= set(units) or "step" not in heads:
+        raise ValueError(
+            f"{file} is not a table of observables; it has no columns 'step', 'energy (...)' and 'area (...)'"
+        )
     return units
 
 

@@ -48,12 +48,12 @@ class ExponentialSchedule:
     def __post_init__(self) -> None:
         for name in ("start", "minimum"):
             object.__setattr__(self, name, _temperature(f"ExponentialSchedule: {name}", getattr(self, name)))
-        if not (math.isfinite(self.rate) and self.rate >= 0):
-            raise ValueError(f"ExponentialSchedule: rate is {self.rate}; it must be finite and not negative")
         if self.minimum > self.start:
             raise ValueError(
                 f"ExponentialSchedule: minimum is {self.minimum} K; it must not be above the start, {self.start} K"
             )
+        if not (math.isfinite(self.rate) and self.rate >= 0):
+            raise ValueError(f"ExponentialSchedule: rate is {self.rate}; it must be finite and not negative")
 
     @classmethod
     def over(cls, steps: int, start: Temperature, minimum: Temperature, firstStep: int = 0) -> "ExponentialSchedule":

@@ -21,6 +21,17 @@ inline void requirePositive(const std::string& item, double value, bool allowZer
     throw OpenMM::OpenMMException(message.str());
 }
 
+/**
+ * Throw an OpenMMException if a value is greater than what is allowed.
+ */
+inline void requireAtMost(const std::string& item, double value, double greatest) {
+    if (value <= greatest)
+        return;
+    std::stringstream message;
+    message << item << " is " << value << "; it must be at most " << greatest;
+    throw OpenMM::OpenMMException(message.str());
+}
+
 } // namespace HelfrichPlugin
 
 #endif /*OPENMM_HELFRICH_CHECKS_H_*/

@@ -30,6 +30,8 @@ struct KickAndDrift {
     }
 };
 
+class KickAndDriftSequence;
+
 /**
  * A palindromic splitting: kicks and drifts take turns, and read the same in both directions, so that it is reversible.
  * Since each of them shears phase space, it preserves volume.
@@ -67,34 +69,56 @@ struct Splitting {
      * @param tetherSubsteps  if this is more than 1, the motion under the tether alone takes the place of each drift,
      * in so many steps of leapfrog (r-RESPA; Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990, 1992)
      */
-    std::vector<KickAndDrift> getSequence(double stepSize, int numSteps, int tetherSubsteps = 1) const {
-        std::vector<KickAndDrift> sequence = getPlainSequence(stepSize, numSteps);
-        return tetherSubsteps == 1 ? sequence : divideDrifts(sequence, tetherSubsteps);
+    KickAndDriftSequence getSequence(double stepSize, int numSteps, int tetherSubsteps = 1) const;
+};
+
+/**
+ * The kicks and drifts of a number of steps.  Each is computed when it is asked for: a trajectory of 10^9 steps takes
+ * no more memory than one of 10.
+ */
+class KickAndDriftSequence {
+public:
+    KickAndDriftSequence(const Splitting& splitting, double stepSize, int numSteps, int tetherSubsteps)
+            : splitting(splitting), stepSize(stepSize), numDrifts((long long) numSteps * splitting.getNumStages()),
+              tetherSubsteps(tetherSubsteps) {
+    }
+    long long size() const {
+        return numDrifts * tetherSubsteps + 1;
+    }
+    KickAndDrift operator[](long long i) const {
+        long long n = i / tetherSubsteps;
+        if (tetherSubsteps == 1)
+            return {getKick(n), getDrift(n)};
+        double step = getDrift(n) / tetherSubsteps;
+        if (i % tetherSubsteps != 0)
+            return {step, step, Term::Tether};
+        double before = (n == 0 ? 0 : getDrift(n - 1) / tetherSubsteps), kick = getKick(n);
+        return {kick, step, TermMask::ALL, 0.5 * (before + step) / kick};
+    }
+    KickAndDrift back() const {
+        return (*this)[size() - 1];
     }
 private:
-    std::vector<KickAndDrift> getPlainSequence(double stepSize, int numSteps) const {
-        std::vector<KickAndDrift> sequence = {{kicks[0] * stepSize, 0}};
-        for (int step = 0; step < numSteps; step++)
-            for (int stage = 0; stage < getNumStages(); stage++) {
-                bool isLastStage = (stage + 1 == getNumStages()), isLast = (isLastStage && step + 1 == numSteps);
-                sequence.back().drift = drifts[stage] * stepSize;
-                sequence.push_back({(kicks[stage + 1] + (isLastStage && !isLast ? kicks[0] : 0)) * stepSize, 0});
-            }
-        return sequence;
+    double getKick(long long n) const {
+        // The last kick of a step and the first of the next one are made together.
+
+        int numStages = splitting.getNumStages(), stage = n % numStages;
+        if (n == 0 || stage != 0)
+            return splitting.kicks[stage] * stepSize;
+        return (splitting.kicks[numStages] + (n == numDrifts ? 0 : splitting.kicks[0])) * stepSize;
     }
-    static std::vector<KickAndDrift> divideDrifts(const std::vector<KickAndDrift>& sequence, int tetherSubsteps) {
-        std::vector<KickAndDrift> result;
-        double before = 0;
-        for (auto& outer : sequence) {
-            double step = outer.drift / tetherSubsteps;
-            result.push_back({outer.kick, step, TermMask::ALL, 0.5 * (before + step) / outer.kick});
-            for (int i = 1; i < tetherSubsteps && step != 0; i++)
-                result.push_back({step, step, Term::Tether});
-            before = step;
-        }
-        return result;
+    double getDrift(long long n) const {
+        return n == numDrifts ? 0 : splitting.drifts[n % splitting.getNumStages()] * stepSize;
     }
+    const Splitting splitting;
+    const double stepSize;
+    const long long numDrifts;
+    const int tetherSubsteps;
 };
+
+inline KickAndDriftSequence Splitting::getSequence(double stepSize, int numSteps, int tetherSubsteps) const {
+    return KickAndDriftSequence(*this, stepSize, numSteps, tetherSubsteps);
+}
 
 } // namespace HelfrichPlugin
 
