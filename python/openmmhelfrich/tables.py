@@ -57,15 +57,13 @@ class Table(dict[str, NDArray[np.float64]]):
         heads, *rows = _readRows(file) or [[]]
         if not heads:
             raise ValueError(f"{file} is empty; it must hold a table of observables")
-        for i, row in enumerate(rows):
+        for i, row in enumerate(rows, 2):
             if len(row) != len(heads):
-                raise ValueError(f"{file} has {len(row)} values in line {i + 2}; its first line names {len(heads)}")
-            for head, text in zip(heads, row):
-                if not _isNumber(text):
-                    raise ValueError(
-                        f"{file}: {shortened(head)} is {quoted(text)} in line {i + 2}; it must be a number"
-                    )
-        columns = np.array(rows, dtype=float).reshape(-1, len(heads)).T
+                raise ValueError(f"{file} has {len(row)} values in row {i}; it has {len(heads)} columns")
+        try:
+            columns = np.array(rows, dtype=float).reshape(-1, len(heads)).T
+        except ValueError:
+            raise ValueError(_noNumber(file, heads, rows)) from None
         table = cls(zip(map(plainName, heads), columns))
         table.source = str(file)
         return table
@@ -100,6 +98,16 @@ def _readRows(file, count=None):
             return list(itertools.islice(csv.reader(table), count))
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
+
+
+def _noNumber(file, heads, rows):
+    """Return a sentence about the first value that is no number."""
+    for i, row in enumerate(rows, 2):
+        for head, text in zip(heads, row):
+            try:
+                float(text)
+            except ValueError:
+                return f"{file}: {shortened(head)} is {quoted(text)} in row {i}; it must be a number"
 
 
 def headOf(name: str, unit: str) -> str:
