@@ -78,7 +78,7 @@ void CustomTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
 void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     requireFreeParticles(contextRef.getSystem(), "CustomTrajectoryIntegrator");
     CustomIntegrator::initialize(contextRef);
-    numTrajectories = numAccepted = numDiverged = 0;
+    resetCounters();
 }
 
 void CustomTrajectoryIntegrator::step(int steps) {
@@ -126,9 +126,7 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
 void CustomTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
     CustomIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
-    writeBinary(stream, numTrajectories);
-    writeBinary(stream, numAccepted);
-    writeBinary(stream, numDiverged);
+    writeCounters(stream);
 }
 
 void CustomTrajectoryIntegrator::loadCheckpoint(istream& stream) {
@@ -137,16 +135,12 @@ void CustomTrajectoryIntegrator::loadCheckpoint(istream& stream) {
         throw OpenMMException("loadCheckpoint: the checkpoint ends too early");
     if (!MembraneState(*this, *context).loadCheckpoint(stream))
         return; // what version 0.1.0 wrote ends here
-    readBinary(stream, numTrajectories);
-    readBinary(stream, numAccepted);
-    readBinary(stream, numDiverged);
+    readCounters(stream);
 }
 
 void CustomTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {
     CustomIntegrator::serializeParameters(node);
-    node.setLongProperty("numTrajectories", numTrajectories);
-    node.setLongProperty("numAccepted", numAccepted);
-    node.setLongProperty("numDiverged", numDiverged);
+    storeCounters(node);
     MembraneState(*this, *context).serialize(node);
 }
 
@@ -154,8 +148,6 @@ void CustomTrajectoryIntegrator::deserializeParameters(const SerializationNode& 
     CustomIntegrator::deserializeParameters(node);
     if (!node.hasProperty("numTrajectories"))
         return; // what version 0.1.0 wrote has no more
-    numTrajectories = node.getLongProperty("numTrajectories");
-    numAccepted = node.getLongProperty("numAccepted");
-    numDiverged = node.getLongProperty("numDiverged");
+    loadCounters(node);
     MembraneState(*this, *context).deserialize(node);
 }

@@ -193,7 +193,7 @@ void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     context = &contextRef;
     owner = &contextRef.getOwner();
     activeSeed = chooseSeed(randomNumberSeed);
-    numTrajectories = 0;
+    resetCounters();
     CompoundIntegrator::initialize(contextRef);
 }
 
@@ -223,7 +223,7 @@ void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
     writeMagic(stream, MAGIC_BYTES);
     writeBinary(stream, getNumIntegrators());
     writeBinary(stream, activeSeed);
-    writeBinary(stream, numTrajectories);
+    writeCounters(stream);
     CompoundIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
@@ -239,7 +239,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is of one with " + to_string(numIntegrators) +
                               " moves, and this one has " + to_string(getNumIntegrators()));
     readBinary(stream, activeSeed);
-    readBinary(stream, numTrajectories);
+    readCounters(stream);
     loadIntegrators(stream);
     if (!MembraneState(*this, *context).loadCheckpoint(stream))
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is damaged");
@@ -248,7 +248,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
 void HybridMonteCarloIntegrator::loadFirstCheckpoint(istream& stream) {
     long long numAccepted, numDiverged;
     readBinary(stream, activeSeed);
-    readBinary(stream, numTrajectories);
+    readCounters(stream);
     readBinary(stream, numAccepted);
     readBinary(stream, numDiverged);
     loadIntegrators(stream);
@@ -285,7 +285,7 @@ void HybridMonteCarloIntegrator::setFirstCounters(long long numAccepted, long lo
 void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
     node.setIntProperty("activeSeed", (int) activeSeed);
-    node.setLongProperty("numTrajectories", numTrajectories);
+    storeCounters(node);
     CompoundIntegrator::serializeParameters(node.createChildNode("Integrators"));
     MembraneState(*this, *context).serialize(node);
 }
@@ -294,7 +294,7 @@ void HybridMonteCarloIntegrator::deserializeParameters(const SerializationNode& 
     requireVersion(node, VERSION, "HybridMonteCarloIntegrator", OLDEST_VERSION);
     CompoundIntegrator::deserializeParameters(node.getChildNode("Integrators"));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    numTrajectories = node.getLongProperty("numTrajectories");
+    loadCounters(node);
     if (node.getIntProperty("version") == OLDEST_VERSION)
         setFirstCounters(node.getLongProperty("numAccepted"), node.getLongProperty("numDiverged"));
     else

@@ -2,6 +2,12 @@
 #define OPENMM_MONTECARLOMOVE_H_
 
 #include "internal/windowsExportHelfrich.h"
+#include "openmm/serialization/SerializationNode.h"
+#include <deque>
+#include <istream>
+#include <ostream>
+#include <string>
+#include <utility>
 
 namespace HelfrichPlugin {
 
@@ -11,6 +17,8 @@ namespace HelfrichPlugin {
  */
 class OPENMM_EXPORT_HELFRICH MonteCarloMove {
 public:
+    MonteCarloMove() = default;
+    MonteCarloMove(const MonteCarloMove&) = delete;
     virtual ~MonteCarloMove() {
     }
     /**
@@ -43,6 +51,24 @@ public:
     double getAcceptanceRate() const {
         return getNumAttempted() == 0 ? 0 : getNumAccepted() / (double) getNumAttempted();
     }
+protected:
+    /**
+     * Declare something that this move counts.
+     *
+     * @param name  its name in States; in checkpoints, counters are in the order of declaration
+     * @return the number, which lasts as long as this object
+     */
+    long long& addCounter(const std::string& name);
+    /**
+     * Set all counters to 0.
+     */
+    void resetCounters();
+    void writeCounters(std::ostream& stream) const;
+    void readCounters(std::istream& stream);
+    void storeCounters(OpenMM::SerializationNode& node) const;
+    void loadCounters(const OpenMM::SerializationNode& node);
+private:
+    std::deque<std::pair<std::string, long long>> counters;
 };
 
 } // namespace HelfrichPlugin

@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from openmm import app, unit
 
-from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator
+from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
-from .moves import TRAJECTORIES, findMove, movesOf
+from .moves import findMove, movesOf
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
 # little less from 0.6 to 0.9 (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a
@@ -46,7 +46,7 @@ class _Adapter:
         the unit of that
     """
 
-    KINDS: tuple[type, ...] = TRAJECTORIES
+    KINDS: tuple[type, ...] = (TrajectoryMove,)
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
