@@ -7,6 +7,8 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
+static const string NAME = "CustomTrajectoryIntegrator";
+
 CustomTrajectoryIntegrator::CustomTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory)
         : CustomIntegrator(1) {
     addGlobalVariable("kT", 0);
@@ -56,13 +58,13 @@ double CustomTrajectoryIntegrator::getTemperature() const {
 }
 
 void CustomTrajectoryIntegrator::setTemperature(double temperature) {
-    requirePositive("CustomTrajectoryIntegrator: the temperature in K", temperature);
+    requirePositive(NAME + ": the temperature in K", temperature);
     this->temperature = temperature;
     setGlobalVariableByName("kT", BOLTZMANN * temperature);
 }
 
 void CustomTrajectoryIntegrator::setStepSize(double size) {
-    requirePositive("CustomTrajectoryIntegrator: the step size in ps", size);
+    requirePositive(NAME + ": the step size in ps", size);
     CustomIntegrator::setStepSize(size);
 }
 
@@ -71,12 +73,12 @@ int CustomTrajectoryIntegrator::getStepsPerTrajectory() const {
 }
 
 void CustomTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
-    requirePositive("CustomTrajectoryIntegrator: the number of steps per trajectory", steps);
+    requirePositive(NAME + ": the number of steps per trajectory", steps);
     setGlobalVariableByName("stepsPerTrajectory", steps);
 }
 
 void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
-    requireFreeParticles(contextRef.getSystem(), "CustomTrajectoryIntegrator");
+    requireFreeParticles(contextRef.getSystem(), NAME);
     CustomIntegrator::initialize(contextRef);
     resetCounters();
 }
@@ -124,18 +126,21 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
 }
 
 void CustomTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
+    writeName(stream, NAME);
     CustomIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
     writeCounters(stream);
 }
 
 void CustomTrajectoryIntegrator::loadCheckpoint(istream& stream) {
+    bool hasName = readName(stream, NAME);
     CustomIntegrator::loadCheckpoint(stream);
     if (!stream)
         throw OpenMMException("loadCheckpoint: the checkpoint ends too early");
-    if (!MembraneState(*this, *context).loadCheckpoint(stream))
-        return; // what version 0.1.0 wrote ends here
-    readCounters(stream);
+    if (MembraneState(*this, *context).loadCheckpoint(stream)) // what version 0.1.0 wrote has no more
+        readCounters(stream);
+    if (!hasName)
+        requireEnd(stream, *this, *context, NAME);
 }
 
 void CustomTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {

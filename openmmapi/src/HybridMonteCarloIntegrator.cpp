@@ -15,8 +15,10 @@ using namespace std;
  */
 static const int VERSION = 2, OLDEST_VERSION = 1;
 
+static const string NAME = "HybridMonteCarloIntegrator";
+
 /**
- * What a checkpoint begins with since version 0.1.0, which had a seed and a counter there.
+ * What a checkpoint began with, where it now has the name, and version 0.1.0 had a seed and a counter.
  */
 static const char MAGIC_BYTES[] = "HlfMoves";
 
@@ -220,7 +222,7 @@ int HybridMonteCarloIntegrator::chooseMove() const {
 }
 
 void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
-    writeMagic(stream, MAGIC_BYTES);
+    writeName(stream, NAME);
     writeBinary(stream, getNumIntegrators());
     writeBinary(stream, activeSeed);
     writeCounters(stream);
@@ -229,7 +231,7 @@ void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
 }
 
 void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
-    if (!readMagic(stream, MAGIC_BYTES)) {
+    if (!readName(stream, NAME) && !readMagic(stream, MAGIC_BYTES)) {
         loadFirstCheckpoint(stream);
         return;
     }

@@ -107,17 +107,21 @@ bool MonteCarloIntegrator::kineticEnergyRequiresForce() const {
 }
 
 void MonteCarloIntegrator::createCheckpoint(ostream& stream) const {
+    writeName(stream, name);
     writeBinary(stream, activeSeed);
     writeCounters(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
 
 void MonteCarloIntegrator::loadCheckpoint(istream& stream) {
+    bool hasName = readName(stream, name);
     readBinary(stream, activeSeed);
     readCounters(stream);
     MembraneState state(*this, *context);
     if (!state.loadCheckpoint(stream))
         state.loadFirstCheckpoint(stream);
+    if (!hasName)
+        requireEnd(stream, *this, *context, name);
 }
 
 void MonteCarloIntegrator::serializeParameters(SerializationNode& node) const {

@@ -2,6 +2,7 @@
 #define OPENMM_MONTECARLOMOVE_H_
 
 #include "internal/windowsExportHelfrich.h"
+#include "openmm/Integrator.h"
 #include "openmm/serialization/SerializationNode.h"
 #include <deque>
 #include <istream>
@@ -52,6 +53,22 @@ public:
         return getNumAttempted() == 0 ? 0 : getNumAccepted() / (double) getNumAttempted();
     }
 protected:
+    /**
+     * Begin what a move writes to a checkpoint with the name of its class.
+     */
+    static void writeName(std::ostream& stream, const std::string& name);
+    /**
+     * Read what writeName() wrote.  An exception is thrown if it is the name of another class.
+     *
+     * @return false, with the stream as it was, if there is no name: the checkpoint is older than names are
+     */
+    static bool readName(std::istream& stream, const std::string& name);
+    /**
+     * Throw an exception if a checkpoint without names goes on after what the only Integrator of a Context has read, so
+     * that another class wrote it.
+     */
+    static void requireEnd(std::istream& stream, const OpenMM::Integrator& integrator, OpenMM::ContextImpl& context,
+                           const std::string& name);
     /**
      * Declare something that this move counts.
      *
