@@ -34,7 +34,7 @@ def sync(file: PathLike) -> None:
         os.fsync(written.fileno())
 
 
-def _syncFolder(folder):
+def _syncFolder(folder: Path) -> None:
     with contextlib.suppress(OSError):  # not every file system knows how
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -160,7 +160,7 @@ def extrapolatedEnergy(coarse: DiscreteMinimum, fine: DiscreteMinimum) -> float:
     )
 
 
-def _simulation(mesh, reducedVolume):
+def _simulation(mesh: Mesh, reducedVolume: float) -> tuple[app.Simulation, HelfrichForce]:
     edge = mesh.edgeLengths.mean()
     force = HelfrichForce()
     force.setTriangles(mesh.triangles)

@@ -240,7 +240,7 @@ class Frames(ABC, Sequence[MeshFrame]):
         self._file.close()
 
     @contextlib.contextmanager
-    def _complaint(self, what):
+    def _complaint(self, what: str) -> Iterator[None]:
         """Name the file in whatever its reader finds wrong with it."""
         try:
             yield
@@ -270,7 +270,7 @@ class MeshTrajectory(Frames):
             )
             self.lengthUnit = str(self._file.attrs.get("lengthUnit", "nm"))
 
-    def _read(self, i):
+    def _read(self, i: int) -> MeshFrame:
         steps, polygons = self._root["Steps"], self._root["Polygons"]
         if steps.get("NumberOfParts") is not None and steps["NumberOfParts"][i] != 1:
             raise ValueError("it has several parts; one is expected")
@@ -293,7 +293,7 @@ class MeshTrajectory(Frames):
         )
 
 
-def _count(path):
+def _count(path: Path) -> int:
     """Return the number of frames in a file, 0 if there is none."""
     if not path.exists():
         return 0
@@ -301,7 +301,7 @@ def _count(path):
         return len(trajectory)
 
 
-def _requireFolder(path):
+def _requireFolder(path: Path) -> None:
     """Raise an OSError at once if a file cannot be made here."""
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; the name of a file is expected")
@@ -311,7 +311,7 @@ def _requireFolder(path):
         raise PermissionError(f"{path.parent} is not writable; {path.name} cannot be made there")
 
 
-def _polyData(file, path):
+def _polyData(file: Any, path: Path) -> Any:
     """Return the group of an open file that holds the PolyData."""
     root = file.get("VTKHDF")
     kind = root.attrs.get("Type") if isinstance(root, h5py.Group) else None
@@ -325,7 +325,7 @@ def _polyData(file, path):
     return root
 
 
-def _existing(out, path, keep):
+def _existing(out: Any, path: Path, keep: int) -> Any:
     """Return the group to which to append, with `keep` frames in it."""
     root = _polyData(out, path)
     count = int(root["Steps"].attrs["NSteps"])
@@ -335,7 +335,7 @@ def _existing(out, path, keep):
     return root
 
 
-def _create(out, frame, precision, lengthUnit):
+def _create(out: Any, frame: MeshFrame, precision: str, lengthUnit: str) -> Any:
     """Lay out a file for frames like this one."""
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}; it must be 'double' or 'single'")
@@ -373,13 +373,13 @@ def _create(out, frame, precision, lengthUnit):
     return root
 
 
-def _growing(group, name, columns=None, kind="i8"):
+def _growing(group: Any, name: str, columns: int | None = None, kind: str = "i8") -> None:
     """Create an empty array with an entry for each step."""
     tail = () if columns is None else (columns,)
     group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(256, *tail))
 
 
-def _resize(root, count):
+def _resize(root: Any, count: int) -> None:
     """Make room for a number of frames, or drop those beyond it."""
     numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
     root["Points"].resize(count * numVertices, axis=0)
@@ -395,7 +395,7 @@ def _resize(root, count):
     steps.attrs["NSteps"] = count
 
 
-def _append(root, frame):
+def _append(root: Any, frame: MeshFrame) -> None:
     """Add a frame."""
     mesh, data, steps = frame.mesh, root["PointData"], root["Steps"]
     count = int(steps.attrs["NSteps"])
@@ -425,7 +425,7 @@ def _append(root, frame):
         steps[name][count] = entry
 
 
-def _requireRoom(part, frames):
+def _requireRoom(part: Path, frames: Iterable[MeshFrame]) -> None:
     """Raise OSError if the disk has no room for more frames: after a write that failed HDF5 may take the whole program
     with it.
     """
@@ -438,7 +438,7 @@ def _requireRoom(part, frames):
         out.truncate(size)
 
 
-def _sizeOf(frame):
+def _sizeOf(frame: MeshFrame) -> int:
     """Return the number of bytes of a frame in a file, before compression; indices have 64 bits there."""
     return (
         frame.mesh.vertices.nbytes
@@ -448,7 +448,7 @@ def _sizeOf(frame):
 
 
 @contextlib.contextmanager
-def _plainErrors(path):
+def _plainErrors(path: Path) -> Iterator[None]:
     """Say in a sentence what HDF5 says in its own words."""
     try:
         yield

@@ -4,8 +4,9 @@ import ctypes
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ def canRender() -> bool:
     return True
 
 
-def _requirePyvista():
+def _requirePyvista() -> Any:
     pyvista = require("pyvista", "rendering")
     if not _hasOpenGL():
         raise ValueError(
@@ -104,7 +105,7 @@ def _requirePyvista():
     return pyvista
 
 
-def _hasOpenGL():
+def _hasOpenGL() -> bool:
     """Return whether VTK will find something to draw with.  Where it does not, it ends the program."""
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         return True
@@ -117,7 +118,9 @@ def _hasOpenGL():
     return False
 
 
-def _images(frames, lengthUnit, elevation, azimuth, cut):
+def _images(
+    frames: Sequence[MeshFrame], lengthUnit: str, elevation: float, azimuth: float, cut: bool
+) -> Iterator[np.ndarray]:
     """Yield the picture of each frame as an array of bytes (height, width, 3)."""
     pyvista = _requirePyvista()
     middle, radius, bound = _bounds(frames)
@@ -156,7 +159,7 @@ def _images(frames, lengthUnit, elevation, azimuth, cut):
         plotter.close()
 
 
-def _bounds(frames):
+def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, float]:
     """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost
     hundredth.
     """
@@ -173,12 +176,12 @@ def _bounds(frames):
     )
 
 
-def _direction(elevation, azimuth):
+def _direction(elevation: float, azimuth: float) -> np.ndarray:
     """Return the unit vector towards the viewer."""
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def _aim(plotter, middle, radius, direction):
+def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray) -> None:
     """Let the camera see a sphere, above the scale of colors."""
     plotter.camera.focal_point, plotter.camera.position = middle, middle + 4.7 * radius * direction
     plotter.camera.SetWindowCenter(0, -0.14)
@@ -187,13 +190,13 @@ def _aim(plotter, middle, radius, direction):
     plotter.camera.clipping_range = (3.5 * radius, 6 * radius)
 
 
-def _save(image, file):
+def _save(image: np.ndarray, file: PathLike) -> None:
     from PIL import Image
 
     Image.fromarray(image).save(file)
 
 
-def _writeGIF(images, file, framesPerSecond):
+def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
     from PIL import Image
 
     first, *others = [Image.fromarray(image) for image in images]
@@ -205,7 +208,7 @@ def _writeGIF(images, file, framesPerSecond):
     Path(file).write_bytes(film.getvalue())
 
 
-def _writeMP4(images, file, framesPerSecond):
+def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
     imageio = require("imageio.v2", "writing MP4 films")
     require("imageio_ffmpeg", "writing MP4 films")
     with imageio.get_writer(str(file), fps=framesPerSecond, macro_block_size=16, quality=8) as film:

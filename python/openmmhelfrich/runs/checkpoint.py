@@ -8,6 +8,7 @@ the State, as parameters of the Integrator.
 
 import json
 import zipfile
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ def loadSimulation(
     return simulation, force
 
 
-def _read(file, names, parse):
+def _read(file: PathLike, names: Sequence[str], parse: Callable[[str], Any]) -> list[Any]:
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     try:
@@ -110,7 +111,7 @@ def _read(file, names, parse):
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
-def _parse(text):
+def _parse(text: str) -> RunState | None:
     """Return a RunState, or None if its format is another version's."""
     data = json.loads(text)
     return RunState(**data) if data.pop("format", None) == FORMAT else None

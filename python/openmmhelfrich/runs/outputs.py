@@ -193,11 +193,11 @@ class Recorder:
             sizes["meshFrames"] = self._meshes.getNumFrames()
         return sizes
 
-    def _reporters(self):
+    def _reporters(self) -> list[Any]:
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
 
 
-def _checkLength(file, size):
+def _checkLength(file: Path, size: int) -> None:
     length = file.stat().st_size if file.exists() else 0
     if length < size:
         raise ValueError(

@@ -14,7 +14,7 @@ import math
 import signal
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,8 @@ from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
-from .studies import StopSignals, isFinished, resume, run
+from .studies import StopSignals, Study, isFinished, resume, run
+from .summary import Summary
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
@@ -164,7 +165,7 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
 
-def _place(point, folder):
+def _place(point: Point, folder: Path) -> None:
     """Give a point its folder; raise a ValueError if that holds a run of other settings."""
     config = point.config
     # The folder belongs to the point, and the lock to its run.
@@ -187,7 +188,7 @@ def _place(point, folder):
             )
 
 
-def _comparable(config):
+def _comparable(config: Config) -> dict[str, Any]:
     """Return what a point's results depend on, by key."""
     data = config.model_dump(
         mode="json",
@@ -203,20 +204,20 @@ def _comparable(config):
     }
 
 
-def _folder(config):
-    return Path(config.output.prefix).parent
+def _folder(config: Config) -> Path:
+    return Path(config.output.prefix or "").parent
 
 
-def _settingsFile(config):
+def _settingsFile(config: Config) -> Path:
     return _folder(config) / "point.toml"
 
 
-def _resultFile(config):
+def _resultFile(config: Config) -> Path:
     return _folder(config) / "result.json"
 
 
 @contextlib.contextmanager
-def _locked(file):
+def _locked(file: Path) -> Iterator[bool]:
     """Lock a file and tell whether that was possible within a few seconds."""
     with open(file, "a") as lock:
         end = time.monotonic() + SECONDS_FOR_A_LOCK
@@ -232,7 +233,7 @@ def _locked(file):
         yield True  # closing the file unlocks it
 
 
-def _goOn(config, progress):
+def _goOn(config: Config, progress: Callable[[Study], None]) -> Summary | None:
     """Begin a run, or go on with it, and return its Summary; None if it has come to its end already."""
     outputs = Outputs.of(config)
     if not outputs.checkpoint.exists():
@@ -240,17 +241,17 @@ def _goOn(config, progress):
         return run(config, progress)
     if isFinished(loadRunState(outputs.checkpoint), outputs):
         return None
-    return resume(config.output.prefix, progress=progress, threads=config.platform.threads)
+    return resume(config.output.prefix or "", progress=progress, threads=config.platform.threads)
 
 
-def _writeSettings(config):
+def _writeSettings(config: Config) -> None:
     with replacing(_settingsFile(config)) as part:
         part.write_text(
             settingsText(config, ["The settings of this point, as openmm-helfrich run takes them."]), encoding="utf-8"
         )
 
 
-def _isStopped(summary):
+def _isStopped(summary: Summary | None) -> bool:
     return summary is not None and summary.interrupted
 
 
@@ -260,12 +261,12 @@ class _Messenger:
     Called with the Study after each step.
     """
 
-    def __init__(self, name, sweepName):
+    def __init__(self, name: str, sweepName: str) -> None:
         from distributed import get_worker
 
         self._name, self._sweep, self._log, self._saidAt = name, sweepName, get_worker().log_event, -math.inf
 
-    def __call__(self, study):
+    def __call__(self, study: Study) -> None:
         if self._sweep in _stopping:
             raise KeyboardInterrupt
         now = time.monotonic()
@@ -283,12 +284,12 @@ class _Messenger:
             )
 
 
-def _writeResult(config):
+def _writeResult(config: Config) -> None:
     with replacing(_resultFile(config)) as part:
         part.write_text(json.dumps(observe(config), indent=1) + "\n", encoding="utf-8")
 
 
-def _readResult(config):
+def _readResult(config: Config) -> dict[str, Any]:
     return json.loads(_resultFile(config).read_text(encoding="utf-8"))
 
 
@@ -316,14 +317,14 @@ def observe(config: Config) -> dict[str, Any]:
     }
 
 
-def _takeFinished(states):
+def _takeFinished(states: list[PointStatus]) -> None:
     for state in states:
         if _resultFile(state.point.config).exists():
             state.status, state.observables = "done", _readResult(state.point.config)
 
 
 @contextlib.contextmanager
-def _client(scheduler, workers):
+def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long."""
     distributed = require("distributed", "a sweep", "sweep")
     if scheduler is not None:
@@ -348,12 +349,12 @@ def _client(scheduler, workers):
         yield client
 
 
-def _ignoreInterrupts():
+def _ignoreInterrupts() -> None:
     """Leave Ctrl-C, which a terminal sends to every process, to the sweep."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _askToStop(sweepName):
+def _askToStop(sweepName: str) -> None:
     """Let the points of a sweep that run on a worker end, after a checkpoint."""
     _stopping.add(sweepName)
 
@@ -361,14 +362,16 @@ def _askToStop(sweepName):
 class _Dispatcher:
     """Hands points to workers, as many as there are threads for, until none is left."""
 
-    def __init__(self, client, result, stop, progress):
+    def __init__(
+        self, client: Any, result: SweepResult, stop: StopSignals, progress: Callable[[list[PointStatus]], None]
+    ) -> None:
         self._client, self._result, self._stop, self._progress = client, result, stop, progress
         self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
         self._states = {state.point.name: state for state in result.points}
         self._waiting = [state.point for state in result.points if state.status == "waiting"]
-        self._running = {}  # points by their futures
+        self._running: dict[Any, Point] = {}  # by their futures
 
-    def run(self):
+    def run(self) -> None:
         self._client.subscribe_topic(self._name, self._hear)
         while self._running or self._waiting:
             if self._stop.signal is not None:
@@ -380,7 +383,7 @@ class _Dispatcher:
             self._progress(self._result.points)
         self._client.unsubscribe_topic(self._name)
 
-    def _handOut(self):
+    def _handOut(self) -> None:
         free = max(0, sum(self._client.nthreads().values()) - len(self._running))
         for point in self._waiting[:free]:
             future = self._client.submit(
@@ -389,7 +392,7 @@ class _Dispatcher:
             self._running[future] = point
         del self._waiting[:free]
 
-    def _wait(self):
+    def _wait(self) -> None:
         from distributed import TimeoutError, wait
 
         if not self._running:
@@ -398,7 +401,7 @@ class _Dispatcher:
         with contextlib.suppress(TimeoutError):
             wait(list(self._running), timeout=SECONDS_BETWEEN_MESSAGES, return_when="FIRST_COMPLETED")
 
-    def _collect(self):
+    def _collect(self) -> None:
         hasNews = False
         for future in [future for future in self._running if future.done()]:
             point = self._running.pop(future)
@@ -416,7 +419,7 @@ class _Dispatcher:
             _writeTable(self._result)
 
     @staticmethod
-    def _outcome(future):
+    def _outcome(future: Any) -> dict[str, Any]:
         if future.status == "finished":
             return future.result()
         error = future.exception()
@@ -430,7 +433,7 @@ class _Dispatcher:
             }
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
-    def _hear(self, event):
+    def _hear(self, event: tuple[Any, dict[str, Any]]) -> None:
         """Take a message of a point, on the Client's thread."""
         _, message = event
         state = self._states[message["name"]]
@@ -439,7 +442,7 @@ class _Dispatcher:
             state.stage, state.position, state.steps = message["stage"], message["position"], message["steps"]
 
 
-def _writeTable(result):
+def _writeTable(result: SweepResult) -> None:
     """Write a row for each point, replacing the table in a single step."""
     heads = dict.fromkeys(name for state in result.points for name in state.point.parameters)
     columns = dict.fromkeys(name for state in result.points for name in state.observables)

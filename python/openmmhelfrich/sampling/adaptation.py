@@ -219,7 +219,7 @@ class StepSizeAdapter(_Adapter):
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize
 
-    def _search(self, probability):
+    def _search(self, probability: float) -> None:
         direction = 1 if probability > 0.5 else -1
         if self._direction in (0, direction):
             self._direction = direction
@@ -227,7 +227,7 @@ class StepSizeAdapter(_Adapter):
         else:
             self._direction, self._centre = None, self._logStepSize
 
-    def _average(self, probability):
+    def _average(self, probability: float) -> None:
         self._count += 1
         self._error += (self._acceptance - probability - self._error) / (self._count + self.T0)
         self._logStepSize = self._centre - math.sqrt(self._count) / self.GAMMA * self._error
@@ -449,11 +449,11 @@ def adaptStepSize(
     )
 
 
-def _isUsed(integrator, adapter):
+def _isUsed(integrator: Any, adapter: Any) -> bool:
     return any(isinstance(move, adapter.KINDS) for move in movesOf(integrator, onlyUsed=True))
 
 
-def _checkProbability(probability):
+def _checkProbability(probability: float) -> float:
     if not 0 <= probability <= 1:
         raise ValueError(
             f"the acceptance probability is {probability}; it must be from 0 to 1, and 0 for a trajectory that diverged"
