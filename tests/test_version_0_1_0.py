@@ -204,7 +204,7 @@ def test_contexts_go_on(scene, platform, form):
 @pytest.mark.parametrize("scene, other", [("flips", "trajectories"), ("trajectories", "flips"), ("native", "waves")])
 def test_a_checkpoint_of_another_class_is_refused(scene, other, platform):
     context = mm.Context(load(scene, "system"), load(other, "integrator"), mm.Platform.getPlatformByName(platform))
-    with pytest.raises(mm.OpenMMException, match="of another class|ends too early"):
+    with pytest.raises(mm.OpenMMException, match=r"of another class|ends too early"):
         restore(context, f"{scene}.{platform}", "checkpoint")
 
 
