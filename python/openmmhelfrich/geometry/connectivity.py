@@ -99,7 +99,7 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
     return _orient(triangles, vertices)
 
 
-def _turns(count, first, second, agree):
+def _turns(count: int, first: np.ndarray, second: np.ndarray, agree: np.ndarray) -> np.ndarray:
     """Return which triangles to turn so that all neighbors agree, if those in `first` and `second` share an edge and
     agree or not.
     """
@@ -121,7 +121,7 @@ def _turns(count, first, second, agree):
     return np.array(turned, dtype=bool)
 
 
-def _orient(triangles, vertices):
+def _orient(triangles: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Turn the triangles of closed membranes so that neighbors agree and volumes are positive."""
     first, second = pairHalfedges(triangles, len(vertices))
     origin, _ = halfedges(triangles)
@@ -155,13 +155,13 @@ def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None
     _checkVolumes(vertices, triangles)
 
 
-def _connect(a, b, size):
+def _connect(a: np.ndarray, b: np.ndarray, size: int) -> tuple[int, np.ndarray]:
     """Return the number of connected components of a graph with edges a-b, and the component of each node."""
     graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
     return connected_components(graph, directed=False)
 
 
-def _checkTriangles(vertices, triangles):
+def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
     a, b, c = triangles.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
@@ -182,7 +182,7 @@ def _checkTriangles(vertices, triangles):
         raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
 
 
-def _checkEdges(triangles, order, start):
+def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> None:
     count = np.diff(start, append=len(order))
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
@@ -212,7 +212,7 @@ def _checkEdges(triangles, order, start):
     _checkRepeatedTriangles(triangles)
 
 
-def _checkRepeatedTriangles(triangles):
+def _checkRepeatedTriangles(triangles: np.ndarray) -> None:
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)
     same = np.flatnonzero(np.all(corners[order[1:]] == corners[order[:-1]], axis=1))
@@ -224,7 +224,7 @@ def _checkRepeatedTriangles(triangles):
         )
 
 
-def _checkVertices(triangles, numVertices, first, second):
+def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, second: np.ndarray) -> None:
     """Check that the triangles around each vertex form one closed fan of at least three."""
     origin, _ = halfedges(triangles)
     valence = np.bincount(origin, minlength=numVertices)
@@ -249,7 +249,7 @@ def _checkVertices(triangles, numVertices, first, second):
         )
 
 
-def _checkVolumes(vertices, triangles):
+def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
     count, label = labelComponents(triangles, len(vertices))
     for membrane in range(count):
         part = triangles[label[triangles[:, 0]] == membrane] if count > 1 else triangles
@@ -268,10 +268,10 @@ def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) 
     return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
 
 
-def _triangle(triangles, t):
+def _triangle(triangles: np.ndarray, t: int) -> str:
     return f"triangle {t} ({', '.join(map(str, triangles[t]))})"
 
 
-def _edge(triangles, h):
+def _edge(triangles: np.ndarray, h: int) -> str:
     t, corner = divmod(int(h), 3)
     return f"edge ({triangles[t, corner]}, {triangles[t, (corner + 1) % 3]})"

@@ -231,12 +231,12 @@ class Mesh:
         curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
         return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 
-    def _normals(self):
+    def _normals(self) -> np.ndarray:
         """Return the normal of each triangle, of twice its area."""
         x = self.vertices[self.triangles]
         return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
-    def _withoutLooseVertices(self):
+    def _withoutLooseVertices(self) -> "Mesh":
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.triangles] = True
         return Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles])
@@ -250,7 +250,7 @@ def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) 
     return np.bincount(places, values, count).astype(np.float64, copy=False)
 
 
-def _floats(vertices):
+def _floats(vertices: Any) -> np.ndarray:
     try:
         vertices = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -262,14 +262,14 @@ def _floats(vertices):
     return vertices
 
 
-def _notFinite(vertices):
+def _notFinite(vertices: np.ndarray) -> str:
     v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
     return (
         f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
     )
 
 
-def _indices(triangles, numVertices):
+def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     try:
         triangles = np.asarray(triangles)
     except ValueError:
@@ -288,11 +288,11 @@ def _indices(triangles, numVertices):
     return triangles.astype(np.int32)
 
 
-def _inUnit(value, wanted):
+def _inUnit(value: Any, wanted: unit.Unit) -> float:
     return float(valueIn(value, wanted))
 
 
-def _lengthOf(length):
+def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
@@ -305,7 +305,7 @@ def _lengthOf(length):
     return value
 
 
-def _icosahedron():
+def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
     g = (1 + math.sqrt(5)) / 2
     vertices = np.array(
         [
@@ -350,7 +350,7 @@ def _icosahedron():
     return vertices / math.sqrt(1 + g * g), triangles
 
 
-def _subdivide(vertices, triangles):
+def _subdivide(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Divide each triangle in four at the middles of its edges."""
     order, start = connectivity.groupHalfedges(triangles, len(vertices))
     middle = np.empty(len(order), dtype=np.int64)

@@ -1,5 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,7 @@ class MeshQuality:
             )
         return lines
 
-    def _contact(self, mean, u):
+    def _contact(self, mean: float, u: str) -> str:
         if self.closestPair is None:
             return "no vertices that are three or more edges apart come within two mean edge lengths of each other"
         a, b, distance = self.closestPair
@@ -192,7 +193,7 @@ def _near(mesh, pairs, middles, radii):
             yield ends[isNear], t[isNear]
 
 
-def _passing(mesh, edges, triangles):
+def _passing(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
     # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
     # (1997)).
@@ -207,11 +208,11 @@ def _passing(mesh, edges, triangles):
     return np.column_stack((edges, triangles))[passes]
 
 
-def _dot(a, b):
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", a, b)
 
 
-def _genera(mesh):
+def _genera(mesh: Mesh) -> list[int]:
     """Return the genus of each membrane, from its Euler characteristic V-E+F = 2-2g."""
     count, label = connectivity.labelComponents(mesh.triangles, len(mesh.vertices))
     vertices, edges, triangles = (
@@ -221,7 +222,7 @@ def _genera(mesh):
     return ((2 - (vertices - edges + triangles)) // 2).tolist()
 
 
-def _shapes(mesh):
+def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Return the angles, in degrees, and the aspect ratio of each triangle."""
     x = mesh.vertices[mesh.triangles]
     sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
@@ -232,11 +233,11 @@ def _shapes(mesh):
     return np.degrees(angles), circumradius / (2 * inradius)
 
 
-def _components(genera):
+def _components(genera: Sequence[int]) -> str:
     if len(genera) == 1:
         return f"one membrane of genus {genera[0]}"
     return f"{len(genera)} membranes of genus {', '.join(map(str, sorted(set(genera))))}"
 
 
-def _range(values):
+def _range(values: np.ndarray) -> str:
     return f"{values.min():.4g} to {values.max():.4g}, mean {values.mean():.4g}"

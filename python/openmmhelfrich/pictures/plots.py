@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
+from ..sampling.observables import OBSERVABLES, PANELS, Observable, curves, isTarget
 from ..tables import Table, headOf
 from .curvature import smoothMeanCurvature
 
@@ -67,7 +67,7 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
     saveFigure(figure, file)
 
 
-def _plotCurve(axes, table, observable, isThin):
+def _plotCurve(axes: Any, table: Table, observable: Observable, isThin: bool) -> None:
     steps, values = table["step"], table[observable.name]
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
@@ -119,7 +119,7 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     saveFigure(figure, file)
 
 
-def _plotBranches(axes, windows, name, prefix):
+def _plotBranches(axes: Any, windows: Table, name: str, prefix: str) -> None:
     last = int(np.argmax(windows["lambda"]))
     for part, style, text in ((slice(last + 1), "o-", "there"), (slice(last, None), "s--", "back")):
         if windows["lambda"][part].size > 1:
@@ -175,7 +175,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     saveFigure(figure, file)
 
 
-def _colorMap():
+def _colorMap() -> Any:
     from matplotlib import colormaps
 
     return colormaps["coolwarm"]
@@ -192,7 +192,7 @@ def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
         figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png")
 
 
-def _frame(axes, vertices, elevation, azimuth, lengthUnit):
+def _frame(axes: Any, vertices: np.ndarray, elevation: float, azimuth: float, lengthUnit: str) -> None:
     """Show all of the vertices at equal scales."""
     middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
     for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
@@ -203,7 +203,7 @@ def _frame(axes, vertices, elevation, azimuth, lengthUnit):
     axes.set_title(f"{size:.3g} {_plain(lengthUnit)} across", y=0, fontsize="medium")
 
 
-def _colorBar(figure, axes, norm, lengthUnit):
+def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str) -> None:
     from matplotlib.cm import ScalarMappable
 
     figure.colorbar(

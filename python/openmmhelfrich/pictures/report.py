@@ -5,8 +5,10 @@ needs nothing else.
 import base64
 import html
 import json
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmm as mm
@@ -21,12 +23,13 @@ from ..sampling.averages import lateRows
 from ..sampling.observables import (
     OBSERVABLES,
     PANELS,
+    Observable,
     curves,
     divergence,
     observableUnits,
     readObservables,
 )
-from ..tables import headOf
+from ..tables import Table, headOf
 from ..version import __version__
 from .curvature import smoothMeanCurvature
 
@@ -115,11 +118,11 @@ def writeReport(
     return file
 
 
-def _beside(prefix, ending):
+def _beside(prefix: Path, ending: str) -> Path:
     return prefix.with_name(prefix.name + ending)
 
 
-def _readFrames(prefix, warnings):
+def _readFrames(prefix: Path, warnings: list[str]) -> Sequence[MeshFrame]:
     """Return the frames of the trajectory, or the final mesh as the only one, or none."""
     trajectory = _beside(prefix, ".vtkhdf")
     if trajectory.exists():
@@ -134,7 +137,7 @@ def _readFrames(prefix, warnings):
     return []
 
 
-def _readTable(prefix, warnings):
+def _readTable(prefix: Path, warnings: list[str]) -> tuple[Table | None, dict[str, str]]:
     """Return the table and its units, or None and no units."""
     file = _beside(prefix, ".csv")
     if not file.exists():
@@ -146,7 +149,7 @@ def _readTable(prefix, warnings):
     return table, units
 
 
-def _readSettings(prefix, warnings):
+def _readSettings(prefix: Path, warnings: list[str]) -> str:
     file = _beside(prefix, ".resolved.toml")
     if file.exists():
         return file.read_text(encoding="utf-8")
@@ -154,7 +157,9 @@ def _readSettings(prefix, warnings):
     return ""
 
 
-def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
+def _shape(
+    frames: Sequence[MeshFrame], maxFrames: float, maxBytes: float, lengthUnit: str, warnings: list[str]
+) -> dict[str, Any] | None:
     """Return what the page needs to draw the frames, or None if there is no room for one."""
     first = frames[0].mesh
     indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
@@ -179,7 +184,7 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
     }
 
 
-def _encode(shown, indexType):
+def _encode(shown: list[tuple[int, Mesh]], indexType: str) -> dict[str, Any]:
     """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
     low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
     size, low = max(high - low), (low + high - max(high - low)) / 2  # a cube around all
@@ -197,7 +202,7 @@ def _encode(shown, indexType):
     return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
 
 
-def _base64(values, kind):
+def _base64(values: np.ndarray, kind: str) -> str:
     """Return numbers, rounded to little-endian integers of a kind, as text."""
     return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
 
@@ -223,11 +228,11 @@ def _panels(table, units):
     return {"steps": [int(step) for step in table["step"][rows]], "panels": panels}
 
 
-def _rounded(values):
+def _rounded(values: np.ndarray) -> list[float | None]:
     return [float(f"{value:.7g}") if np.isfinite(value) else None for value in values]
 
 
-def _facts(frames, table, units):
+def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, str]) -> list[tuple[str, str]]:
     """Return a label and a text for what the run was like on average."""
     facts = []
     if len(frames):
@@ -247,7 +252,7 @@ def _facts(frames, table, units):
     return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
 
 
-def _fact(observable, table, late, units):
+def _fact(observable: Observable, table: Table, late: Table, units: dict[str, str]) -> str:
     """Return the average of an observable, or its last value, as text."""
     name = observable.name
     if observable.onPage == "last":
@@ -255,7 +260,7 @@ def _fact(observable, table, late, units):
     return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
 
 
-def _judge(table, warnings):
+def _judge(table: Table, warnings: list[str]) -> None:
     """Add what looks wrong in the table."""
     bad = [name for name, values in table.items() if not np.all(np.isfinite(values))]
     if bad:
@@ -272,7 +277,7 @@ def _judge(table, warnings):
         warnings.append("No flip was accepted: the membrane does not flow.")
 
 
-def _judgeMesh(step, mesh, warnings):
+def _judgeMesh(step: int, mesh: Mesh, warnings: list[str]) -> None:
     """Add what is wrong with the last shape."""
     try:
         crossings = assess(mesh).crossings
@@ -285,7 +290,7 @@ def _judgeMesh(step, mesh, warnings):
         )
 
 
-def _fill(template, parts):
+def _fill(template: str, parts: dict[str, str]) -> str:
     """Put the parts in the places that the template marks as @@name@@, each found before any is filled."""
     pieces = template.split("@@")
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))

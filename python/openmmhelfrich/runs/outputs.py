@@ -237,7 +237,7 @@ class Recorder:
             sizes["meshFrames"] = self._meshes.getNumFrames()
         return sizes
 
-    def _reporters(self):
+    def _reporters(self) -> list[Any]:
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
 
 

@@ -48,7 +48,8 @@ class Scene:
     Attributes
     ----------
     config : Config
-        the configuration, with every default filled in: what settings files and checkpoints hold
+        the configuration, with every default filled in: what settings files and checkpoints hold. What may be left
+        out of a file, and simulates, is an attribute here, and not to be read from it
     mesh : Mesh
         the membrane at the beginning
     lengthUnit : str
@@ -187,7 +188,7 @@ class Scene:
         simulation.context.setPositions(self.mesh.vertices)
         return simulation
 
-    def _createShearWaves(self):
+    def _createShearWaves(self) -> ShearWaveIntegrator:
         """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area."""
         sampling, radius = self.config.sampling, _radius(self.targets["area"])
         return ShearWaveIntegrator(
@@ -403,7 +404,7 @@ def defaultStepSize(config: Config, mesh: Mesh) -> float:
     return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
 
 
-def _stiffness(config, mesh):
+def _stiffness(config: Config, mesh: Mesh) -> float:
     """Estimate the largest second derivative of the energy, in kT per squared length unit.
 
     The estimates are those for a vertex of a flat sheet of equilateral triangles (bending; tension; with thermal

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..sampling.averages import lateRows
-from ..sampling.observables import OBSERVABLES, divergence
+from ..sampling.observables import OBSERVABLES, Observable, divergence
 from ..tables import Table
 from .config import Config
 from .outputs import Outputs
@@ -102,7 +102,7 @@ class Summary:
     def _late(self) -> Table:
         return lateRows(self.table)
 
-    def _stepsLine(self):
+    def _stepsLine(self) -> str:
         made = (
             f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
         )
@@ -111,7 +111,7 @@ class Summary:
         )
         return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
-    def _average(self, observable):
+    def _average(self, observable: Observable) -> str:
         name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
         text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
         return text + f", always within {self.drift(name):.2%} of its target" if name in self.targets else text

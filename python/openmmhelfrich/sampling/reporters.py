@@ -220,7 +220,7 @@ class MeshReporter:
         finally:
             self._end.detach()
 
-    def _requireSameMembrane(self, file):
+    def _requireSameMembrane(self, file: PathLike) -> None:
         with readMeshTrajectory(file) as trajectory:
             mesh = trajectory[0].mesh
         if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
