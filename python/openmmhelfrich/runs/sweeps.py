@@ -12,7 +12,7 @@ import math
 import signal
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,8 @@ from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
 from .room import requireDisk
-from .studies import StopSignals, resume, run
+from .studies import StopSignals, Study, resume, run
+from .summary import Summary
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
