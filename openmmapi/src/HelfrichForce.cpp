@@ -1,7 +1,6 @@
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/internal/Checks.h"
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
-#include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "openmm/internal/ContextImpl.h"
 #include <algorithm>
 #include <cmath>
@@ -62,13 +61,6 @@ void HelfrichForce::setTriangleParameters(int index, int particle1, int particle
 
 void HelfrichForce::setTriangles(const vector<array<int, 3>>& triangles) {
     this->triangles = triangles;
-}
-
-int HelfrichForce::getNumSurfaces() const {
-    int last = -1;
-    for (auto& triangle : triangles)
-        last = max({last, triangle[0], triangle[1], triangle[2]});
-    return HelfrichMesh(triangles, last + 1).getNumSurfaces();
 }
 
 int HelfrichForce::addFixedEdge(int particle1, int particle2) {
@@ -268,6 +260,10 @@ bool HelfrichForce::hasTerm(const string& name) const {
 
 static HelfrichForceImpl& findImpl(ForceImpl& impl) {
     return dynamic_cast<HelfrichForceImpl&>(impl);
+}
+
+int HelfrichForce::getNumSurfacesInContext(Context& context) const {
+    return findImpl(getImplInContext(context)).getMesh().getNumSurfaces();
 }
 
 void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3>>& triangles) const {

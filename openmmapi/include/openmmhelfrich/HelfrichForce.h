@@ -145,11 +145,6 @@ public:
      */
     void setTriangles(const std::vector<std::array<int, 3>>& triangles);
     /**
-     * Get the number of connected surfaces that the triangles form.  Throws an OpenMMException that names the item
-     * unless they are closed and oriented.
-     */
-    int getNumSurfaces() const;
-    /**
      * Get the number of edges that never flip.
      */
     int getNumFixedEdges() const {
@@ -375,6 +370,12 @@ public:
      * the term on and off in that Context: it may be any finite number, also where this Force has none.
      */
     std::string getPressureParameter() const;
+    /**
+     * Get the number of connected surfaces, which flips do not change.
+     *
+     * @param context  the Context to query
+     */
+    int getNumSurfacesInContext(OpenMM::Context& context) const;
     /**
      * Get the live triangles of a Context, which edge flips change.
      *
