@@ -19,10 +19,10 @@ from ..io.vtkhdf import MeshFrame, readMeshTrajectory
 from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.observables import (
-    OBSERVABLES,
     PANELS,
     curves,
     divergence,
+    observablesIn,
     observableUnits,
     readObservables,
 )
@@ -232,7 +232,7 @@ def _facts(frames, table, units):
             ("steps", f"{int(table['step'][-1])}"),
             ("averages", f"with standard deviations, from step {int(late['step'][0])} on"),
         ]
-        facts += [(o.title, _fact(o, table, late, units)) for o in OBSERVABLES if o.onPage and o.name in table]
+        facts += [(o.title, _fact(o, table, late, units)) for o in observablesIn(table) if o.onPage]
     versions = f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}"
     return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
 

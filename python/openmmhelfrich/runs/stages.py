@@ -27,7 +27,7 @@ from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.minimization import minimize, minimizeFluid
 from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import absoluteTargets, currentTargets, setTargets
+from ..sampling.targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
 from ..tables import Table
 from .scene import Scene
 from .sections import SamplingSection
@@ -39,6 +39,10 @@ _TARGET_NAMES = {
     "reduced_volume": "reducedVolume",
     "target_area_difference": "areaDifference",
 }
+
+
+# The relative distance of an area or volume from its target that is not to be closed suddenly.
+FAR = 0.05
 
 
 class Stage(ABC):
@@ -252,6 +256,50 @@ class Sample(MonteCarlo):
     """Constant conditions; an automatic step size or amplitude adapts in the burn-in."""
 
     WAVE_ADAPTER = AmplitudeAdapter
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._origins = self._findOrigins()
+
+    def getState(self) -> dict[str, Any]:
+        return {**super().getState(), "origins": self._origins}
+
+    def setState(self, state: dict[str, Any]) -> None:
+        super().setState(state)
+        self._origins = state.get("origins", {})
+
+    def window(self) -> tuple[int, bool]:
+        window, isEquilibrated = super().window()
+        return window, isEquilibrated and not self._isApproaching(self.position)
+
+    def _targets(self, n):
+        targets = super()._targets(n)
+        if self._isApproaching(n):
+            progress, end = (n + 1) / self._approachSteps(), {**self._startTargets, **self._endTargets()}
+            targets |= {name: (1 - progress) * origin + progress * end[name] for name, origin in self._origins.items()}
+        return targets
+
+    def _isApproaching(self, n):
+        return len(self._origins) > 0 and n < self._approachSteps()
+
+    def _approachSteps(self):
+        sampling, context = self._scene.config.sampling, self._simulation.context
+        if sampling.approach_steps is not None:
+            return sampling.approach_steps
+        return 0 if self._force.getNumSurfacesInContext(context) == 1 else burnIn(sampling, self.steps) // 2
+
+    def _findOrigins(self):
+        """Return the areas and volumes that are far from their targets, by the targets' names."""
+        if self._approachSteps() == 0:
+            return {}
+        measures = measuredTargets(self._simulation.context, self._force)
+        return {
+            name: measures[name]
+            for name, target in {**self._startTargets, **self._endTargets()}.items()
+            if totalOf(name) in ("area", "volume")
+            and self._scene.moduli[totalOf(name)] > 0
+            and abs(measures[name] / target - 1) > FAR
+        }
 
     def _createAdapter(self):
         integrator, own = self._simulation.integrator, self._settings.step_size

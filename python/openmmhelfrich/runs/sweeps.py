@@ -27,7 +27,7 @@ from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
 from ..optional import require
 from ..sampling.averages import lateRows
-from ..sampling.observables import OBSERVABLES, readObservables
+from ..sampling.observables import observablesIn, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig
@@ -303,7 +303,8 @@ def observe(config: Config) -> dict[str, Any]:
     table, shape = readObservables(outputs.table), describeShape(Mesh.read(outputs.mesh))
     late = lateRows(table)
     mean = {name: float(late[name].mean()) for name in ("E_bending", "area", "meanCurvature")}
-    averaged = [o for o in OBSERVABLES if o.inSweep == "mean" and o.name in table]
+    observables = observablesIn(table)
+    averaged = [o for o in observables if o.inSweep == "mean"]
     means = {headOf(o.name, o.unitIn(lengthUnit)): float(late[o.name].mean()) for o in averaged if o.unit}
     return {
         "steps": int(table["step"][-1]),
@@ -312,7 +313,7 @@ def observe(config: Config) -> dict[str, Any]:
         **{o.name: float(late[o.name].mean()) for o in averaged if not o.unit},
         "reducedAreaDifference": reducedAreaDifference(mean["area"], mean["meanCurvature"]),
         **means,
-        **{o.name: float(table[o.name][-1]) for o in OBSERVABLES if o.inSweep == "last" and o.name in table},
+        **{o.name: float(table[o.name][-1]) for o in observables if o.inSweep == "last"},
     }
 
 
