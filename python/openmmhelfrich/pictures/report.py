@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm as mm
 
+from ..analysis.description import classifyShape
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.quality import assess
@@ -226,6 +227,9 @@ def _facts(frames, table, units):
             ("membrane", f"{len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles"),
             ("frames", str(len(frames))),
         ]
+        surfaces = mesh.components()
+        if len(surfaces) > 1:
+            facts += [(f"shape of surface {k}", classifyShape(surface)) for k, surface in enumerate(surfaces)]
     if table is not None:
         late = lateRows(table)
         facts += [
