@@ -5,8 +5,10 @@
  * extended precision.  It shares no line with what it tests. */
 
 #include "Membranes.h"
+#include <algorithm>
 #include <map>
 #include <set>
+#include <vector>
 
 namespace HelfrichPlugin {
 
@@ -65,7 +67,12 @@ template <class Real>
 class HelfrichEquations {
 public:
     typedef std::array<Real, 3> Point;
+    struct Surface {
+        Real area = 0, volume = 0, curvature = 0;
+    };
     Real area = 0, volume = 0, curvature = 0;
+    /// in the order of their first triangles
+    std::vector<Surface> surfaces;
     std::vector<Real> vertexAreas, vertexCurvatures;
     HelfrichEquations(const std::vector<std::array<int, 3>>& triangles, const std::vector<Point>& x,
                       const HelfrichParameters& p)
@@ -73,6 +80,7 @@ public:
         for (auto& t : triangles)
             for (int c = 0; c < 3; c++)
                 apexes[{t[c], t[(c + 1) % 3]}] = t[(c + 2) % 3];
+        findSurfaces();
         addTriangles();
         addEdges(p);
         Real two = 2;
@@ -80,10 +88,19 @@ public:
             if (p.has(Term::Bending))
                 energy(Term::Bending) += two * Real(p.moduli[Term::Bending]) * vertexCurvatures[i] *
                                          vertexCurvatures[i] / vertexAreas[i];
-        energy(Term::Area) = penalty(p.moduli[Term::Area], area, p.targetArea);
-        energy(Term::Volume) = penalty(p.moduli[Term::Volume], volume, p.targetVolume);
-        energy(Term::AreaDifference) = penalty(p.moduli[Term::AreaDifference],
-                                               two * Real(p.leafletSeparation) * curvature, p.targetAreaDifference);
+        for (size_t k = 0; k < surfaces.size(); k++) {
+            auto add = [&](Term term, Real value, double commonTarget) {
+                auto own = p.surfaceTargets.find({term, (int) k});
+                double target = (own == p.surfaceTargets.end() ? commonTarget : own->second);
+                energy(term) += penalty(p.moduli[term], value, target);
+            };
+            add(Term::Area, surfaces[k].area, p.targetArea);
+            add(Term::Volume, surfaces[k].volume, p.targetVolume);
+            add(Term::AreaDifference, two * Real(p.leafletSeparation) * surfaces[k].curvature, p.targetAreaDifference);
+            area += surfaces[k].area;
+            volume += surfaces[k].volume;
+            curvature += surfaces[k].curvature;
+        }
         energy(Term::Tension) = Real(p.moduli[Term::Tension]) * area;
         energy(Term::Pressure) = Real(-p.moduli[Term::Pressure]) * volume;
         if (p.has(Term::Repulsion))
@@ -132,11 +149,34 @@ private:
         Real norm = length(n);
         return {n[0] / norm, n[1] / norm, n[2] / norm};
     }
+    void findSurfaces() {
+        // Corners of a triangle point to each other, and so in the end to one and the same vertex of their surface.
+
+        std::vector<int> next(x.size());
+        for (int i = 0; i < (int) x.size(); i++)
+            next[i] = i;
+        auto last = [&](int i) {
+            while (next[i] != i)
+                i = next[i] = next[next[i]];
+            return i;
+        };
+        for (auto& t : triangles)
+            for (int i : t)
+                next[last(i)] = last(t[0]);
+        std::map<int, int> numbers;
+        for (auto& t : triangles)
+            numbers.insert({last(t[0]), (int) numbers.size()});
+        surfaces.resize(numbers.size());
+        for (int i = 0; i < (int) x.size(); i++) {
+            auto number = numbers.find(last(i));
+            surfaceOf.push_back(number == numbers.end() ? -1 : number->second);
+        }
+    }
     void addTriangles() {
         for (auto& t : triangles) {
             Real triangleArea = length(normal(t[0], t[1], t[2])) / Real(2);
-            area += triangleArea;
-            volume += dot(x[t[0]], cross(x[t[1]], x[t[2]])) / Real(6);
+            surfaces[surfaceOf[t[0]]].area += triangleArea;
+            surfaces[surfaceOf[t[0]]].volume += dot(x[t[0]], cross(x[t[1]], x[t[2]])) / Real(6);
             for (int i : t)
                 vertexAreas[i] += triangleArea / Real(3);
         }
@@ -152,7 +192,7 @@ private:
             Real l = length(e), angle = atan2(dot(cross(nf, ng), e) / l, dot(nf, ng)), quarter = l * angle / Real(4);
             vertexCurvatures[i] += quarter;
             vertexCurvatures[j] += quarter;
-            curvature += quarter + quarter;
+            surfaces[surfaceOf[i]].curvature += quarter + quarter;
             if (p.has(Term::Tether))
                 addTether(l, p);
         }
@@ -188,6 +228,7 @@ private:
     }
     const std::vector<std::array<int, 3>>& triangles;
     const std::vector<Point>& x;
+    std::vector<int> surfaceOf;
     std::map<std::pair<int, int>, int> apexes;
     std::array<Real, NUM_TERMS> energies = {};
 };

@@ -143,6 +143,29 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
     return result;
 }
 
+/**
+ * Several membranes as one, whose particles and triangles follow each other.
+ */
+inline Membrane join(const std::vector<Membrane>& membranes) {
+    Membrane result;
+    for (auto& membrane : membranes) {
+        int first = result.positions.size();
+        result.positions.insert(result.positions.end(), membrane.positions.begin(), membrane.positions.end());
+        for (auto& t : membrane.triangles)
+            result.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+    }
+    return result;
+}
+
+/**
+ * The same membrane in another place and size.
+ */
+inline Membrane place(Membrane membrane, const OpenMM::Vec3& shift, double scale = 1) {
+    for (auto& x : membrane.positions)
+        x = x * scale + shift;
+    return membrane;
+}
+
 constexpr TermMask Bending = Term::Bending, Area = Term::Area, Volume = Term::Volume,
                    AreaDifference = Term::AreaDifference, Tether = Term::Tether, Repulsion = Term::Repulsion,
                    Tension = Term::Tension, Pressure = Term::Pressure, AllTerms = TermMask::ALL;
@@ -201,6 +224,27 @@ inline HelfrichParameters createParameters(const Membrane& membrane, TermMask te
 }
 
 /**
+ * Three blobs of different sizes, one in another and the third beside them, so close that all of them repel each other,
+ * with their particles and triangles in disorder.
+ */
+inline Membrane createSeveralSurfaces() {
+    Membrane outer = createBlob(2), inner = place(createBlob(1, 0.15, 2), OpenMM::Vec3(0.15, -0.1, 0.25), 0.5),
+             beside = place(createBlob(1, 0.15, 3), OpenMM::Vec3(1.9, 0, 0));
+    std::vector<int> newIndex;
+    return renumber(join({beside, inner, outer}), newIndex, 5);
+}
+
+/**
+ * The same parameters, where the surface 0 has a target volume of its own, 1 a target area and area difference, and 2
+ * all of these.
+ */
+inline HelfrichParameters withSurfaceTargets(HelfrichParameters p) {
+    p.surfaceTargets = {{{Term::Volume, 0}, 1.1},  {{Term::Area, 1}, 5.0}, {{Term::AreaDifference, 1}, 1.5},
+                        {{Term::Volume, 2}, 0.45}, {{Term::Area, 2}, 3.3}, {{Term::AreaDifference, 2}, -2.1}};
+    return p;
+}
+
+/**
  * A force with given parameters on the particles of a membrane.
  */
 inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParameters& p) {
@@ -213,6 +257,16 @@ inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParame
     force->setTargetVolume(p.targetVolume);
     force->setAreaDifferenceModulus(p.moduli[Term::AreaDifference]);
     force->setTargetAreaDifference(p.targetAreaDifference);
+    for (auto& target : p.surfaceTargets) {
+        Term term = target.first.first;
+        int surface = target.first.second;
+        if (term == Term::Area)
+            force->setTargetArea(target.second, surface);
+        else if (term == Term::Volume)
+            force->setTargetVolume(target.second, surface);
+        else
+            force->setTargetAreaDifference(target.second, surface);
+    }
     force->setLeafletSeparation(p.leafletSeparation);
     force->setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force->setTetherLengthScale(p.tetherLengthScale);

@@ -437,6 +437,165 @@ void testTwoMembranesAndOtherParticles() {
         assertEqualRelative(alone.vertexAreas[i], geometry.vertexAreas[n - 1 - i], 1e-12);
 }
 
+void testSeveralSurfacesAgainstEquations() {
+    // Nested and side by side, with targets of their own and with common ones.
+
+    Membrane several = createSeveralSurfaces();
+    vector<int> some;
+    for (int i = 0; i < (int) several.positions.size(); i += 9)
+        some.push_back(i);
+    vector<HelfrichParameters> all = createAllParameters(several);
+    for (auto& p : createAllParameters(several))
+        all.push_back(withSurfaceTargets(p));
+    for (auto& p : all) {
+        MembraneContext context(several, p);
+        auto exact = computeExactly(several, p);
+        HelfrichEnergyTerms terms = context.getTerms();
+        for (int i = 0; i < NUM_TERMS; i++)
+            ASSERT_EQUAL_TOL((double) exact[Term(i)], terms[Term(i)], 1e-12);
+        assertEqualRelative(exact.getTotal(), context.getEnergy(), 1e-12);
+        vector<Vec3> forces = context.getForces(), found;
+        for (int i : some)
+            found.push_back(forces[i]);
+        assertEqualVectors(computeForcesExactly(several, p, some), found, 1e-11);
+    }
+    HelfrichParameters p = createParameters(several, AllTerms);
+    MembraneContext context(several, p);
+    HelfrichGeometry geometry = context.getGeometry();
+    auto exact = computeExactly(several, p);
+    ASSERT_EQUAL(3, (int) geometry.surfaces.size());
+    for (int k = 0; k < 3; k++) {
+        assertEqualRelative(exact.surfaces[k].area, geometry.surfaces[k].area, 1e-13);
+        assertEqualRelative(exact.surfaces[k].volume, geometry.surfaces[k].volume, 1e-13);
+        assertEqualRelative(exact.surfaces[k].curvature, geometry.surfaces[k].integratedMeanCurvature, 1e-13);
+        assertEqualRelative(2 * p.leafletSeparation * exact.surfaces[k].curvature, geometry.surfaces[k].areaDifference,
+                            1e-13);
+    }
+    assertEqualRelative(exact.volume, geometry.volume, 1e-13);
+}
+
+void testEachSurfaceByItself() {
+    // Without repulsion, however far apart they are, surfaces in one force have the energies and forces that each has
+    // in a force of its own.
+
+    for (double distance : {4.0, 4e4}) {
+        vector<Membrane> alone = {createBlob(1, 0.15, 1), createBlob(2, 0.15, 2), createBlob(0, 0.15, 3)};
+        for (int k = 0; k < 3; k++)
+            alone[k] = place(alone[k], Vec3(distance * k, 0, 0));
+        Membrane several = join(alone);
+        HelfrichParameters p = createParameters(alone[1], ~Repulsion);
+        MembraneContext together(several, withSurfaceTargets(p));
+        double energy = 0;
+        vector<Vec3> forces;
+        for (int k = 0; k < 3; k++) {
+            HelfrichParameters own = p;
+            own.targetArea = withSurfaceTargets(p).getTarget(Term::Area, k);
+            own.targetVolume = withSurfaceTargets(p).getTarget(Term::Volume, k);
+            own.targetAreaDifference = withSurfaceTargets(p).getTarget(Term::AreaDifference, k);
+            MembraneContext context(alone[k], own);
+            HelfrichGeometry geometry = context.getGeometry();
+            HelfrichSurfaceGeometry surface = together.getGeometry().surfaces[k];
+            assertEqualRelative(geometry.area, surface.area, 1e-13);
+            assertEqualRelative(geometry.volume, surface.volume, 1e-12);
+            assertEqualRelative(geometry.areaDifference, surface.areaDifference, 1e-13);
+            energy += context.getEnergy();
+            for (auto& force : context.getForces())
+                forces.push_back(force);
+        }
+        assertEqualRelative(energy, together.getEnergy(), 1e-12);
+        assertEqualVectors(forces, together.getForces(), 1e-12);
+    }
+}
+
+/**
+ * Assert that something throws an OpenMMException that says all of the given things.
+ */
+template <class Action>
+void assertThrows(Action action, const vector<string>& details) {
+    try {
+        action();
+    }
+    catch (const OpenMMException& error) {
+        for (auto& detail : details)
+            if (string(error.what()).find(detail) == string::npos)
+                throwException(__FILE__, __LINE__, "'" + string(error.what()) + "' does not say '" + detail + "'");
+        return;
+    }
+    throwException(__FILE__, __LINE__, "no error that says '" + details[0] + "'");
+}
+
+void testTargetsOfSurfaces() {
+    // Each is a parameter of the Context with a name of its own, and setting that of all takes the others back.
+
+    Membrane several = createSeveralSurfaces();
+    HelfrichParameters p = withSurfaceTargets(createParameters(several, AllTerms)), changed = p;
+    changed.surfaceTargets[{Term::Volume, 2}] = 0.7;
+    changed.targetVolume = 1.3;
+    MembraneContext context(several, p), other(several, changed);
+    HelfrichForce& force = *context.forces[0];
+    ASSERT_EQUAL("HelfrichForceTargetVolume", force.getTargetVolumeParameter());
+    ASSERT_EQUAL("HelfrichForceTargetVolume", force.getTargetVolumeParameter(1));
+    ASSERT_EQUAL("HelfrichForceTargetVolume2", force.getTargetVolumeParameter(2));
+    ASSERT_EQUAL("HelfrichForceTargetArea1", force.getTargetAreaParameter(1));
+    ASSERT_EQUAL("HelfrichForceTargetAreaDifference2", force.getTargetAreaDifferenceParameter(2));
+    ASSERT_EQUAL(0.45, context.context->getParameter("HelfrichForceTargetVolume2"));
+    ASSERT_EQUAL(0.45, force.getTargetVolume(2));
+    ASSERT_EQUAL(force.getTargetVolume(), force.getTargetVolume(1));
+    double before = context.getEnergy();
+    ASSERT(fabs(other.getEnergy() - before) > 1);
+    context.context->setParameter("HelfrichForceTargetVolume2", 0.7);
+    context.context->setParameter("HelfrichForceTargetVolume", 1.3);
+    ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
+
+    // Later changes of the targets in the Force are not those of the Context.
+
+    force.setTargetVolume(3.9);
+    force.setTargetArea(2, 0);
+    ASSERT_EQUAL(3.9, force.getTargetVolume(2));
+    ASSERT_EQUAL("HelfrichForceTargetVolume", force.getTargetVolumeParameter(2));
+    force.updateParametersInContext(*context.context);
+    ASSERT_EQUAL(other.getEnergy(), context.getEnergy());
+    ASSERT_EQUAL(5.0, force.getTargetArea(1));
+}
+
+void testInvalidSurfaces() {
+    Membrane several = createSeveralSurfaces();
+    HelfrichParameters p = createParameters(several, AllTerms), q = p;
+    q.surfaceTargets[{Term::Area, 3}] = 1;
+    assertThrows([&] { MembraneContext(several, q); }, {"surface 3", "form 3 surfaces"});
+    MembraneContext context(several, withSurfaceTargets(p));
+    context.context->setParameter("HelfrichForceTargetVolume2", 0);
+    assertThrows([&] { context.getEnergy(); }, {"volume term is on", "HelfrichForceTargetVolume2 is 0"});
+    HelfrichForce force;
+    assertThrows([&] { force.setTargetVolume(1, -2); }, {"setTargetVolume", "-2"});
+    assertThrows([&] { force.getTargetAreaParameter(-3); }, {"getTargetAreaParameter", "-3"});
+    ASSERT_EQUAL(3, context.forces[0]->getNumSurfacesInContext(*context.context));
+
+    // Where every surface has a target of its own, nobody needs a common one.
+
+    HelfrichParameters noCommon = createParameters(several, Volume);
+    noCommon.targetVolume = 0;
+    assertThrows([&] { MembraneContext(several, noCommon); }, {"HelfrichForceTargetVolume is 0"});
+    for (int k = 0; k < 3; k++)
+        noCommon.surfaceTargets[{Term::Volume, k}] = 0.5 + k;
+    ASSERT(MembraneContext(several, noCommon).getEnergy() > 0);
+
+    // Each surface must be outside in, and a particle a vertex of one force only.
+
+    int surface = HelfrichMesh(several.triangles, several.positions.size()).getSurface(several.triangles[5][0]);
+    for (auto& t : several.triangles)
+        if (HelfrichMesh(createSeveralSurfaces().triangles, several.positions.size()).getSurface(t[0]) == surface)
+            swap(t[0], t[1]);
+    MembraneContext inverted(several, createParameters(several, Volume));
+    assertThrows([&] { inverted.getEnergy(); }, {"surface " + to_string(surface) + " encloses", "inside out"});
+    Membrane blob = createBlob(1);
+    HelfrichForce *first = createForce(blob, createParameters(blob, Bending)),
+                  *second = createForce(blob, createParameters(blob, Area));
+    second->setName("Other");
+    assertThrows([&] { MembraneContext(blob.positions, {first, second}); },
+                 {"particle", "two HelfrichForces", "'HelfrichForce'", "'Other'"});
+}
+
 void testTargetsAreContextParameters() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms), changed = p;
@@ -627,6 +786,10 @@ int main() {
         testTetherHasNoUnit();
         testSphere();
         testTwoMembranesAndOtherParticles();
+        testSeveralSurfacesAgainstEquations();
+        testEachSurfaceByItself();
+        testTargetsOfSurfaces();
+        testInvalidSurfaces();
         testTargetsAreContextParameters();
         testModuliThatAreContextParameters();
         testUpdateParameters();

@@ -3,6 +3,7 @@
 
 %ignore HelfrichPlugin::HelfrichForce::getParameters;
 %ignore HelfrichPlugin::HelfrichGeometry;
+%ignore HelfrichPlugin::HelfrichSurfaceGeometry;
 
 %fragment("HelfrichExceptions", "header") {
 static void setOpenMMException(const char* message) {
@@ -101,7 +102,7 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
 %typemap(doctype) OpenMM::Context& "openmm.Context"
 %typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
 %feature("docstring") HelfrichPlugin::HelfrichForce "
-This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
+This class gives closed triangulated surfaces the elastic energy of a fluid lipid membrane (Helfrich, 1973).
 Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
 is not zero:
 
@@ -112,7 +113,7 @@ is not zero:
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
  - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
- - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps the surface from crossing itself: see setRepulsion()
+ - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps surfaces from crossing themselves and each other: see setRepulsion()
  - tension, sigma A, linear, beside the area term or instead of it
  - pressure, -pV, linear, beside the volume term or instead of it
 
@@ -121,6 +122,11 @@ The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
 and add it to a System.  The three targets, the tension and the pressure are parameters of the Context: change
 them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+
+The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
+their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
+setTargetArea() and its siblings set the target of every surface, or of one.  The moduli are those of all.  Vertices repel
+each other whichever surface they belong to.  A particle may be a vertex of one HelfrichForce only.
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.
@@ -232,5 +238,5 @@ Compute the geometry of the membrane for the present positions of a Context.
 :type context: Context
 :param context: the Context to query
 :rtype: HelfrichGeometry
-:return: areas, volume and curvatures, of the whole and of each vertex
+:return: areas, volumes and curvatures, of the whole, of each connected surface and of each vertex
 ";

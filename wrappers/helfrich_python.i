@@ -12,37 +12,55 @@ from openmm import unit
 
 %pythoncode %{
 @dataclasses.dataclass(frozen=True, eq=False)
-class HelfrichGeometry:
-    """The geometry of a membrane.
-
-    The arrays have one element a vertex, in ascending order of the particles' indices.
+class HelfrichSurfaceGeometry:
+    """The geometry of a connected surface.
 
     Attributes
     ----------
     area : Quantity
-        total area A, in nm^2
+        area A, in nm^2
     volume : Quantity
         enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside
     areaDifference : Quantity
         area difference between the leaflets, 2hM, in nm^2
     integratedMeanCurvature : Quantity
         integrated mean curvature M, in nm: 4 pi R on a sphere
-    vertexAreas : Quantity
-        array of the vertices' areas, a third of that of their triangles, in nm^2; they add up to the total area
-    vertexMeanCurvatures : Quantity
-        array of the vertices' integrated mean curvatures, in nm; they add up to the integrated mean curvature
     """
     area: unit.Quantity
     volume: unit.Quantity
     areaDifference: unit.Quantity
     integratedMeanCurvature: unit.Quantity
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HelfrichGeometry(HelfrichSurfaceGeometry):
+    """The geometry of a membrane.
+
+    The numbers are the sums over its connected surfaces.  The arrays have one element a vertex, in ascending order of
+    the particles' indices.
+
+    Attributes
+    ----------
+    area, volume, areaDifference, integratedMeanCurvature : Quantity
+        see :class:`HelfrichSurfaceGeometry`
+    vertexAreas : Quantity
+        array of the vertices' areas, a third of that of their triangles, in nm^2; they add up to the total area
+    vertexMeanCurvatures : Quantity
+        array of the vertices' integrated mean curvatures, in nm; they add up to the integrated mean curvature
+    surfaces : tuple of HelfrichSurfaceGeometry
+        each connected surface, in the order of their first triangles
+    """
     vertexAreas: unit.Quantity
     vertexMeanCurvatures: unit.Quantity
+    surfaces: tuple
 
     @classmethod
     def _fromNumbers(cls, *numbers):
-        units = (unit.nanometer**power for power in (2, 3, 2, 1, 2, 1))
-        return cls(*map(unit.Quantity, numbers, units))
+        def withUnits(values):
+            return map(unit.Quantity, values, (unit.nanometer**power for power in (2, 3, 2, 1, 2, 1)))
+
+        *sums, surfaces = numbers
+        return cls(*withUnits(sums), tuple(HelfrichSurfaceGeometry(*withUnits(surface)) for surface in surfaces))
 
 
 def _cast(cls, object):

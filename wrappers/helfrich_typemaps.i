@@ -153,7 +153,13 @@ static PyObject* vectorToArray(const std::vector<double>& values) {
 }
 %typemap(out, fragment="HelfrichVector") HelfrichPlugin::HelfrichGeometry {
     const HelfrichPlugin::HelfrichGeometry& geometry = $1;
-    $result = Py_BuildValue("(d,d,d,d,N,N)", geometry.area, geometry.volume, geometry.areaDifference,
+    PyObject* surfaces = PyTuple_New(geometry.surfaces.size());
+    for (size_t i = 0; i < geometry.surfaces.size(); i++) {
+        const HelfrichPlugin::HelfrichSurfaceGeometry& surface = geometry.surfaces[i];
+        PyTuple_SET_ITEM(surfaces, i, Py_BuildValue("(d,d,d,d)", surface.area, surface.volume, surface.areaDifference,
+                                                    surface.integratedMeanCurvature));
+    }
+    $result = Py_BuildValue("(d,d,d,d,N,N,N)", geometry.area, geometry.volume, geometry.areaDifference,
             geometry.integratedMeanCurvature, vectorToArray(geometry.vertexAreas),
-            vectorToArray(geometry.vertexMeanCurvatures));
+            vectorToArray(geometry.vertexMeanCurvatures), surfaces);
 }

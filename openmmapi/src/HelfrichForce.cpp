@@ -79,6 +79,29 @@ void HelfrichForce::setFixedEdgeParameters(int index, int particle1, int particl
     fixedEdges[index] = {particle1, particle2};
 }
 
+static const int ALL_SURFACES = -1;
+
+static void checkSurface(const string& method, int surface) {
+    if (surface < ALL_SURFACES)
+        fail(method + ": the surface", surface, "a number from 0, or -1 for all");
+}
+
+void HelfrichForce::setTarget(const char* method, Term term, double& targetOfAll, double value, int surface) {
+    checkSurface(method, surface);
+    if (surface != ALL_SURFACES) {
+        parameters.surfaceTargets[{term, surface}] = value;
+        return;
+    }
+    targetOfAll = value;
+    auto& own = parameters.surfaceTargets;
+    own.erase(own.lower_bound({term, 0}), own.lower_bound({Term(int(term) + 1), 0}));
+}
+
+double HelfrichForce::getTarget(const char* method, Term term, int surface) const {
+    checkSurface(method, surface);
+    return parameters.getTarget(term, surface);
+}
+
 void HelfrichForce::setBendingModulus(double modulus) {
     requirePositive("setBendingModulus: the modulus", modulus, true);
     parameters.moduli[Term::Bending] = modulus;
@@ -89,9 +112,13 @@ void HelfrichForce::setAreaModulus(double modulus) {
     parameters.moduli[Term::Area] = modulus;
 }
 
-void HelfrichForce::setTargetArea(double area) {
+double HelfrichForce::getTargetArea(int surface) const {
+    return getTarget("getTargetArea", Term::Area, surface);
+}
+
+void HelfrichForce::setTargetArea(double area, int surface) {
     requirePositive("setTargetArea: the area", area, true);
-    parameters.targetArea = area;
+    setTarget("setTargetArea", Term::Area, parameters.targetArea, area, surface);
 }
 
 void HelfrichForce::setVolumeModulus(double modulus) {
@@ -99,9 +126,13 @@ void HelfrichForce::setVolumeModulus(double modulus) {
     parameters.moduli[Term::Volume] = modulus;
 }
 
-void HelfrichForce::setTargetVolume(double volume) {
+double HelfrichForce::getTargetVolume(int surface) const {
+    return getTarget("getTargetVolume", Term::Volume, surface);
+}
+
+void HelfrichForce::setTargetVolume(double volume, int surface) {
     requirePositive("setTargetVolume: the volume", volume, true);
-    parameters.targetVolume = volume;
+    setTarget("setTargetVolume", Term::Volume, parameters.targetVolume, volume, surface);
 }
 
 void HelfrichForce::setAreaDifferenceModulus(double modulus) {
@@ -109,9 +140,14 @@ void HelfrichForce::setAreaDifferenceModulus(double modulus) {
     parameters.moduli[Term::AreaDifference] = modulus;
 }
 
-void HelfrichForce::setTargetAreaDifference(double areaDifference) {
+double HelfrichForce::getTargetAreaDifference(int surface) const {
+    return getTarget("getTargetAreaDifference", Term::AreaDifference, surface);
+}
+
+void HelfrichForce::setTargetAreaDifference(double areaDifference, int surface) {
     checkFinite("setTargetAreaDifference: the area difference", areaDifference);
-    parameters.targetAreaDifference = areaDifference;
+    setTarget("setTargetAreaDifference", Term::AreaDifference, parameters.targetAreaDifference, areaDifference,
+              surface);
 }
 
 void HelfrichForce::setLeafletSeparation(double separation) {
@@ -179,23 +215,24 @@ void HelfrichForce::setPressure(double pressure) {
     parameters.moduli[Term::Pressure] = pressure;
 }
 
-static string getParameterName(const HelfrichForce& force, Term term) {
-    return force.getName() +
-           find_if(begin(HELFRICH_CONTEXT_PARAMETERS), end(HELFRICH_CONTEXT_PARAMETERS), [&](auto& parameter) {
-               return parameter.term == term;
-           })->name;
+static string getParameterName(const HelfrichForce& force, Term term, int surface = ALL_SURFACES) {
+    bool isOwn = (force.getParameters().surfaceTargets.count({term, surface}) != 0);
+    return force.getName() + getContextParameter(term).name + (isOwn ? to_string(surface) : "");
 }
 
-string HelfrichForce::getTargetAreaParameter() const {
-    return getParameterName(*this, Term::Area);
+string HelfrichForce::getTargetAreaParameter(int surface) const {
+    checkSurface("getTargetAreaParameter", surface);
+    return getParameterName(*this, Term::Area, surface);
 }
 
-string HelfrichForce::getTargetVolumeParameter() const {
-    return getParameterName(*this, Term::Volume);
+string HelfrichForce::getTargetVolumeParameter(int surface) const {
+    checkSurface("getTargetVolumeParameter", surface);
+    return getParameterName(*this, Term::Volume, surface);
 }
 
-string HelfrichForce::getTargetAreaDifferenceParameter() const {
-    return getParameterName(*this, Term::AreaDifference);
+string HelfrichForce::getTargetAreaDifferenceParameter(int surface) const {
+    checkSurface("getTargetAreaDifferenceParameter", surface);
+    return getParameterName(*this, Term::AreaDifference, surface);
 }
 
 string HelfrichForce::getTensionParameter() const {
@@ -223,6 +260,10 @@ bool HelfrichForce::hasTerm(const string& name) const {
 
 static HelfrichForceImpl& findImpl(ForceImpl& impl) {
     return dynamic_cast<HelfrichForceImpl&>(impl);
+}
+
+int HelfrichForce::getNumSurfacesInContext(Context& context) const {
+    return findImpl(getImplInContext(context)).getMesh().getNumSurfaces();
 }
 
 void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3>>& triangles) const {

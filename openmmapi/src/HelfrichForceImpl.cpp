@@ -24,44 +24,87 @@ HelfrichForceImpl::HelfrichForceImpl(const HelfrichForce& owner) : owner(owner) 
 
 void HelfrichForceImpl::initialize(ContextImpl& context) {
     const System& system = context.getSystem();
-    checkName(system);
-    parameters = owner.getParameters();
-    checkContextParameters(parameters);
     mesh.reset(new HelfrichMesh(owner.getTriangles(), system.getNumParticles()));
     mesh->setFixedEdges(copyFixedEdges(owner));
+    checkOtherMembranes(system);
+    parameters = owner.getParameters();
+    checkSurfaceTargets();
+    checkContextParameters(parameters);
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, owner, *mesh);
 }
 
-void HelfrichForceImpl::checkName(const System& system) const {
+void HelfrichForceImpl::checkOtherMembranes(const System& system) const {
+    vector<char> isVertex(system.getNumParticles(), 0);
+    for (int particle : mesh->getParticles())
+        isVertex[particle] = 1;
     for (int i = 0; i < system.getNumForces(); i++) {
-        const Force& other = system.getForce(i);
-        if (&other != &owner && dynamic_cast<const HelfrichForce*>(&other) != NULL &&
-            other.getName() == owner.getName())
-            throw OpenMMException(
-                    "HelfrichForce: two HelfrichForces have the name '" + owner.getName() +
-                    "', so that their parameters would have the same names; call setName() to tell them apart");
+        const HelfrichForce* other = dynamic_cast<const HelfrichForce*>(&system.getForce(i));
+        if (other != NULL && other != &owner) {
+            checkName(*other);
+            checkParticles(*other, isVertex);
+        }
     }
 }
 
+void HelfrichForceImpl::checkName(const HelfrichForce& other) const {
+    if (other.getName() == owner.getName())
+        throw OpenMMException(
+                "HelfrichForce: two HelfrichForces have the name '" + owner.getName() +
+                "', so that their parameters would have the same names; call setName() to tell them apart");
+}
+
+void HelfrichForceImpl::checkParticles(const HelfrichForce& other, const vector<char>& isVertex) const {
+    for (auto& triangle : other.getTriangles())
+        for (int particle : triangle)
+            if (particle >= 0 && particle < (int) isVertex.size() && isVertex[particle])
+                throw OpenMMException("HelfrichForce: particle " + to_string(particle) +
+                                      " belongs to two HelfrichForces, '" + owner.getName() + "' and '" +
+                                      other.getName() + "'; a particle may be a vertex of one only");
+}
+
+void HelfrichForceImpl::checkSurfaceTargets() const {
+    for (auto& target : parameters.surfaceTargets)
+        if (target.first.second >= mesh->getNumSurfaces())
+            throw OpenMMException(
+                    owner.getName() + ": surface " + to_string(target.first.second) +
+                    " has a target of its own, but the triangles form " + to_string(mesh->getNumSurfaces()) +
+                    (mesh->getNumSurfaces() == 1 ? " surface" : " surfaces") + "; they are numbered from 0");
+}
+
+string HelfrichForceImpl::getParameterName(const pair<Term, int>& surfaceTarget) const {
+    return owner.getName() + getContextParameter(surfaceTarget.first).name + to_string(surfaceTarget.second);
+}
+
 void HelfrichForceImpl::checkContextParameters(HelfrichParameters& p) const {
-    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS) {
-        double value = parameter.valueIn(p);
-        if (p.has(parameter.term) && (value == 0 || !isfinite(value))) {
-            stringstream message;
-            message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but "
-                    << owner.getName() << parameter.name << " is " << value << "; set it to a finite value"
-                    << (parameter.isModulus() ? "" : " other than zero") << " with set" << parameter.name
-                    << "() or as a parameter of the Context";
-            throw OpenMMException(message.str());
-        }
+    TermValues numOwn;
+    for (auto& target : p.surfaceTargets) {
+        Term term = target.first.first;
+        numOwn[term]++;
+        checkContextParameter(p, getContextParameter(term), getParameterName(target.first), target.second);
     }
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
+        if (numOwn[parameter.term] < mesh->getNumSurfaces())
+            checkContextParameter(p, parameter, owner.getName() + parameter.name, parameter.valueIn(p));
+}
+
+void HelfrichForceImpl::checkContextParameter(const HelfrichParameters& p, const HelfrichContextParameter& parameter,
+                                              const string& name, double value) const {
+    if (!p.has(parameter.term) || (value != 0 && isfinite(value)))
+        return;
+    stringstream message;
+    message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but " << name << " is "
+            << value << "; set it to a finite value" << (parameter.isModulus() ? "" : " other than zero") << " with set"
+            << parameter.name << "() or as a parameter of the Context";
+    throw OpenMMException(message.str());
 }
 
 HelfrichParameters HelfrichForceImpl::getParameters(ContextImpl& context) const {
     HelfrichParameters p = parameters;
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
         parameter.valueIn(p) = context.getParameter(owner.getName() + parameter.name);
+    for (auto& target : p.surfaceTargets)
+        target.second = context.getParameter(getParameterName(target.first));
     checkContextParameters(p);
     return p;
 }
@@ -74,15 +117,19 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
         return;
     HelfrichGeometry geometry;
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
-    double volume = geometry.volume;
-    if (volume <= 0) {
-        stringstream message;
-        message << owner.getName() << ": the energy depends on the volume, but the surface encloses one of " << volume
-                << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: "
-                   "exchange two particles of each";
-        throw OpenMMException(message.str());
+    for (int i = 0; i < mesh->getNumSurfaces(); i++) {
+        double volume = geometry.surfaces[i].volume;
+        if (volume <= 0) {
+            stringstream message;
+            message << owner.getName() << ": the energy depends on the volume, but "
+                    << (mesh->getNumSurfaces() == 1 ? "the surface" : "surface " + to_string(i)) << " encloses one of "
+                    << volume
+                    << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: "
+                       "exchange two particles of each";
+            throw OpenMMException(message.str());
+        }
     }
-    isOrientationChecked = isfinite(volume);
+    isOrientationChecked = isfinite(geometry.volume);
 }
 
 HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
@@ -158,6 +205,8 @@ map<string, double> HelfrichForceImpl::getDefaultParameters() {
     map<string, double> defaults;
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
         defaults[owner.getName() + parameter.name] = parameter.valueIn(p);
+    for (auto& target : p.surfaceTargets)
+        defaults[getParameterName(target.first)] = target.second;
     return defaults;
 }
 
@@ -175,7 +224,9 @@ vector<pair<int, int>> HelfrichForceImpl::getBondedParticles() const {
 }
 
 void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
+    auto surfaceTargets = parameters.surfaceTargets;
     parameters = owner.getParameters();
+    parameters.surfaceTargets = surfaceTargets;
     kernel.getAs<CalcHelfrichForceKernel>().copyParametersToContext(context, owner);
     context.systemChanged();
 }
@@ -203,6 +254,8 @@ HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     if (!isFinite(geometry, true))
         throwNonFinite(context, geometry);
     geometry.areaDifference = 2 * parameters.leafletSeparation * geometry.integratedMeanCurvature;
+    for (auto& surface : geometry.surfaces)
+        surface.areaDifference = 2 * parameters.leafletSeparation * surface.integratedMeanCurvature;
     return geometry;
 }
 

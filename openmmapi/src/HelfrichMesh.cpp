@@ -30,7 +30,8 @@ static void checkTriangles(const vector<array<int, 3>>& triangles, int numPartic
 }
 
 /**
- * Collects the vertices patch by patch.  A patch grows breadth-first from a vertex beside an earlier one.
+ * Collects the vertices surface by surface, and of each patch by patch.  A patch grows breadth-first from a vertex
+ * beside an earlier one.
  */
 class PatchOrder {
 public:
@@ -39,6 +40,7 @@ public:
         for (int v = 0; v < mesh.getNumVertices(); v++) {
             // Vertices that wait beside a patch come before those of other surfaces.
 
+            surfaceStart = order.size();
             growPatch(v);
             for (size_t next = 0; next < border.size(); next++)
                 growPatch(border[next]);
@@ -50,7 +52,7 @@ private:
     void growPatch(int seed) {
         if (isCollected[seed])
             return;
-        size_t next = order.size(), end = next - next % HelfrichMesh::PATCH + HelfrichMesh::PATCH;
+        size_t next = order.size(), end = next - (next - surfaceStart) % HelfrichMesh::PATCH + HelfrichMesh::PATCH;
         add(seed);
         for (; next < order.size(); next++) {
             for (int neighbor : mesh.neighbors(order[next]))
@@ -69,6 +71,7 @@ private:
     const HelfrichMesh& mesh;
     vector<char> isCollected;
     vector<int> border;
+    size_t surfaceStart = 0;
 };
 
 HelfrichMesh::HelfrichMesh(const vector<array<int, 3>>& triangles, int numParticles) : numParticles(numParticles) {
@@ -76,7 +79,28 @@ HelfrichMesh::HelfrichMesh(const vector<array<int, 3>>& triangles, int numPartic
     findParticles(triangles);
     findVertices(triangles);
     connect();
+    findSurfaces();
     order = PatchOrder(*this).order;
+}
+
+void HelfrichMesh::findSurfaces() {
+    const int NONE = -1;
+    surfaces.assign(getNumVertices(), NONE);
+    vector<int> found;
+    for (int h = 0; h < getNumHalfedges(); h += 3) {
+        if (surfaces[origin(h)] != NONE)
+            continue;
+        int surface = surfaceSizes.size();
+        surfaces[origin(h)] = surface;
+        found.assign(1, origin(h));
+        for (size_t next = 0; next < found.size(); next++)
+            for (int neighbor : neighbors(found[next]))
+                if (surfaces[neighbor] == NONE) {
+                    surfaces[neighbor] = surface;
+                    found.push_back(neighbor);
+                }
+        surfaceSizes.push_back(found.size());
+    }
 }
 
 void HelfrichMesh::chooseOutgoings() {
@@ -99,6 +123,11 @@ void HelfrichMesh::setOrder(const vector<int>& order) {
             isThere[vertex] = 1;
     if (order.size() != particles.size() || count(isThere.begin(), isThere.end(), 1) != getNumVertices())
         throw OpenMMException("HelfrichMesh: an order of the vertices must have each of them once");
+    int numChanges = 0;
+    for (size_t i = 1; i < order.size(); i++)
+        numChanges += (surfaces[order[i]] != surfaces[order[i - 1]]);
+    if (numChanges != getNumSurfaces() - 1)
+        throw OpenMMException("HelfrichMesh: an order of the vertices must have those of a surface together");
     this->order = order;
     revision++;
 }
@@ -213,6 +242,12 @@ void HelfrichMesh::setTriangles(const vector<array<int, 3>>& triangles) {
     if (mesh.arrays.halfedges.size() != arrays.halfedges.size())
         throw OpenMMException("HelfrichForce: there are " + to_string(triangles.size()) +
                               " new triangles; their number must stay " + to_string(getNumTriangles()));
+    auto moved = mismatch(surfaces.begin(), surfaces.end(), mesh.surfaces.begin());
+    if (moved.first != surfaces.end())
+        throw OpenMMException("HelfrichForce: by the new triangles, particle " +
+                              to_string(particles[moved.first - surfaces.begin()]) + " belongs to surface " +
+                              to_string(*moved.second) + ", and not to surface " + to_string(*moved.first) +
+                              " as before; the surfaces must stay the same, in the same order");
     mesh.setFixedEdges(fixedEdges);
     mesh.revision = revision + 1;
     *this = mesh;
@@ -253,6 +288,8 @@ void HelfrichMesh::validate() const {
     fresh.setFixedEdges(fixedEdges);
     if (fresh.arrays.fixedHalfedges != arrays.fixedHalfedges)
         throw OpenMMException("HelfrichMesh: the marks of fixed edges are wrong");
+    if (fresh.surfaces != surfaces)
+        throw OpenMMException("HelfrichMesh: the surfaces of the vertices are wrong");
     for (int v = 0; v < getNumVertices(); v++) {
         if (fresh.valence(v) != valence(v))
             throw OpenMMException("HelfrichMesh: the valence of vertex " + to_string(v) + " is wrong");

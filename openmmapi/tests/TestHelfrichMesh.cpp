@@ -57,6 +57,7 @@ void testParticlesOfSeveralMembranes() {
     ASSERT(!mesh.areBonded(0, 1));
     for (int h = 0; h < mesh.getNumHalfedges(); h++)
         ASSERT(!mesh.canFlip(h));
+    ASSERT_EQUAL_CONTAINERS((vector<int>{1, 0, 1, 1, 0, 0, 1, 0}), mesh.getSurfaces());
     mesh.validate();
 }
 
@@ -293,6 +294,55 @@ void assertThrows(function<void()> action, const vector<string>& details) {
     throwException(__FILE__, __LINE__, "no error that says '" + details[0] + "'");
 }
 
+void testSurfaces() {
+    // They are numbered by their first triangles, flips leave them as they are, and an order has them one by one.
+
+    Membrane several = createSeveralSurfaces();
+    HelfrichMesh mesh(several.triangles, several.positions.size());
+    ASSERT_EQUAL(3, mesh.getNumSurfaces());
+    vector<int> sizes(3, 0), surfaces = mesh.getSurfaces();
+    int numFound = 0;
+    for (auto& t : several.triangles) {
+        ASSERT_EQUAL(mesh.getSurface(t[0]), mesh.getSurface(t[1]));
+        ASSERT_EQUAL(mesh.getSurface(t[0]), mesh.getSurface(t[2]));
+        ASSERT(mesh.getSurface(t[0]) <= numFound);
+        numFound = max(numFound, mesh.getSurface(t[0]) + 1);
+    }
+    for (int surface : surfaces)
+        sizes[surface]++;
+    ASSERT_EQUAL_CONTAINERS(sizes, mesh.getSurfaceSizes());
+    TestRandom random(3);
+    for (int i = 0; i < 500; i++) {
+        int h = random.index(mesh.getNumHalfedges());
+        if (mesh.canFlip(h))
+            mesh.flip(h);
+    }
+    mesh.validate();
+    mesh.renewOrder();
+    vector<int> order = mesh.getOrder(), changes;
+    for (size_t i = 1; i < order.size(); i++)
+        if (mesh.getSurface(order[i]) != mesh.getSurface(order[i - 1]))
+            changes.push_back(i);
+    ASSERT_EQUAL(2, (int) changes.size());
+    mesh.setOrder(order);
+    swap(order[0], order.back());
+    assertThrows([&] { mesh.setOrder(order); }, {"order", "surface together"});
+    ASSERT_EQUAL_CONTAINERS(surfaces, mesh.getSurfaces());
+
+    // Triangles in which they have other numbers are refused, and so are those that make others of them.
+
+    Triangles triangles = mesh.getTriangles(), reversed(triangles.rbegin(), triangles.rend());
+    ASSERT(HelfrichMesh(reversed, several.positions.size()).getSurfaces() != surfaces);
+    assertThrows([&] { mesh.setTriangles(reversed); }, {"particle", "belongs to surface", "as before"});
+    ASSERT_EQUAL_CONTAINERS(triangles, mesh.getTriangles());
+    Membrane two = join({createSphere(0), createSphere(0)});
+    HelfrichMesh pair(two.triangles, two.positions.size());
+    for (auto& t : two.triangles)
+        for (int& particle : t)
+            particle = (particle == 0 ? 6 : particle == 6 ? 0 : particle);
+    assertThrows([&] { pair.setTriangles(two.triangles); }, {"particle 0 belongs to surface 1, and not to surface 0"});
+}
+
 void testInvalidTriangles() {
     const Triangles octahedron = createSphere(0).triangles;
     auto check = [&](function<void(Triangles&)> damage, const vector<string>& details) {
@@ -364,6 +414,7 @@ int main() {
     try {
         testConnectivity();
         testParticlesOfSeveralMembranes();
+        testSurfaces();
         testExclusions();
         testFlip();
         testUnflip();

@@ -47,7 +47,7 @@ void testTermsThatAreOn() {
 
 static double computeEnergy(const HelfrichParameters& p, const HelfrichTotals& totals) {
     HelfrichEnergyTerms terms;
-    addTermsOfTotals(p, totals, terms);
+    addTermsOfTotals(p, 0, totals, terms);
     return terms.getTotal();
 }
 
@@ -66,8 +66,8 @@ void testTermsOfTotals() {
         HelfrichParameters p = all.only(getTermsOfBits(bits));
         double energy = computeEnergy(p, totals);
         numTerms += (energy != 0);
-        HelfrichTotals slopes = getSlopesByTotals(p, totals);
-        ChangeByTotals change(p, totals);
+        HelfrichTotals slopes = getSlopesByTotals(p, 0, totals);
+        ChangeByTotals change(p, 0, totals);
         for (auto member : members)
             for (double difference : {1e-3, -0.5}) {
                 HelfrichTotals differences, before = totals, after = totals;
@@ -83,6 +83,36 @@ void testTermsOfTotals() {
     ASSERT(numTerms > 0);
 }
 
+void testTargetsOfSurfaces() {
+    // A surface with a target of its own has the energy, slopes and changes of that target, and the others those of
+    // the common one.
+
+    HelfrichParameters common = createParameters(createBlob(0), AllTerms), own = common, other = common;
+    own.targetArea = 6.5;
+    own.targetVolume = 2.7;
+    own.targetAreaDifference = -1.2;
+    other.surfaceTargets = {{{Term::Area, 2}, own.targetArea},
+                            {{Term::Volume, 2}, own.targetVolume},
+                            {{Term::AreaDifference, 2}, own.targetAreaDifference}};
+    HelfrichTotals totals = {7, 2.2, 11}, differences = {0.1, -0.2, 0.3};
+    for (int surface = 0; surface < 4; surface++) {
+        const HelfrichParameters& expected = (surface == 2 ? own : common);
+        HelfrichEnergyTerms expectedTerms, terms;
+        addTermsOfTotals(expected, 0, totals, expectedTerms);
+        addTermsOfTotals(other, surface, totals, terms);
+        for (int i = 0; i < NUM_TERMS; i++)
+            ASSERT_EQUAL(expectedTerms[Term(i)], terms[Term(i)]);
+        HelfrichTotals expectedSlopes = getSlopesByTotals(expected, 0, totals),
+                       slopes = getSlopesByTotals(other, surface, totals);
+        ASSERT_EQUAL(expectedSlopes.area, slopes.area);
+        ASSERT_EQUAL(expectedSlopes.volume, slopes.volume);
+        ASSERT_EQUAL(expectedSlopes.curvature, slopes.curvature);
+        ASSERT_EQUAL(ChangeByTotals(expected, 0, totals).addTo(0, differences),
+                     ChangeByTotals(other, surface, totals).addTo(0, differences));
+    }
+    ASSERT(computeEnergy(own, totals) != computeEnergy(common, totals));
+}
+
 void testContextParameters() {
     // Each sets a parameter of its own, and only a modulus turns its term on.
 
@@ -96,6 +126,8 @@ void testContextParameters() {
         parameter.valueIn(set) = 1;
         ASSERT_EQUAL(parameter.isModulus(), set.has(parameter.term));
     }
+    for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
+        ASSERT_EQUAL(&parameter, &getContextParameter(parameter.term));
     ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), names.size());
     ASSERT_EQUAL(size(HELFRICH_CONTEXT_PARAMETERS), places.size());
 }
@@ -105,6 +137,7 @@ int main() {
         testMasks();
         testTermsThatAreOn();
         testTermsOfTotals();
+        testTargetsOfSurfaces();
         testContextParameters();
     }
     catch (const exception& e) {

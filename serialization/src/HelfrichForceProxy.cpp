@@ -9,10 +9,10 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and
- * the pressure.
+ * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and the pressure,
+ * version 5 the targets of single surfaces.  A force without these is written as version 4, which older releases read.
  */
-static const int VERSION = 4, OLDEST_VERSION = 1;
+static const int VERSION = 5, VERSION_WITHOUT_SURFACES = 4, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -62,9 +62,36 @@ static void loadFixedEdges(HelfrichForce& force, const SerializationNode& node) 
         force.addFixedEdge(particles[2 * i], particles[2 * i + 1]);
 }
 
+static void storeSurfaceTargets(const HelfrichParameters& p, SerializationNode& node) {
+    for (auto& target : p.surfaceTargets)
+        node.createChildNode("Target")
+                .setStringProperty("term", TERM_NAMES[int(target.first.first)])
+                .setIntProperty("surface", target.first.second)
+                .setDoubleProperty("value", target.second);
+}
+
+static void loadSurfaceTarget(HelfrichForce& force, const SerializationNode& node) {
+    const string& term = node.getStringProperty("term");
+    int surface = node.getIntProperty("surface");
+    double value = node.getDoubleProperty("value");
+    if (surface < 0)
+        throw OpenMMException("HelfrichForce: a serialized target is of surface " + to_string(surface) +
+                              "; surfaces are numbered from 0");
+    if (term == TERM_NAMES[int(Term::Area)])
+        force.setTargetArea(value, surface);
+    else if (term == TERM_NAMES[int(Term::Volume)])
+        force.setTargetVolume(value, surface);
+    else if (term == TERM_NAMES[int(Term::AreaDifference)])
+        force.setTargetAreaDifference(value, surface);
+    else
+        throw OpenMMException("HelfrichForce: a serialized target is of the term '" + term +
+                              "'; only area, volume and areaDifference have targets");
+}
+
 void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) const {
-    node.setIntProperty("version", VERSION);
     const HelfrichForce& force = *reinterpret_cast<const HelfrichForce*>(object);
+    bool hasSurfaceTargets = !force.getParameters().surfaceTargets.empty();
+    node.setIntProperty("version", hasSurfaceTargets ? VERSION : VERSION_WITHOUT_SURFACES);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
     const HelfrichParameters& p = force.getParameters();
@@ -82,6 +109,8 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     storeRepulsion(p, node.createChildNode("Repulsion"));
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
     storeFixedEdges(force, node.createChildNode("FixedEdges"));
+    if (hasSurfaceTargets)
+        storeSurfaceTargets(p, node.createChildNode("SurfaceTargets"));
 }
 
 void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
@@ -107,5 +136,8 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
         force->setTension(node.getDoubleProperty("tension"));
         force->setPressure(node.getDoubleProperty("pressure"));
     }
+    if (version > 4)
+        for (auto& target : node.getChildNode("SurfaceTargets").getChildren())
+            loadSurfaceTarget(*force, target);
     return force.release();
 }

@@ -88,6 +88,27 @@ void testDefaults() {
     ASSERT_EQUAL(toXml(force), toXml(*fromXml(toXml(force))));
 }
 
+void testSurfaceTargets() {
+    // Only a force that has targets of single surfaces is written as version 5.
+
+    HelfrichForce force;
+    makeForce(force);
+    ASSERT(toXml(force).find("version=\"4\"") != string::npos);
+    force.setTargetArea(0.1, 7);
+    force.setTargetVolume(1.0 / 3, 0);
+    force.setTargetVolume(1e-300, 2);
+    force.setTargetAreaDifference(-0.7, 1);
+    ASSERT(toXml(force).find("version=\"5\"") != string::npos);
+    unique_ptr<HelfrichForce> copy = fromXml(toXml(force));
+    ASSERT_EQUAL(toXml(force), toXml(*copy));
+    ASSERT(force.getParameters().surfaceTargets == copy->getParameters().surfaceTargets);
+    ASSERT_EQUAL(force.getTargetVolume(), copy->getTargetVolume());
+    copy->setTargetArea(3);
+    copy->setTargetVolume(3);
+    copy->setTargetAreaDifference(3);
+    ASSERT(toXml(*copy).find("version=\"4\"") != string::npos);
+}
+
 static string replaced(string text, const string& old, const string& with) {
     size_t position = text.find(old);
     ASSERT(position != string::npos);
@@ -135,12 +156,24 @@ static void assertRejected(const string& xml, const string& message) {
     throwException(__FILE__, __LINE__, "no exception that says '" + message + "'");
 }
 
+void testDamagedSurfaceTargets() {
+    HelfrichForce force;
+    makeForce(force);
+    force.setTargetVolume(0.3, 1);
+    string xml = toXml(force);
+    assertRejected(replaced(xml, "<SurfaceTargets", "<Targets"), "SurfaceTargets");
+    assertRejected(replaced(xml, "term=\"volume\"", "term=\"bending\""), "'bending'");
+    assertRejected(replaced(xml, "surface=\"1\"", "surface=\"-1\""), "surface -1");
+    assertRejected(replaced(xml, "value=\".3\"", "value=\"-.3\""), "setTargetVolume");
+    assertRejected(replaced(xml, "value=\".3\"", ""), "value");
+}
+
 void testDamagedText() {
     HelfrichForce force;
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"4\"", "version=\"5\""), "unsupported version 5");
+    assertRejected(replaced(xml, "version=\"4\"", "version=\"6\""), "unsupported version 6");
     assertRejected(replaced(xml, "version=\"4\"", "version=\"0\""), "unsupported version 0");
     assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
     assertRejected(replaced(xml, "lengthScale", "unit"), "lengthScale");
@@ -166,9 +199,11 @@ int main() {
     try {
         testRoundTrip();
         testDefaults();
+        testSurfaceTargets();
         testVersionWithoutTensionAndPressure();
         testVersionWithoutLengthScale();
         testVersionWithoutFixedEdges();
+        testDamagedSurfaceTargets();
         testDamagedText();
     }
     catch (const exception& e) {

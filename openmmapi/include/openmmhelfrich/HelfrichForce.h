@@ -12,10 +12,14 @@
 namespace HelfrichPlugin {
 
 /**
- * The geometry of a membrane.  The arrays have one element a vertex, in ascending order of the particles'
- * indices.
+ * The geometry of a connected surface.
  */
-struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
+struct OPENMM_EXPORT_HELFRICH HelfrichSurfaceGeometry {
+    HelfrichSurfaceGeometry() = default;
+    template <class Real>
+    explicit HelfrichSurfaceGeometry(const HelfrichTotalsOf<Real>& totals)
+            : area(totals.area), volume(totals.volume), integratedMeanCurvature(totals.curvature) {
+    }
     /// total area A, in nm^2
     double area = 0;
     /// enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside
@@ -24,14 +28,36 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
     double integratedMeanCurvature = 0;
     /// area difference between the leaflets, 2hM, in nm^2
     double areaDifference = 0;
+};
+
+/**
+ * The geometry of a membrane: the sums over all of its connected surfaces, and each of these.  The arrays of vertices
+ * have one element a vertex, in ascending order of the particles' indices.
+ */
+struct OPENMM_EXPORT_HELFRICH HelfrichGeometry : HelfrichSurfaceGeometry {
+    /// each surface, in the order of their first triangles
+    std::vector<HelfrichSurfaceGeometry> surfaces;
     /// area of each vertex: a third of that of its triangles, in nm^2; they add up to the total area
     std::vector<double> vertexAreas;
     /// integrated mean curvature of each vertex, in nm; they add up to the integrated mean curvature
     std::vector<double> vertexMeanCurvatures;
+    /**
+     * Set the sums and the surfaces, but for the area differences, to totals of the surfaces.
+     */
+    template <class Real>
+    void setTotals(const std::vector<HelfrichTotalsOf<Real>>& totals) {
+        HelfrichTotalsOf<Real> sum;
+        surfaces.clear();
+        for (auto& ofSurface : totals) {
+            sum += ofSurface;
+            surfaces.emplace_back(ofSurface);
+        }
+        static_cast<HelfrichSurfaceGeometry&>(*this) = HelfrichSurfaceGeometry(sum);
+    }
 };
 
 /**
- * This class gives a closed triangulated surface the elastic energy of a fluid lipid membrane (Helfrich, 1973).
+ * This class gives closed triangulated surfaces the elastic energy of a fluid lipid membrane (Helfrich, 1973).
  * Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
  * is not zero.
  *
@@ -42,7 +68,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * \f$\kappa_A(A/A_0-1)^2\f$</li> <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li> <li>area difference, \f$\kappa_{\Delta
  * A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li> <li>tether, \f$\kappa_T\sum_e
  * T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li> <li>repulsion,
- * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps the surface from crossing itself</li>
+ * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps surfaces from crossing themselves and each other</li>
  * <li>tension, \f$\sigma A\f$, linear, beside the area term or instead of it</li>
  * <li>pressure, \f$-pV\f$, linear, beside the volume term or instead of it</li>
  * </ul>
@@ -53,6 +79,11 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * targets, and add it to a System.  The three targets, the tension and the pressure are parameters of the Context:
  * change them there with Context::setParameter(), using the names that getTargetAreaParameter() and its siblings
  * return.
+ *
+ * The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
+ * their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
+ * setTargetArea() and its siblings set the target of every surface, or of one.  The moduli are those of all.  Vertices
+ * repel each other whichever surface they belong to.  A particle may be a vertex of one HelfrichForce only.
  *
  * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or
  * setTrianglesInContext(), changes those of a Context: getTrianglesInContext() returns the live ones.
@@ -166,14 +197,17 @@ public:
     void setAreaModulus(double modulus);
     /**
      * Get the target area A_0, measured in nm^2.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    double getTargetArea() const {
-        return parameters.targetArea;
-    }
+    double getTargetArea(int surface = -1) const;
     /**
      * Set the target area A_0, measured in nm^2: the default value of the Context's parameter.
+     *
+     * @param area     the target of each surface by itself
+     * @param surface  the number of the surface to have it; -1 for all, whatever they had before
      */
-    void setTargetArea(double area);
+    void setTargetArea(double area, int surface = -1);
     /**
      * Get the modulus kappa_V of the volume term, measured in kJ/mol.
      */
@@ -186,14 +220,17 @@ public:
     void setVolumeModulus(double modulus);
     /**
      * Get the target volume V_0, measured in nm^3.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    double getTargetVolume() const {
-        return parameters.targetVolume;
-    }
+    double getTargetVolume(int surface = -1) const;
     /**
      * Set the target volume V_0, measured in nm^3: the default value of the Context's parameter.
+     *
+     * @param volume   the target of each surface by itself
+     * @param surface  the number of the surface to have it; -1 for all, whatever they had before
      */
-    void setTargetVolume(double volume);
+    void setTargetVolume(double volume, int surface = -1);
     /**
      * Get the modulus kappa_dA of the area difference term, measured in kJ/mol.
      */
@@ -206,14 +243,17 @@ public:
     void setAreaDifferenceModulus(double modulus);
     /**
      * Get the target area difference dA_0, measured in nm^2.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    double getTargetAreaDifference() const {
-        return parameters.targetAreaDifference;
-    }
+    double getTargetAreaDifference(int surface = -1) const;
     /**
      * Set the target area difference dA_0, measured in nm^2: the default value of the Context's parameter.
+     *
+     * @param areaDifference  the target of each surface by itself
+     * @param surface         the number of the surface to have it; -1 for all, whatever they had before
      */
-    void setTargetAreaDifference(double areaDifference);
+    void setTargetAreaDifference(double areaDifference, int surface = -1);
     /**
      * Get the distance h between the neutral surfaces of the two leaflets, measured in nm.
      */
@@ -300,18 +340,26 @@ public:
      */
     void setPressure(double pressure);
     /**
-     * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea".
+     * Get the name of the Context parameter that holds the target area: the Force's name followed by "TargetArea", and
+     * by the number of the surface if that has a target of its own.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    std::string getTargetAreaParameter() const;
+    std::string getTargetAreaParameter(int surface = -1) const;
     /**
-     * Get the name of the Context parameter that holds the target volume: the Force's name followed by "TargetVolume".
+     * Get the name of the Context parameter that holds the target volume: the Force's name followed by "TargetVolume",
+     * and by the number of the surface if that has a target of its own.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    std::string getTargetVolumeParameter() const;
+    std::string getTargetVolumeParameter(int surface = -1) const;
     /**
      * Get the name of the Context parameter that holds the target area difference: the Force's name followed by
-     * "TargetAreaDifference".
+     * "TargetAreaDifference", and by the number of the surface if that has a target of its own.
+     *
+     * @param surface  the number of the surface; -1 for all surfaces without a target of their own
      */
-    std::string getTargetAreaDifferenceParameter() const;
+    std::string getTargetAreaDifferenceParameter(int surface = -1) const;
     /**
      * Get the name of the Context parameter that holds the tension: the Force's name followed by "Tension".  It turns
      * the term on and off in that Context: it may be any finite number, also where this Force has none.
@@ -323,6 +371,12 @@ public:
      */
     std::string getPressureParameter() const;
     /**
+     * Get the number of connected surfaces, which flips do not change.
+     *
+     * @param context  the Context to query
+     */
+    int getNumSurfacesInContext(OpenMM::Context& context) const;
+    /**
      * Get the live triangles of a Context, which edge flips change.
      *
      * @param context         the Context to query
@@ -330,8 +384,8 @@ public:
      */
     void getTrianglesInContext(OpenMM::Context& context, std::vector<std::array<int, 3>>& triangles) const;
     /**
-     * Replace the live triangles of a Context.  They must connect the same particles as before, and have every fixed
-     * edge.
+     * Replace the live triangles of a Context.  They must connect the same particles as before to the same surfaces, in
+     * the same order, and have every fixed edge.
      *
      * @param context    the Context to change
      * @param triangles  the particles of each triangle
@@ -383,6 +437,8 @@ public:
 protected:
     OpenMM::ForceImpl* createImpl() const;
 private:
+    void setTarget(const char* method, Term term, double& targetOfAll, double value, int surface);
+    double getTarget(const char* method, Term term, int surface) const;
     std::vector<std::array<int, 3>> triangles;
     std::vector<std::array<int, 2>> fixedEdges;
     HelfrichParameters parameters;

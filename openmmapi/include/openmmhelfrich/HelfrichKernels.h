@@ -61,7 +61,7 @@ public:
      * @param parameters     the moduli and other parameters, with the present values of those that are the Context's
      * @param includeForces  true if forces should be computed
      * @param[out] terms     the terms of the energy
-     * @return false if the area of the surface is not finite, as it is where a position is not, or a force is not: the
+     * @return false if the area of a surface is not finite, as it is where a position is not, or a force is not: the
      * terms then have no meaning
      */
     virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
@@ -70,7 +70,7 @@ public:
      * Compute areas, volume and curvatures.
      *
      * @param context        the Context in which to execute the kernel
-     * @param[out] geometry  the geometry; the area difference is left as it is
+     * @param[out] geometry  the geometry; the area differences are left as they are
      */
     virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
     /**

@@ -20,6 +20,8 @@ struct alignas(64) CpuEdgeFlipVertex {
     double x, y, z;
     /// where the list of its neighbors begins
     int firstNeighbor;
+    /// the number of its surface
+    int surface;
     Relaxed<double> area, curvature;
     /// how many of its neighbors apart are closer than the repulsion's onset
     Relaxed<int> numClose;
@@ -35,8 +37,9 @@ static_assert(offsetof(CpuEdgeFlipVertex, area) == 32, "what a sweep changes mus
 struct alignas(64) CpuEdgeFlipAttempt {
     /// the change of energy but for the penalties on the totals, and what a change above 0 must be less than
     double energy, threshold;
-    /// the changes of the totals
+    /// the changes of the totals, and the number of the surface whose they are
     double area, volume, curvature;
+    int surface;
     int vertex[4];
     /// true if the rules do not allow the flip
     bool isForbidden;

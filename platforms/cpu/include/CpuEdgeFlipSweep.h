@@ -13,7 +13,7 @@ namespace HelfrichPlugin {
 
 /**
  * Metropolis sweeps of edge flips over a membrane whose vertices do not move.  The change of energy of a flip comes
- * from the two triangles of the edge, the four around them, and the totals of the surface.
+ * from the two triangles of the edge, the four around them, and the totals of their surface.
  *
  * A sweep is by definition a sequential chain: attempt follows attempt.  It is computed as a pipeline of batches, in
  * two steps:
@@ -58,7 +58,7 @@ public:
      * Set where the vertices are.  This must be called before a sweep if they have moved since the last one.
      *
      * @param positions  the position of each particle
-     * @param geometry   the areas, volume and curvatures of the membrane at these positions
+     * @param geometry   the areas, volumes and curvatures of the membrane at these positions
      * @param neighborList  the neighbors at these positions if needsNeighborList(), else NULL.  Sweeps partition them
      * as the flipped mesh does
      */
@@ -83,10 +83,10 @@ public:
     EdgeFlipStatistics execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
                                const Philox& random, long long sweep, const Observer& observer = Observer());
     /**
-     * Get the area, volume and integrated mean curvature of the surface, as the flips since setPositions() have changed
-     * them.
+     * Get the area, volume and integrated mean curvature of each surface, as the flips since setPositions() have
+     * changed them.
      */
-    const HelfrichTotals& getTotals() const {
+    const std::vector<HelfrichTotals>& getTotals() const {
         return totals;
     }
 private:
@@ -162,9 +162,9 @@ private:
     /// what ended the sweep early, and whether something did
     std::exception_ptr exception;
     std::atomic<bool> isAbandoned;
-    HelfrichTotals totals;
-    /// what the energy would change by with the totals
-    ChangeByTotals change;
+    std::vector<HelfrichTotals> totals;
+    /// what the energy would change by with the totals of each surface
+    std::vector<ChangeByTotals> changes;
     EdgeFlipStatistics statistics;
     CpuHelfrichNeighborList* neighborList;
     CpuEdgeFlipState state;

@@ -39,10 +39,22 @@ struct CacheLineAllocator {
 };
 
 /**
+ * Sums over all vertices, which each thread has for itself.
+ */
+struct CpuMembraneSums {
+    explicit CpuMembraneSums(int numSurfaces) : totals(numSurfaces), slopes(numSurfaces) {
+    }
+    /// the area is finite if those of all surfaces are
+    double area = 0, bending = 0, tether = 0;
+    /// of each surface, and the derivatives of the energy by them
+    std::vector<HelfrichTotals> totals, slopes;
+};
+
+/**
  * This kernel is invoked by HelfrichForce to compute the energy of a membrane and the forces on its vertices.
  *
- * Its threads share out chunks of vertices.  No vertex's result depends on another thread's, and the chunks' sums are
- * added up in their order, so that the number of threads does not change a bit of the result.
+ * Its threads share out chunks of vertices, each of one surface.  No vertex's result depends on another thread's, and
+ * the chunks' sums are added up in their order, so that the number of threads does not change a bit of the result.
  */
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
@@ -74,17 +86,17 @@ private:
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
     void computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients);
-    double addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+    double addForces(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                      const CpuHelfrichArrays<double>& arrays, int chunk, std::vector<OpenMM::Vec3>& forces);
-    HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuHelfrichSums& sums) const;
+    HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuMembraneSums& sums) const;
     // Real is the type in which the loops compute.
     template <class Real>
     CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
     template <class Real>
-    void computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+    void computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                          const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
     template <class Real>
-    void move(const HelfrichParameters& parameters, const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays,
+    void move(const HelfrichParameters& parameters, const CpuMembraneSums& sums, const CpuHelfrichArrays<Real>& arrays,
               int chunk, const KickAndDrift& times, double* nextPositions);
     template <class Real>
     bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
@@ -92,11 +104,14 @@ private:
     // These are for all threads of a parallel region to call; they return the same on each.
     bool roundPositions(CpuHelfrichArrays<float>& arrays);
     template <class Real>
-    CpuHelfrichSums computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays);
+    void computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays,
+                       CpuMembraneSums& sums);
+    void addUpSurfaces(CpuMembraneSums& sums) const;
+    static void findSlopes(const HelfrichParameters& parameters, CpuMembraneSums& sums);
     void updateRepulsion(const HelfrichParameters& parameters, const double* positions);
     template <class Real>
     bool makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times,
-                  double* nextPositions, HelfrichEnergyTerms& terms);
+                  double* nextPositions, CpuMembraneSums& sums, HelfrichEnergyTerms& terms);
     int getNumChunks() const;
     int getFirstGroup(int chunk) const;
     int getLastGroup(int chunk) const;
@@ -106,6 +121,7 @@ private:
     const HelfrichMesh* mesh;
     long long revision;
     CpuHelfrichLayout layout;
+    std::vector<CpuHelfrichLayout::Part> chunks;
     CpuHelfrichRepulsion repulsion;
     Array positions, bendingSlopes, anglesPerLength;
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has

@@ -11,10 +11,10 @@ namespace HelfrichPlugin {
  * neighbors, for a group of as many vertices at a time as a SIMD vector has lanes.
  *
  * Vertices are stored in slots.  Their order, which no result depends on except by rounding, keeps neighbors close in
- * memory: it is the mesh's own, patch by patch. Within a patch the vertices are sorted by valence, so that those of a
- * group have equal valences, nearly always.  A ring with fewer than its group's longest is padded with its first
- * neighbor; and the last group with slots that have nothing but themselves as neighbors.  The triangles that this makes
- * have no area.
+ * memory: it is the mesh's own, surface by surface and each patch by patch.  Within a patch the vertices are sorted by
+ * valence, so that those of a group have equal valences, nearly always.  A ring with fewer than its group's longest is
+ * padded with its first neighbor; and the last group of a surface with slots that have nothing but one and the same
+ * neighbor.  The triangles that this makes have no area.
  *
  * The layout is a function of the mesh's order and triangles only, and not of the flips that led to them: a simulation
  * that is continued from a checkpoint has the same one.
@@ -27,6 +27,17 @@ public:
     struct Group {
         int start, length;
         bool isPadded;
+        /// the first slot of the surface that the group is a part of
+        int origin;
+    };
+    /**
+     * A part of a surface: consecutive vertices of the mesh's order, in consecutive slots.
+     */
+    struct Part {
+        int surface, origin, firstVertex, firstSlot, size;
+        int getEnd() const {
+            return firstSlot + size;
+        }
     };
     /**
      * Choose the size of the layout, which update() fills.
@@ -39,6 +50,12 @@ public:
      * Fill the layout, at first and after each change of the connectivity.
      */
     void update(const HelfrichMesh& mesh, int numThreads);
+    /**
+     * Divide the surfaces into parts.
+     *
+     * @param size  the number of vertices of a part, but for the last of each surface: a multiple of the width
+     */
+    std::vector<Part> divide(const HelfrichMesh& mesh, int size) const;
     int getNumGroups() const {
         return groups.size();
     }
@@ -58,8 +75,8 @@ public:
     /// four times the slot of each neighbor: the offset of its position
     std::vector<int> neighbors;
 private:
-    void fillSlots(const HelfrichMesh& mesh, int begin, int end);
-    void measureGroup(int g);
+    void fillSlots(const HelfrichMesh& mesh, const Part& patch);
+    void measureGroup(int g, const Part& patch);
     void placeGroups();
     void fillRings(const HelfrichMesh& mesh, int g, std::vector<int>& tips);
 };

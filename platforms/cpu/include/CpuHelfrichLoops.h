@@ -41,7 +41,7 @@ struct CpuHelfrichBox {
 };
 
 /**
- * Sums over some of the vertices.
+ * Sums over some of the vertices of a surface.
  */
 struct CpuHelfrichSums : HelfrichTotals {
     double bending = 0, tether = 0, repulsion = 0;
@@ -52,9 +52,9 @@ struct CpuHelfrichSums : HelfrichTotals {
 };
 
 /**
- * The loops over the groups of a layout, whose width must be a multiple of theirs.  Real is the type in which they
- * compute what concerns a vertex; sums over vertices are in double precision.  The layout's width does not change the
- * result.
+ * The loops over groups of one surface in a layout, whose width must be a multiple of theirs.  Real is the type in
+ * which they compute what concerns a vertex; sums over vertices are in double precision.  The layout's width does not
+ * change the result.
  */
 template <class Real>
 struct CpuHelfrichForceLoops {
@@ -65,7 +65,7 @@ struct CpuHelfrichForceLoops {
     void (*computeEnergy)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                           const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, CpuHelfrichSums& sums);
     /// compute the gradient (x, y, z, unused) of all terms but the repulsion by the position of each slot of the
-    /// groups; slopes are the derivatives of the energy by the totals
+    /// groups; slopes are the derivatives of the energy by the totals of the surface
     void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                             const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                             int lastGroup, double* gradients);

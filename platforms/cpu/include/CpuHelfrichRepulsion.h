@@ -64,7 +64,9 @@ private:
     void addCandidatesInRow(int vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
     double onset = -1, skin = 0;
-    int exclusionLevel = -1, numUpdates = 0;
+    int numUpdates = 0;
+    /// what the pairs are those of; slots depend on the layout's width
+    int exclusionLevel = -1, width = 0;
     long long revision = -1;
     std::vector<std::array<double, 3>> reference;
     std::vector<Point> points;

@@ -261,8 +261,10 @@ template <Parts parts, bool HasTether, class Real>
 void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays,
                    int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
     typename SimdOf<Real>::Doubles area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
-    const int zeros[SimdOf<Real>::WIDTH] = {};
-    Coordinates<Real> origin = loadCoordinates(arrays, zeros);
+    int origins[SimdOf<Real>::WIDTH];
+    for (int& offset : origins)
+        offset = 4 * layout.groups[firstGroup].origin;
+    Coordinates<Real> origin = loadCoordinates(arrays, origins);
     for (int slot = firstGroup * layout.width; slot < lastGroup * layout.width; slot += SimdOf<Real>::WIDTH) {
         Ring<Real> ring(layout, arrays, slot);
         RingSums<Real> ringSums = sumRing<parts, HasTether>(ring, p, arrays);

@@ -14,16 +14,17 @@ using namespace std;
 static const int GROUP = 8;
 
 CpuEdgeFlipState::CpuEdgeFlipState(HelfrichMesh& mesh)
-        : particles(mesh.getParticles()), mesh(mesh), evaluation(getForProcessor<CpuEdgeFlipEvaluation>()),
-          vertices(mesh.getNumVertices()), neighborList(NULL) {
+        : particles(mesh.getParticles()), surfaces(mesh.getSurfaces()), mesh(mesh),
+          evaluation(getForProcessor<CpuEdgeFlipEvaluation>()), vertices(mesh.getNumVertices()), neighborList(NULL) {
 }
 
 void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first,
                                     int last) {
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
-        vertices[v] = {x[0], x[1],           x[2], 0, geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v],
-                       0,    mesh.valence(v)};
+        vertices[v] = {
+                x[0], x[1],           x[2], 0, surfaces[v], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v],
+                0,    mesh.valence(v)};
     }
 }
 
@@ -132,6 +133,7 @@ void CpuEdgeFlipState::collect(CpuEdgeFlipBatch& batch, int n, bool areBonded) c
     attempt.curvature = batch.curvature[n];
     for (int i = 0; i < 4; i++)
         attempt.vertex[i] = batch.vertex[i][n];
+    attempt.surface = vertices[attempt.vertex[0]].surface;
     attempt.isForbidden = (areBonded || mesh.isFixed(batch.halfedge[n]) || vertices[attempt.vertex[0]].valence <= 3 ||
                            vertices[attempt.vertex[1]].valence <= 3);
     attempt.dependsOnCloseNeighbors = false;

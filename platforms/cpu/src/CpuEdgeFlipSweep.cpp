@@ -56,9 +56,9 @@ CpuEdgeFlipSweep::CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCo
 void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
                                     CpuHelfrichNeighborList* neighborList) {
     this->neighborList = neighborList;
-    totals.area = geometry.area;
-    totals.volume = geometry.volume;
-    totals.curvature = geometry.integratedMeanCurvature;
+    totals.clear();
+    for (auto& surface : geometry.surfaces)
+        totals.push_back({surface.area, surface.volume, surface.integratedMeanCurvature});
     state.setNeighborList(neighborList);
     const int CHUNK = 256, numVertices = mesh.getNumVertices();
 #pragma omp parallel for schedule(static) num_threads(numThreads)
@@ -79,7 +79,9 @@ EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameter
     this->random = random;
     this->sweep = sweep;
     this->observer = &observer;
-    change = ChangeByTotals(p, totals);
+    changes.clear();
+    for (size_t surface = 0; surface < totals.size(); surface++)
+        changes.emplace_back(p, surface, totals[surface]);
     exception = NULL;
     isAbandoned = false;
     statistics = EdgeFlipStatistics();
@@ -275,7 +277,8 @@ void CpuEdgeFlipSweep::decide(Place& place, int batch, int n) {
         statistics.forbidden++;
         return;
     }
-    double energy = change.addTo(attempt->energy, {attempt->area, attempt->volume, attempt->curvature});
+    double energy =
+            changes[attempt->surface].addTo(attempt->energy, {attempt->area, attempt->volume, attempt->curvature});
     if (energy <= 0 || energy < threshold)
         accept(place, batch, *attempt, isRenewed ? renewed.getFlip(0) : getFlip(place, n), energy);
 }
@@ -288,10 +291,9 @@ CpuEdgeFlip CpuEdgeFlipSweep::getFlip(const Place& place, int n) {
 
 void CpuEdgeFlipSweep::accept(Place& place, int batch, const CpuEdgeFlipAttempt& attempt, const CpuEdgeFlip& flip,
                               double energy) {
-    totals.area += attempt.area;
-    totals.volume += attempt.volume;
-    totals.curvature += attempt.curvature;
-    change = ChangeByTotals(p, totals);
+    HelfrichTotals& ofSurface = totals[attempt.surface];
+    ofSurface += {attempt.area, attempt.volume, attempt.curvature};
+    changes[attempt.surface] = ChangeByTotals(p, attempt.surface, ofSurface);
     for (int vertex : attempt.vertex)
         lastFlips[vertex] = batch;
     state.carryOut(flip);

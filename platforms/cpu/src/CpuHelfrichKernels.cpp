@@ -35,6 +35,7 @@ void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
     if (layout.width == width && layout.getNumGroups() != 0)
         return;
     layout.initialize(*mesh, width);
+    chunks = layout.divide(*mesh, SLOTS_PER_CHUNK);
     positions.resize(4 * layout.getNumSlots());
     chunkSums.resize(getNumChunks());
     chunkBoxes.resize(getNumChunks());
@@ -46,6 +47,8 @@ void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
     if (revision == mesh->getRevision())
         return;
     layout.update(*mesh, numThreads);
+    chunks = layout.divide(*mesh, SLOTS_PER_CHUNK);
+    fixedPositions.clear();
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         particles[slot] = mesh->getParticles()[layout.vertices[slot]];
@@ -72,23 +75,23 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
-    return (layout.getNumSlots() + SLOTS_PER_CHUNK - 1) / SLOTS_PER_CHUNK;
+    return chunks.size();
 }
 
 int CpuCalcHelfrichForceKernel::getFirstGroup(int chunk) const {
-    return chunk * SLOTS_PER_CHUNK / layout.width;
+    return chunks[chunk].firstSlot / layout.width;
 }
 
 int CpuCalcHelfrichForceKernel::getLastGroup(int chunk) const {
-    return min(getFirstGroup(chunk + 1), layout.getNumGroups());
+    return (chunks[chunk].getEnd() + layout.width - 1) / layout.width;
 }
 
 int CpuCalcHelfrichForceKernel::getFirstSlot(int chunk) const {
-    return getFirstGroup(chunk) * layout.width;
+    return chunks[chunk].firstSlot;
 }
 
 int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
-    return min(getLastGroup(chunk) * layout.width, mesh->getNumVertices());
+    return chunks[chunk].getEnd();
 }
 
 void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
@@ -124,16 +127,20 @@ static double addUp(const vector<double>& terms) {
     return total.get();
 }
 
-static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::* member) {
+static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::* member, size_t first, size_t last) {
     CompensatedSum total;
-    for (auto& chunk : sums)
-        total.add(chunk.*member);
+    for (size_t chunk = first; chunk < last; chunk++)
+        total.add(sums[chunk].*member);
     return total.get();
 }
 
+static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums::* member) {
+    return addUp(sums, member, 0, sums.size());
+}
+
 template <class Real>
-CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
-                                                          const CpuHelfrichArrays<Real>& arrays) {
+void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
+                                               const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
     int numChunks = getNumChunks();
 #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++) {
@@ -143,13 +150,28 @@ CpuHelfrichSums CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParamete
             chunkSums[chunk].outdated =
                     repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
-    CpuHelfrichSums sums;
-    double CpuHelfrichSums::* const members[] = {&CpuHelfrichSums::area, &CpuHelfrichSums::volume,
-                                                 &CpuHelfrichSums::curvature, &CpuHelfrichSums::bending,
-                                                 &CpuHelfrichSums::tether};
-    for (auto member : members)
-        sums.*member = addUp(chunkSums, member);
-    return sums;
+    sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
+    sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
+    addUpSurfaces(sums);
+}
+
+void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
+    sums.area = 0;
+    for (size_t first = 0, last; first < chunks.size(); first = last) {
+        int surface = chunks[first].surface;
+        for (last = first; last < chunks.size() && chunks[last].surface == surface; last++)
+            ;
+        HelfrichTotals& totals = sums.totals[surface];
+        totals.area = addUp(chunkSums, &CpuHelfrichSums::area, first, last);
+        totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
+        totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature, first, last);
+        sums.area += totals.area;
+    }
+}
+
+void CpuCalcHelfrichForceKernel::findSlopes(const HelfrichParameters& parameters, CpuMembraneSums& sums) {
+    for (size_t surface = 0; surface < sums.totals.size(); surface++)
+        sums.slopes[surface] = getSlopesByTotals(parameters, surface, sums.totals[surface]);
 }
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
@@ -166,22 +188,23 @@ void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& para
 }
 
 template <class Real>
-void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
-    loops.in<Real>().computeGradient(layout, parameters, slopes, arrays, getFirstGroup(chunk), getLastGroup(chunk),
-                                     gradients);
+    loops.in<Real>().computeGradient(layout, parameters, sums.slopes[chunks[chunk].surface], arrays,
+                                     getFirstGroup(chunk), getLastGroup(chunk), gradients);
     if (parameters.has(Term::Repulsion))
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
 
 HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters,
-                                                         const CpuHelfrichSums& sums) const {
+                                                         const CpuMembraneSums& sums) const {
     HelfrichEnergyTerms terms;
     terms[Term::Bending] = sums.bending;
     terms[Term::Tether] = sums.tether;
     if (parameters.has(Term::Repulsion))
         terms[Term::Repulsion] = addUp(chunkSums, &CpuHelfrichSums::repulsion);
-    addTermsOfTotals(parameters, sums, terms);
+    for (size_t surface = 0; surface < sums.totals.size(); surface++)
+        addTermsOfTotals(parameters, surface, sums.totals[surface], terms);
     return terms;
 }
 
@@ -191,20 +214,21 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
     auto arrays = prepareArrays<double>(parameters, numThreads);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
-    CpuHelfrichSums sums;
+    CpuMembraneSums sums(mesh->getNumSurfaces());
 #pragma omp parallel num_threads(numThreads)
     {
+        CpuMembraneSums found(mesh->getNumSurfaces());
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        CpuHelfrichSums found = computeEnergy(parameters, arrays);
+        computeEnergy(parameters, arrays, found);
         if (isfinite(found.area)) {
             updateRepulsion(parameters, arrays.positions);
-            HelfrichTotals slopes = getSlopesByTotals(parameters, found);
+            findSlopes(parameters, found);
 #pragma omp for schedule(static)
             for (int chunk = 0; chunk < numChunks; chunk++)
                 if (includeForces)
-                    chunkSums[chunk].force = addForces(parameters, slopes, arrays, chunk, forces);
+                    chunkSums[chunk].force = addForces(parameters, found, arrays, chunk, forces);
                 else if (parameters.has(Term::Repulsion))
                     computeRepulsion(parameters, arrays.positions, chunk, NULL);
         }
@@ -215,10 +239,10 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
     return isfinite(sums.area) && (!includeForces || isfinite(addUp(chunkSums, &CpuHelfrichSums::force)));
 }
 
-double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                              const CpuHelfrichArrays<double>& arrays, int chunk, vector<Vec3>& forces) {
     alignas(64) double gradients[4 * SLOTS_PER_CHUNK];
-    computeGradient(parameters, slopes, arrays, chunk, gradients);
+    computeGradient(parameters, sums, arrays, chunk, gradients);
     const double* gradient = gradients;
     double sum = 0;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4) {
@@ -240,6 +264,7 @@ void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
         velocities[4 * slot + 2] = v[2];
         velocities[4 * slot + 3] = (mass == 0 ? 0 : 1 / mass);
     }
+    fill(velocities.begin() + 4 * getLastSlot(chunk), velocities.begin() + 4 * getLastGroup(chunk) * layout.width, 0.0);
 }
 
 void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* positions, int chunk) const {
@@ -251,7 +276,7 @@ void CpuCalcHelfrichForceKernel::storeState(ContextImpl& context, const double* 
 }
 
 template <class Real>
-void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const HelfrichTotals& slopes,
+void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                       const CpuHelfrichArrays<Real>& arrays, int chunk, const KickAndDrift& times,
                                       double* nextPositions) {
     // The same operations as those of the integrator's own kernel: the result does not depend on which of them moves
@@ -263,7 +288,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         __builtin_prefetch(&velocities[4 * slot], 1);
         __builtin_prefetch(nextPositions + 4 * slot, 1);
     }
-    computeGradient(parameters, slopes, arrays, chunk, gradients);
+    computeGradient(parameters, sums, arrays, chunk, gradients);
     const double* gradient = gradients;
     for (int slot = firstSlot; slot < lastSlot; slot++, gradient += 4) {
         const double* x = arrays.positions + 4 * slot;
@@ -308,27 +333,27 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
 
 template <class Real>
 bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, CpuHelfrichArrays<Real>& arrays,
-                                          const KickAndDrift& times, double* nextPositions,
+                                          const KickAndDrift& times, double* nextPositions, CpuMembraneSums& sums,
                                           HelfrichEnergyTerms& terms) {
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
             return false;
     int numChunks = getNumChunks();
     if (times.terms == Term::Tether) {
-        // Its forces need no sums, and the next step at which all terms act finds what is not finite.
+        // Its forces need no sums of this step, and the next one at which all terms act finds what is not finite.
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
-            move(parameters, HelfrichTotals(), arrays, chunk, times, nextPositions);
+            move(parameters, sums, arrays, chunk, times, nextPositions);
         return true;
     }
-    CpuHelfrichSums sums = computeEnergy(parameters, arrays);
+    computeEnergy(parameters, arrays, sums);
     if (!isfinite(sums.area))
         return false;
     updateRepulsion(parameters, arrays.positions);
-    HelfrichTotals slopes = getSlopesByTotals(parameters, sums);
+    findSlopes(parameters, sums);
 #pragma omp for schedule(static)
     for (int chunk = 0; chunk < numChunks; chunk++)
-        move(parameters, slopes, arrays, chunk, times, nextPositions);
+        move(parameters, sums, arrays, chunk, times, nextPositions);
     terms = getTerms(parameters, sums);
     return isfinite(terms.getTotal());
 }
@@ -350,11 +375,12 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     {
         CpuHelfrichArrays<Real> arrays = startArrays;
         double* next = nextPositions.data();
+        CpuMembraneSums sums(mesh->getNumSurfaces());
         HelfrichEnergyTerms now;
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadState(context, chunk);
-        bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, now);
+        bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, sums, now);
         for (long long step = 1; step < sequence.size() && canGoOn; step++) {
             // Behind the barriers of the step all threads see the answer; that of the next step has another place.
 
@@ -362,7 +388,8 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
             isInterrupted[step % 2] = interruption.isRequested();
             swap(arrays.positions, next);
             KickAndDrift times = sequence[step];
-            canGoOn = makeStep(times.getParameters(parameters), arrays, times, next, now) && !isInterrupted[step % 2];
+            canGoOn = makeStep(times.getParameters(parameters), arrays, times, next, sums, now) &&
+                      !isInterrupted[step % 2];
         }
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
@@ -398,16 +425,13 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     const vector<Vec3>& source = *getData(context).positions;
 #pragma omp parallel num_threads(numThreads)
     {
+        CpuMembraneSums sums(mesh->getNumSurfaces());
 #pragma omp for schedule(static)
         for (int chunk = 0; chunk < numChunks; chunk++)
             loadPositions(source, chunk);
-        CpuHelfrichSums sums = computeEnergy(parameters, arrays);
+        computeEnergy(parameters, arrays, sums);
 #pragma omp master
-        {
-            geometry.area = sums.area;
-            geometry.volume = sums.volume;
-            geometry.integratedMeanCurvature = sums.curvature;
-        }
+        geometry.setTotals(sums.totals);
     }
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());

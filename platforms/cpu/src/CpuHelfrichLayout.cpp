@@ -12,7 +12,9 @@ static const int SLOTS_AHEAD = 32;
 
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
-    int numGroups = (mesh.getNumVertices() + width - 1) / width;
+    int numGroups = 0;
+    for (int size : mesh.getSurfaceSizes())
+        numGroups += (size + width - 1) / width;
     groups.resize(numGroups);
     vertices.resize(numGroups * width, 0);
     valences.resize(numGroups * width, 0);
@@ -22,15 +24,14 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
 }
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
-    const int PATCH = HelfrichMesh::PATCH, numVertices = mesh.getNumVertices();
+    const vector<Part> patches = divide(mesh, HelfrichMesh::PATCH);
 #pragma omp parallel num_threads(numThreads)
     {
 #pragma omp for schedule(static)
-        for (int begin = 0; begin < numVertices; begin += PATCH) {
-            int end = min(begin + PATCH, numVertices);
-            fillSlots(mesh, begin, end);
-            for (int g = begin / width; g * width < end; g++)
-                measureGroup(g);
+        for (size_t i = 0; i < patches.size(); i++) {
+            fillSlots(mesh, patches[i]);
+            for (int g = patches[i].firstSlot / width; g * width < patches[i].getEnd(); g++)
+                measureGroup(g, patches[i]);
         }
 #pragma omp single
         placeGroups();
@@ -41,10 +42,23 @@ void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
     }
 }
 
-void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) {
+vector<CpuHelfrichLayout::Part> CpuHelfrichLayout::divide(const HelfrichMesh& mesh, int size) const {
+    vector<Part> parts;
+    for (int first = 0, origin = 0; first < mesh.getNumVertices();) {
+        int surface = mesh.getSurface(mesh.getOrder()[first]), surfaceSize = mesh.getSurfaceSizes()[surface];
+        for (int begin = 0; begin < surfaceSize; begin += size)
+            parts.push_back({surface, origin, first + begin, origin + begin, min(size, surfaceSize - begin)});
+        first += surfaceSize;
+        origin += (surfaceSize + width - 1) / width * width;
+    }
+    return parts;
+}
+
+void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, const Part& patch) {
     // Sort the patch by valence, keeping the order of vertices with equal ones.
 
     const vector<int>& order = mesh.getOrder();
+    int begin = patch.firstVertex, end = begin + patch.size;
     vector<int> start;
     for (int i = begin; i < end; i++) {
         size_t valence = mesh.valence(order[i]);
@@ -55,17 +69,20 @@ void CpuHelfrichLayout::fillSlots(const HelfrichMesh& mesh, int begin, int end) 
     for (size_t i = 1; i < start.size(); i++)
         start[i] += start[i - 1];
     for (int i = begin; i < end; i++) {
-        int v = order[i], slot = begin + start[mesh.valence(v)]++;
+        int v = order[i], slot = patch.firstSlot + start[mesh.valence(v)]++;
         vertices[slot] = v;
         slots[v] = slot;
         valences[slot] = mesh.valence(v);
     }
+    for (int slot = patch.getEnd(); slot % width != 0; slot++)
+        vertices[slot] = valences[slot] = 0;
 }
 
-void CpuHelfrichLayout::measureGroup(int g) {
+void CpuHelfrichLayout::measureGroup(int g, const Part& patch) {
     const int* valence = &valences[g * width];
     groups[g].length = *max_element(valence, valence + width);
     groups[g].isPadded = (*min_element(valence, valence + width) != groups[g].length);
+    groups[g].origin = patch.origin;
 }
 
 void CpuHelfrichLayout::placeGroups() {

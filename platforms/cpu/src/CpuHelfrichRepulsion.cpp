@@ -16,9 +16,10 @@ static Vector3<double> displacement(const double* from, const double* to) {
 void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
                                   const HelfrichParameters& p, bool hasMoved) {
     updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
-    if (mesh.getRevision() != revision || p.repulsionExclusionLevel != exclusionLevel) {
+    if (mesh.getRevision() != revision || layout.width != width || p.repulsionExclusionLevel != exclusionLevel) {
         removeExclusions(mesh, layout, p.repulsionExclusionLevel);
         revision = mesh.getRevision();
+        width = layout.width;
         exclusionLevel = p.repulsionExclusionLevel;
     }
 }

@@ -22,12 +22,40 @@ OpenMM::Platform& initializeTests() {
     return platform;
 }
 
+/**
+ * A membrane, and parameters for it.
+ */
+struct Scene {
+    Membrane membrane;
+    vector<HelfrichParameters> all;
+};
+
+/**
+ * One surface with each term alone and with all of them.
+ */
+Scene createScene(int subdivisions) {
+    Membrane blob = createBlob(subdivisions);
+    return {blob, createAllParameters(blob)};
+}
+
+/**
+ * The same with three surfaces that have targets of their own.
+ */
+Scene createSceneOfSurfaces() {
+    Membrane several =
+            join({createBlob(3, 0.15, 2), place(createBlob(4), Vec3(2.2, 0, 0)), place(createBlob(0), Vec3(5, 0, 0))});
+    Scene scene = {several, createAllParameters(several)};
+    for (auto& p : scene.all)
+        p = withSurfaceTargets(p);
+    return scene;
+}
+
 void testThreads() {
     // Any number of threads, more than there are chunks of work included, gives the same bits.
 
-    for (int subdivisions : {1, 2, 4}) {
-        Membrane blob = createBlob(subdivisions);
-        for (auto& p : createAllParameters(blob)) {
+    for (const Scene& scene : {createScene(1), createScene(2), createScene(4), createSceneOfSurfaces()}) {
+        const Membrane& blob = scene.membrane;
+        for (auto& p : scene.all) {
             MembraneContext serial(blob, p, {{"Threads", "1"}});
             double energy = serial.getEnergy();
             vector<Vec3> forces = serial.getForces();
@@ -89,12 +117,9 @@ vector<Vec3> makeTrajectories(const Membrane& blob, const HelfrichParameters& p,
     return result;
 }
 
-void testMembraneAlone() {
-    // A membrane that is alone in its System moves its vertices itself, and just as the integrator would.
-
-    Membrane blob = createBlob(4);
+void checkMembraneAlone(const Membrane& blob, const vector<HelfrichParameters>& all) {
     int count = 0;
-    for (auto& p : createAllParameters(blob)) {
+    for (auto& p : all) {
         string splitting = (count++ % 3 == 0 ? "leapfrog" : count % 3 == 0 ? "bcss2" : "bcss3");
         vector<double> expectedChanges, changes;
         vector<Vec3> expected = makeTrajectories(blob, p, splitting, false, "1", "double", expectedChanges);
@@ -110,6 +135,13 @@ void testMembraneAlone() {
             ASSERT_EQUAL_CONTAINERS(mixed, found);
         }
     }
+}
+
+void testMembraneAlone() {
+    // A membrane that is alone in its System moves its vertices itself, and just as the integrator would.
+
+    for (const Scene& scene : {createScene(4), createSceneOfSurfaces()})
+        checkMembraneAlone(scene.membrane, scene.all);
 }
 
 /**
@@ -182,33 +214,34 @@ vector<Vec3> createVelocities(const Membrane& membrane, double speed) {
     return velocities;
 }
 
+void checkMixedPrecision(const Membrane& blob, const vector<HelfrichParameters>& all) {
+    vector<Vec3> start = createVelocities(blob, 1);
+    for (auto& p : all) {
+        const double stepSize = 1e-7;
+        Motion exact(blob, p, start, stepSize, 1, false), mixed(blob, p, start, stepSize, 1, true);
+        vector<Vec3> impulse, error;
+        for (size_t i = 0; i < start.size(); i++) {
+            impulse.push_back((exact.velocities[i] - start[i]) / stepSize);
+            error.push_back((mixed.velocities[i] - exact.velocities[i]) / stepSize);
+        }
+        double relativeError = getNorm(error) / getNorm(impulse);
+        ASSERT(relativeError < 3e-6);
+        ASSERT(!p.has(Term::Bending) || relativeError > 1e-9);
+        Membrane end = blob;
+        end.positions = mixed.positions;
+        MembraneContext fresh(end, p);
+        ASSERT_EQUAL(fresh.getEnergy(), mixed.energy);
+        ASSERT_EQUAL_CONTAINERS(fresh.getForces(), mixed.forces);
+    }
+}
+
 void testMixedPrecision() {
     // Forces in single precision are wrong by a few units in its last place, wherever the membrane is; energies and
     // forces that are asked for are in double precision, and any number of threads gives the same bits.
 
-    for (double shift : {0.0, 1000.0}) {
-        Membrane blob = createBlob(4);
-        for (auto& x : blob.positions)
-            x += Vec3(shift, -shift, 0);
-        vector<Vec3> start = createVelocities(blob, 1);
-        for (auto& p : createAllParameters(blob)) {
-            const double stepSize = 1e-7;
-            Motion exact(blob, p, start, stepSize, 1, false), mixed(blob, p, start, stepSize, 1, true);
-            vector<Vec3> impulse, error;
-            for (size_t i = 0; i < start.size(); i++) {
-                impulse.push_back((exact.velocities[i] - start[i]) / stepSize);
-                error.push_back((mixed.velocities[i] - exact.velocities[i]) / stepSize);
-            }
-            double relativeError = getNorm(error) / getNorm(impulse);
-            ASSERT(relativeError < 3e-6);
-            ASSERT(!p.has(Term::Bending) || relativeError > 1e-9);
-            Membrane end = blob;
-            end.positions = mixed.positions;
-            MembraneContext fresh(end, p);
-            ASSERT_EQUAL(fresh.getEnergy(), mixed.energy);
-            ASSERT_EQUAL_CONTAINERS(fresh.getForces(), mixed.forces);
-        }
-    }
+    for (double shift : {0.0, 1000.0})
+        for (const Scene& scene : {createScene(4), createSceneOfSurfaces()})
+            checkMixedPrecision(place(scene.membrane, Vec3(shift, -shift, 0)), scene.all);
 }
 
 void testMixedPrecisionIsReversible() {

@@ -28,10 +28,10 @@ public:
         (moduli.empty() ? loops.computeEnergy : loops.computeEnergyOfMaterials)(layout, p, arrays, 0, numGroups, sums);
         terms[Term::Bending] = sums.bending;
         terms[Term::Tether] = sums.tether;
-        addTermsOfTotals(p, sums, terms);
+        addTermsOfTotals(p, 0, sums, terms);
         vector<double, CacheLineAllocator<double>> slotGradients(4 * numSlots);
         (moduli.empty() ? loops.computeGradient : loops.computeGradientOfMaterials)(
-                layout, p, getSlopesByTotals(p, sums), arrays, 0, numGroups, slotGradients.data());
+                layout, p, getSlopesByTotals(p, 0, sums), arrays, 0, numGroups, slotGradients.data());
         for (int slot : layout.slots)
             gradient.push_back({slotGradients[4 * slot], slotGradients[4 * slot + 1], slotGradients[4 * slot + 2]});
     }

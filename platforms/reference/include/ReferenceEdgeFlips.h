@@ -22,10 +22,10 @@ public:
      * @param mesh        the connectivity, which the flips change
      * @param x           the position of each vertex
      * @param parameters  the moduli and targets
-     * @param totals      the area, volume and curvature of the surface
+     * @param totals      the area, volume and curvature of each surface
      */
     ReferenceEdgeFlips(HelfrichMesh& mesh, const Vectors& x, const HelfrichParameters& parameters,
-                       const HelfrichTotalsOf<Real>& totals);
+                       const std::vector<HelfrichTotalsOf<Real>>& totals);
     /**
      * Make a sweep.  See SweepEdgeFlipsKernel::execute() for the parameters.
      */
@@ -48,7 +48,7 @@ private:
     void findClosePairs();
     HelfrichMesh& flipped;
     const HelfrichParameters p;
-    HelfrichTotalsOf<Real> totals;
+    std::vector<HelfrichTotalsOf<Real>> totals;
     /// for each vertex those that are closer than the onset of the repulsion
     std::vector<std::vector<int>> close;
 };

@@ -35,7 +35,10 @@ public:
      */
     ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
     void getGeometry(HelfrichGeometry& geometry) const;
-    const HelfrichTotalsOf<Real>& getTotals() const {
+    /**
+     * Get the totals of each surface.
+     */
+    const std::vector<HelfrichTotalsOf<Real>>& getTotals() const {
         return totals;
     }
     /**
@@ -55,12 +58,13 @@ private:
     void forEachEdge(Visitor visit) const;
     template <class Visitor>
     void forEachRepellingPair(const HelfrichParameters& parameters, Visitor visit) const;
-    void addAreaAndVolumeGradient(const std::vector<Real>& byVertexArea, Real byVolume, Vectors& gradient) const;
+    void addAreaAndVolumeGradient(const std::vector<Real>& byVertexArea,
+                                  const std::vector<HelfrichTotalsOf<Real>>& slopes, Vectors& gradient) const;
     void addCurvatureGradient(const std::vector<Real>& byVertexCurvature, Vectors& gradient) const;
     void addTurnOfTriangle(int halfedge, Real factor, Vectors& gradient) const;
     void addTetherGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     void addRepulsionGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
-    HelfrichTotalsOf<Real> totals;
+    std::vector<HelfrichTotalsOf<Real>> totals;
     std::vector<Real> triangleAreas, dihedralAngles;
     std::vector<Real> vertexAreas, vertexCurvatures;
     Vectors normals;

@@ -9,7 +9,7 @@ using namespace std;
 typedef ReferenceHelfrichGeometry::Real Real;
 
 ReferenceEdgeFlips::ReferenceEdgeFlips(HelfrichMesh& mesh, const Vectors& x, const HelfrichParameters& parameters,
-                                       const HelfrichTotalsOf<Real>& totals)
+                                       const vector<HelfrichTotalsOf<Real>>& totals)
         : ReferenceHelfrichGeometry(mesh, x), flipped(mesh), p(parameters), totals(totals), close(x.size()) {
     if (p.has(Term::Repulsion))
         findClosePairs();
@@ -46,14 +46,16 @@ bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
     Part before = compute(h, corners);
     flipped.flip(h);
     Part after = compute(mesh.previous(h), corners);
-    HelfrichTotalsOf<Real> totalsAfter = totals;
+    int surface = mesh.getSurface(corners[0]);
+    HelfrichTotalsOf<Real> totalsBefore = totals[surface], totalsAfter = totalsBefore;
     totalsAfter.area += after.totals.area - before.totals.area;
     totalsAfter.volume += after.totals.volume - before.totals.volume;
     totalsAfter.curvature += after.totals.curvature - before.totals.curvature;
-    Real change = after.energy - before.energy + energyOfTotals(p, totalsAfter) - energyOfTotals(p, totals);
+    Real change = after.energy - before.energy + energyOfTotals(p, surface, totalsAfter) -
+                  energyOfTotals(p, surface, totalsBefore);
     bool isAccepted = (change <= 0 || uniform < exp(-change / kT));
     if (isAccepted)
-        totals = totalsAfter;
+        totals[surface] = totalsAfter;
     else
         flipped.unflip(h);
     return isAccepted;

@@ -8,7 +8,7 @@ typedef ReferenceHelfrichEnergy::Real Real;
 typedef ReferenceHelfrichEnergy::Vector Vector;
 
 ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x)
-        : ReferenceHelfrichGeometry(mesh, x), triangleAreas(mesh.getNumTriangles()),
+        : ReferenceHelfrichGeometry(mesh, x), totals(mesh.getNumSurfaces()), triangleAreas(mesh.getNumTriangles()),
           dihedralAngles(mesh.getNumHalfedges()), vertexAreas(mesh.getNumVertices(), Real(0)),
           vertexCurvatures(mesh.getNumVertices(), Real(0)), normals(mesh.getNumTriangles(), Vector::Zero()) {
     computeTriangles();
@@ -21,8 +21,9 @@ void ReferenceHelfrichEnergy::computeTriangles() {
             continue;
         triangleAreas[t] = area(t);
         normals[t] = normal(t);
-        totals.area += triangleAreas[t];
-        totals.volume += volume(t);
+        HelfrichTotalsOf<Real>& ofSurface = totals[mesh.getSurface(mesh.origin(3 * t))];
+        ofSurface.area += triangleAreas[t];
+        ofSurface.volume += volume(t);
         for (int h = 3 * t; h < 3 * t + 3; h++)
             vertexAreas[mesh.origin(h)] += triangleAreas[t] / 3;
     }
@@ -43,14 +44,12 @@ void ReferenceHelfrichEnergy::computeEdges() {
         dihedralAngles[h] = dihedralAngles[mesh.opposite(h)] = angle;
         vertexCurvatures[i] += length(h) * angle / 4;
         vertexCurvatures[j] += length(h) * angle / 4;
-        totals.curvature += length(h) * angle / 2;
+        totals[mesh.getSurface(i)].curvature += length(h) * angle / 2;
     });
 }
 
 void ReferenceHelfrichEnergy::getGeometry(HelfrichGeometry& geometry) const {
-    geometry.area = totals.area;
-    geometry.volume = totals.volume;
-    geometry.integratedMeanCurvature = totals.curvature;
+    geometry.setTotals(totals);
     geometry.vertexAreas.assign(vertexAreas.begin(), vertexAreas.end());
     geometry.vertexMeanCurvatures.assign(vertexCurvatures.begin(), vertexCurvatures.end());
 }
@@ -86,14 +85,20 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
     terms[Term::Bending] = bending;
     terms[Term::Tether] = tether;
     terms[Term::Repulsion] = repulsion;
-    addTermsOfTotals(p, totals, terms);
+    for (int surface = 0; surface < mesh.getNumSurfaces(); surface++)
+        addTermsOfTotals(p, surface, totals[surface], terms);
     return terms;
 }
 
 ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const HelfrichParameters& p) const {
-    HelfrichTotalsOf<Real> slopes = getSlopesByTotals(p, totals);
-    vector<Real> byVertexArea(mesh.getNumVertices(), slopes.area),
-            byVertexCurvature(mesh.getNumVertices(), slopes.curvature);
+    vector<HelfrichTotalsOf<Real>> slopes;
+    for (int surface = 0; surface < mesh.getNumSurfaces(); surface++)
+        slopes.push_back(getSlopesByTotals(p, surface, totals[surface]));
+    vector<Real> byVertexArea, byVertexCurvature;
+    for (int i = 0; i < mesh.getNumVertices(); i++) {
+        byVertexArea.push_back(slopes[mesh.getSurface(i)].area);
+        byVertexCurvature.push_back(slopes[mesh.getSurface(i)].curvature);
+    }
     if (p.has(Term::Bending))
         for (int i = 0; i < mesh.getNumVertices(); i++) {
             Real meanCurvature = getMeanCurvature(i);
@@ -101,7 +106,7 @@ ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const 
             byVertexCurvature[i] += 4 * p.moduli[Term::Bending] * meanCurvature;
         }
     Vectors gradient(mesh.getNumVertices(), Vector::Zero());
-    addAreaAndVolumeGradient(byVertexArea, slopes.volume, gradient);
+    addAreaAndVolumeGradient(byVertexArea, slopes, gradient);
     if (p.needsCurvature())
         addCurvatureGradient(byVertexCurvature, gradient);
     addTetherGradient(p, gradient);
@@ -109,11 +114,12 @@ ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const 
     return gradient;
 }
 
-void ReferenceHelfrichEnergy::addAreaAndVolumeGradient(const vector<Real>& byVertexArea, Real byVolume,
+void ReferenceHelfrichEnergy::addAreaAndVolumeGradient(const vector<Real>& byVertexArea,
+                                                       const vector<HelfrichTotalsOf<Real>>& slopes,
                                                        Vectors& gradient) const {
     for (int t = 0; t < mesh.getNumTriangles(); t++) {
         const Vector& n = normals[t];
-        Real byArea = 0;
+        Real byArea = 0, byVolume = slopes[mesh.getSurface(mesh.origin(3 * t))].volume;
         for (int c = 0; c < 3; c++)
             byArea += byVertexArea[mesh.origin(3 * t + c)] / 3;
         for (int h = 3 * t; h < 3 * t + 3; h++) {

@@ -30,7 +30,9 @@ bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const Helfr
                                                bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context, *mesh);
     ReferenceHelfrichEnergy energy(*mesh, x);
-    bool isFinite = isfinite(double(energy.getTotals().area));
+    bool isFinite = true;
+    for (auto& totals : energy.getTotals())
+        isFinite = isFinite && isfinite(double(totals.area));
     if (includeForces) {
         vector<Vec3>& forces = *getData(context).forces;
         auto gradient = energy.computeGradient(parameters);

@@ -46,7 +46,7 @@ def check(
         quality = assess(surface)
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
-    _print(quality.lines(length_unit) + _suggestions(surface, scale, length_unit))
+    _print(quality.lines(length_unit) + _shapes(surface) + _suggestions(surface, scale, length_unit))
 
 
 @app.command()
@@ -193,6 +193,15 @@ def report(
 
     page = writeReport(prefix, output, max_frames, overwrite)
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
+
+
+def _shapes(mesh: "Mesh") -> list[tuple[str, str]]:
+    """Return the shapes of several surfaces."""
+    from ..analysis.description import classifyShape
+
+    surfaces = mesh.components()
+    shapes = ", ".join(f"surface {k} {classifyShape(surface)}" for k, surface in enumerate(surfaces))
+    return [("shapes", shapes)] if len(surfaces) > 1 else []
 
 
 def _suggestions(mesh: "Mesh", scale: float, unit: str) -> list[tuple[str, str]]:

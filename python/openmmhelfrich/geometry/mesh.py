@@ -143,6 +143,15 @@ class Mesh:
             raise ValueError(_notFinite(self.vertices))
         connectivity.check(self.vertices, self.triangles)
 
+    def components(self) -> "list[Mesh]":
+        """Return each connected surface as a mesh, in the order of their first triangles."""
+        _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
+        labels = label[self.triangles[:, 0]]
+        numbers = dict.fromkeys(labels.tolist())
+        if len(numbers) == 1:
+            return [self]
+        return [Mesh(self.vertices, self.triangles[labels == number])._withoutLooseVertices() for number in numbers]
+
     def topology(self) -> app.Topology:
         """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for
         each edge.

@@ -52,9 +52,7 @@ class MeshQuality:
         lines = [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
             ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
-            ("area", f"{mesh.area:.6g} {u}^2"),
-            ("volume", f"{mesh.volume:.6g} {u}^3"),
-            ("reduced volume", f"{mesh.reducedVolume:.4f}"),
+            *self._sizes(u),
             ("edges", f"{_range(lengths)} {u} long, standard deviation {lengths.std() / mean:.1%} of the mean"),
             ("angles", f"{_range(self.angles)} degrees"),
             ("aspect ratios", f"{_range(self.aspectRatios)} (circumradius over twice the inradius)"),
@@ -71,6 +69,23 @@ class MeshQuality:
                 )
             )
         return lines
+
+    def _sizes(self, u: str) -> list[tuple[str, str]]:
+        surfaces = self.mesh.components()
+        if len(surfaces) == 1:
+            return [
+                ("area", f"{self.mesh.area:.6g} {u}^2"),
+                ("volume", f"{self.mesh.volume:.6g} {u}^3"),
+                ("reduced volume", f"{self.mesh.reducedVolume:.4f}"),
+            ]
+        return [
+            (
+                f"surface {k}",
+                f"{len(surface.vertices)} vertices, area {surface.area:.6g} {u}^2, volume {surface.volume:.6g} {u}^3, "
+                f"reduced volume {surface.reducedVolume:.4f}",
+            )
+            for k, surface in enumerate(surfaces)
+        ]
 
     def _contact(self, mean: float, u: str) -> str:
         if self.closestPair is None:

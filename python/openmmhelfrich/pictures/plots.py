@@ -11,7 +11,8 @@ import numpy as np
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..sampling.observables import OBSERVABLES, PANELS, Observable, curves, isTarget
+from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn
+from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import smoothMeanCurvature
 
@@ -58,7 +59,7 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
             _plotCurve(place, table, observable, isThin=observable.isTerm or bool(panel.beside))
         isShared = panel.beside or panel.title in {other.beside for other in panels}
         label = headOf(panel.title, _mathUnit(shown[0], lengthUnit, energyUnit))
-        place.set_ylabel(label, color=shown[0].color if isShared else "black")
+        place.set_ylabel(label, color=(isShared and shown[0].color) or "black")
         if panel.range:
             place.set_ylim(panel.range)
         place.ticklabel_format(useOffset=False)
@@ -101,17 +102,21 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     """
     from matplotlib.figure import Figure
 
-    shown = [observable for observable in OBSERVABLES if observable.onPath and observable.name in windows]
-    figure = Figure(figsize=(8, 1 + 2 * len(shown)), layout="constrained")
-    for axes, observable in zip(figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0], shown):
+    shown = [observable for observable in observablesIn(windows) if observable.onPath]
+    names = list(dict.fromkeys(totalOf(observable.name) for observable in shown))
+    figure = Figure(figsize=(8, 1 + 2 * len(names)), layout="constrained")
+    for axes, name in zip(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0], names):
+        parts = [observable for observable in shown if totalOf(observable.name) == name]
         for stage in np.unique(windows["stage"]) if "stage" in windows else [None]:
-            _plotBranches(
-                axes,
-                windows if stage is None else windows.where(windows["stage"] == stage),
-                observable.name,
-                "" if stage is None else f"stage {stage:.0f}, ",
-            )
-        axes.set_ylabel(headOf(observable.title, _mathUnit(observable, lengthUnit, energyUnit)))
+            for part in parts:
+                _plotBranches(
+                    axes,
+                    windows if stage is None else windows.where(windows["stage"] == stage),
+                    part.name,
+                    ("" if stage is None else f"stage {stage:.0f}, ") + (f"{part.label}, " if len(parts) > 1 else ""),
+                )
+        title = parts[0].title.removesuffix(" of surface 0")
+        axes.set_ylabel(headOf(title, _mathUnit(parts[0], lengthUnit, energyUnit)))
         axes.ticklabel_format(useOffset=False)
         if axes.lines:
             axes.legend(fontsize="small")

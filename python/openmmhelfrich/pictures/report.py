@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import openmm as mm
 
+from ..analysis.description import classifyShape
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.quality import assess
@@ -21,11 +22,11 @@ from ..io.vtkhdf import MeshFrame, readMeshTrajectory
 from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.observables import (
-    OBSERVABLES,
     PANELS,
     Observable,
     curves,
     divergence,
+    observablesIn,
     observableUnits,
     readObservables,
 )
@@ -241,13 +242,16 @@ def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, st
             ("membrane", f"{len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles"),
             ("frames", str(len(frames))),
         ]
+        surfaces = mesh.components()
+        if len(surfaces) > 1:
+            facts += [(f"shape of surface {k}", classifyShape(surface)) for k, surface in enumerate(surfaces)]
     if table is not None:
         late = lateRows(table)
         facts += [
             ("steps", f"{int(table['step'][-1])}"),
             ("averages", f"with standard deviations, from step {int(late['step'][0])} on"),
         ]
-        facts += [(o.title, _fact(o, table, late, units)) for o in OBSERVABLES if o.onPage and o.name in table]
+        facts += [(o.title, _fact(o, table, late, units)) for o in observablesIn(table) if o.onPage]
     versions = f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}"
     return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import openmm as mm
@@ -17,9 +17,10 @@ from openmm import app
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
+from ..sampling.targets import numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .config import Config, asDict, namingSource, stagesOf, valueOf
-from .sections import GREATEST, LEAST, MODULI
+from .sections import GREATEST, LEAST, MODULI, MembraneSection
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -59,7 +60,7 @@ class Scene:
     moduli : dict of float
         the modulus of each term, in kJ/mol and powers of nm
     targets : dict of float
-        "area", "volume" and "areaDifference", in powers of nm
+        by the names of :mod:`openmmhelfrich.sampling.targets`, in powers of nm: each surface has its own
     ownMeasures : dict of float
         the same of the mesh, but for an area difference that of a sphere of its area
     tether : Tether
@@ -114,7 +115,7 @@ class Scene:
             checkSizes(config, mesh)
             platform, properties = platformOf(config)
         sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-        area, volume, areaDifference = _targets(config, mesh)
+        surfaces = _surfaces(config, mesh)
         tether = tetherOf(config, mesh)
         adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
         return cls(
@@ -124,13 +125,15 @@ class Scene:
             temperature=sampling.temperature,
             kT=kT,
             moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
-            targets={"area": area, "volume": volume, "areaDifference": areaDifference},
+            targets=_targets(surfaces),
             ownMeasures=measuresOf(config, mesh),
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
             adaptsStepSize=adaptsStepSize,
-            waveAmplitude=_defaultAmplitude(area, mesh) if adaptsWaves else sampling.shear_wave_amplitude,
+            waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
+            if adaptsWaves
+            else sampling.shear_wave_amplitude,
             adaptsWaveAmplitude=adaptsWaves,
             seed=sampling.seed or 0,
             stages=tuple(config.stages),
@@ -148,9 +151,7 @@ class Scene:
         force.setVolumeModulus(moduli["volume"])
         force.setAreaDifferenceModulus(moduli["areaDifference"])
         force.setLeafletSeparation(membrane.leaflet_separation)
-        force.setTargetArea(self.targets["area"])
-        force.setTargetVolume(self.targets["volume"])
-        force.setTargetAreaDifference(self.targets["areaDifference"])
+        setDefaultTargets(force, self.targets)
         force.setTether(moduli["tether"], tether.minLength, tether.maxLength, self.config.tether.exponent)
         force.setTetherLengthScale(tether.lengthScale)
         force.setTension(moduli["tension"])
@@ -189,8 +190,11 @@ class Scene:
         return simulation
 
     def _createShearWaves(self) -> ShearWaveIntegrator:
-        """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area."""
-        sampling, radius = self.config.sampling, _radius(self.targets["area"])
+        """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area, of
+        several surfaces that of the largest.
+        """
+        areas = [value for name, value in self.targets.items() if totalOf(name) == "area"]
+        sampling, radius = self.config.sampling, _radius(max(areas))
         return ShearWaveIntegrator(
             self.temperature,
             self.waveAmplitude,
@@ -296,9 +300,9 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
 def checkSizes(config: Config, mesh: Mesh) -> None:
     """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
     own = measuresOf(config, mesh)
-    for (name, measure), target in zip(own.items(), _targets(config, mesh)):
-        key = {"areaDifference": "area_difference"}.get(name, name)
-        requireComparable(f"[membrane] target_{key}", target, measure, f"the {name} of the mesh,")
+    for name, target in _targets(_surfaces(config, mesh)).items():
+        key = name.replace("areaDifference", "area_difference")
+        requireComparable(f"[membrane] target_{key}", target, own[name], f"the {name} of the mesh,")
     length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -331,10 +335,16 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
 
 
 def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what targets are compared with: the area and volume of a mesh, and the area difference of a sphere."""
-    area = mesh.area
-    areaDifference = 2 * config.membrane.leaflet_separation * 4 * math.pi * _radius(area)
-    return {"area": area, "volume": mesh.volume, "areaDifference": areaDifference}
+    """Return what the targets are compared with, by their names: the areas and volumes of the mesh's surfaces, and the
+    area differences of spheres.
+    """
+    thickness = 2 * config.membrane.leaflet_separation
+    return _targets(
+        [
+            _Surface(len(each.vertices), each.area, each.volume, thickness * 4 * math.pi * _radius(each.area))
+            for each in mesh.components()
+        ]
+    )
 
 
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
@@ -353,9 +363,17 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     """
     config = config.model_copy(deep=True)
     membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
-    area, volume, areaDifference = _targets(config, mesh)
-    membrane.target_area, membrane.target_volume, membrane.reduced_volume = area, volume, None
-    membrane.target_area_difference = areaDifference or None
+    surfaces = _surfaces(config, mesh)
+    for stage in stagesOf(config):
+        for name in stage.targetNames():
+            requireOnePerSurface(f"{stage.title}: {name}", getattr(stage, name), len(surfaces))
+    membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
+        _oneOrEach([surface.area for surface in surfaces]),
+        _oneOrEach([surface.volume for surface in surfaces]),
+        None,
+    )
+    areaDifferences = [surface.areaDifference for surface in surfaces]
+    membrane.target_area_difference = _oneOrEach(areaDifferences) if all(areaDifferences) else None
     tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, mesh)
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
@@ -411,11 +429,12 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     roughness: area), for all vertices moving along the normal (volume), for an edge so short that the tether's
     exponential branch holds 1 kT, and for a vertex some of whose edges are as much too long.
     """
-    membrane, number, length = config.membrane, len(mesh.vertices), mesh.edgeLengths.mean()
-    area, volume, _ = _targets(config, mesh)
+    membrane, length = config.membrane, mesh.edgeLengths.mean()
     local = 100 * membrane.bending_modulus / length**2 + 3.5 * abs(membrane.tension)
-    constraints = 0.7 * membrane.area_modulus / (number * length**2) + 2 * membrane.volume_modulus * area**2 / (
-        number * volume**2
+    constraints = max(
+        0.7 * membrane.area_modulus / (surface.numVertices * length**2)
+        + 2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)
+        for surface in _surfaces(config, mesh)
     )
     modulus, minLength, _, lengthScale = tetherOf(config, mesh)
     r = config.tether.exponent
@@ -424,17 +443,50 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     return local + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
 
 
-def _targets(config: Config, mesh: Mesh) -> tuple[float, float, float]:
-    """Return A_0, V_0 and dA_0."""
-    membrane = config.membrane
-    area = membrane.target_area or mesh.area
-    volume = membrane.target_volume or mesh.volume
-    if membrane.reduced_volume is not None:
-        volume = volumeOfReduced(membrane.reduced_volume, area)
-    areaDifference = membrane.target_area_difference
+class _Surface(NamedTuple):
+    """One of the mesh's surfaces: its number of vertices, A_0, V_0 and dA_0."""
+
+    numVertices: int
+    area: float
+    volume: float
+    areaDifference: float
+
+
+def _surfaces(config: Config, mesh: Mesh) -> list[_Surface]:
+    """Return the surfaces, in the order of their numbers, with the targets that each is held to by itself."""
+    components, membrane = mesh.components(), config.membrane
+    for name in membrane.targetNames():
+        requireOnePerSurface(f"[membrane] {name}", getattr(membrane, name), len(components))
+    return [_surface(membrane, component, k) for k, component in enumerate(components)]
+
+
+def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
+    def given(name: str) -> float | None:
+        value = getattr(membrane, name)
+        return value[number] if isinstance(value, list) else value
+
+    area = given("target_area") or mesh.area
+    volume = given("target_volume") or mesh.volume
+    reduced, areaDifference = given("reduced_volume"), given("target_area_difference")
+    if reduced is not None:
+        volume = volumeOfReduced(reduced, area)
     if areaDifference is None:
         areaDifference = 2 * membrane.leaflet_separation * mesh.vertexMeanCurvatures.sum()
-    return area, volume, areaDifference
+    return _Surface(len(mesh.vertices), area, volume, areaDifference)
+
+
+def _targets(surfaces: list[_Surface]) -> dict[str, float]:
+    """Return the targets of surfaces by their names."""
+    return {
+        **numberedTargets("area", [surface.area for surface in surfaces]),
+        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+        **numberedTargets("areaDifference", [surface.areaDifference for surface in surfaces]),
+    }
+
+
+def _oneOrEach(values: list[float]) -> Any:
+    """Return what a configuration has for the values of the surfaces: a number, or a list for several."""
+    return values[0] if len(values) == 1 else values
 
 
 def _radius(area: float) -> float:

@@ -62,6 +62,31 @@ def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
     return PlainValidator(validate)
 
 
+def _perSurface(kind: str = "", above: float = -math.inf, most: float = math.inf) -> PlainValidator:
+    """Return what takes a finite number above one and no more than another, or a list of them, one for each surface."""
+
+    def one(value: Any, info: ValidationInfo) -> float:
+        number = plainNumber(value, kind, _scalesOf(info)) if kind else value
+        if not isinstance(number, (int, float)) or isinstance(number, bool):
+            raise ValueError("it must be a number, or a list of numbers, one for each surface")
+        if not math.isfinite(number):
+            raise ValueError("it must be a finite number")
+        if number <= above:
+            raise ValueError(f"it must be greater than {above:g}")
+        if number > most:
+            raise ValueError(f"it must be less than or equal to {most:g}")
+        return float(number)
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        if value == []:
+            raise ValueError("it must have a number for each surface")
+        if isinstance(value, list):
+            return [one(number, info) for number in value]
+        return None if value is None else one(value, info)
+
+    return PlainValidator(validate)
+
+
 Energy: TypeAlias = Annotated[float, _quantity("energy")]
 Length: TypeAlias = Annotated[float, _quantity("length")]
 Area: TypeAlias = Annotated[float, _quantity("area")]
@@ -73,6 +98,11 @@ Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
 StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps")]
 Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
+# Of each surface by itself: a number for all, or a list.
+TargetArea: TypeAlias = Annotated[Any, _perSurface("area", above=0)]
+TargetVolume: TypeAlias = Annotated[Any, _perSurface("volume", above=0)]
+ReducedVolume: TypeAlias = Annotated[Any, _perSurface(above=0, most=1)]
+TargetAreaDifference: TypeAlias = Annotated[Any, _perSurface("area")]
 
 
 class Section(BaseModel):
@@ -149,20 +179,25 @@ class MeshSection(Section):
 
 
 class Targets(Section):
-    """What area, volume and area difference are driven to."""
+    """What area, volume and area difference are driven to, of each connected surface by itself: a number for all, or a
+    list with one for each.
+    """
 
-    target_area: Area | None = Field(None, gt=0, description="A_0; the mesh's own area by default")
-    target_volume: Volume | None = Field(None, gt=0, description="V_0; the mesh's own volume by default")
-    reduced_volume: float | None = Field(
-        None, gt=0, le=1, description="sets V_0 by 6 sqrt(pi) V_0/A_0^1.5 instead of target_volume"
+    target_area: TargetArea = Field(None, description="A_0; the mesh's own area by default")
+    target_volume: TargetVolume = Field(None, description="V_0; the mesh's own volume by default")
+    reduced_volume: ReducedVolume = Field(
+        None, description="sets V_0 by 6 sqrt(pi) V_0/A_0^1.5 instead of target_volume"
     )
-    target_area_difference: Area | None = Field(None, description="dA_0; the mesh's own area difference by default")
+    target_area_difference: TargetAreaDifference = Field(
+        None, description="dA_0; the mesh's own area difference by default"
+    )
 
     @model_validator(mode="after")
     def _oneVolume(self) -> "Targets":
         if self.target_volume is not None and self.reduced_volume is not None:
             raise ValueError("target_volume and reduced_volume are both given; give one of them")
-        if self.target_area_difference == 0:
+        differences = self.target_area_difference
+        if 0 in (differences if isinstance(differences, list) else [differences]):
             raise ValueError(
                 "target_area_difference is 0; it must not be, since the energy is that of the ratio dA/dA_0"
             )
@@ -253,6 +288,13 @@ class SamplingSection(Section):
         ge=1,
         description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a '
         "fifth of the stage, but no more than 1000, which determine it to a few percent",
+    )
+    approach_steps: int | None = Field(
+        None,
+        ge=0,
+        description="steps at the start of each sampling stage in which area and volume are led from what they are to "
+        "their targets, where these are more than 5% away: a sudden change crumples a membrane.  By default none for "
+        "one surface, and half the burn-in for several",
     )
     target_acceptance: float = Field(
         0.75,

@@ -8,7 +8,7 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from openmm import app
@@ -29,7 +29,7 @@ from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.minimization import minimize, minimizeFluid
 from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import absoluteTargets, currentTargets, setTargets
+from ..sampling.targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
 from ..tables import Table
 from .config import namingSource
 from .scene import Scene, requireComparable
@@ -48,10 +48,14 @@ class _Memory(TypedDict):
     """What every stage remembers, among other things."""
 
     position: Annotated[int, Field(ge=0, strict=True)]
-    startTargets: dict[Literal["area", "volume", "areaDifference"], float]
+    startTargets: dict[str, float]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
+
+
+# The relative distance of an area or volume from its target that is not to be closed suddenly.
+FAR = 0.05
 
 
 class Stage(ABC):
@@ -89,7 +93,7 @@ class Stage(ABC):
         own = scene.ownMeasures
         for name, value in end.items():
             requireComparable(f"the target {name}", value, own[name], f"the {name} of the mesh,")
-        if end and not any(scene.moduli[name] > 0 for name in end):
+        if end and not any(scene.moduli[totalOf(name)] > 0 for name in end):
             raise ValueError(f"it has a target for the {' and the '.join(end)}, whose modulus is 0; give it a modulus")
         return start | end
 
@@ -293,6 +297,50 @@ class Sample(MonteCarlo):
                 "would be found when the stage has ended: burn_in must be less"
             )
         return super().check(settings, scene, start)
+
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
+        self._origins = self._findOrigins()
+
+    def getState(self) -> dict[str, Any]:
+        return {**super().getState(), "origins": self._origins}
+
+    def setState(self, state: dict[str, Any]) -> None:
+        super().setState(state)
+        self._origins = state.get("origins", {})
+
+    def window(self) -> tuple[int, bool]:
+        window, isEquilibrated = super().window()
+        return window, isEquilibrated and not self._isApproaching(self.position)
+
+    def _targets(self, n: int) -> dict[str, float]:
+        targets = super()._targets(n)
+        if self._isApproaching(n):
+            progress, end = (n + 1) / self._approachSteps(), {**self._startTargets, **self._endTargets()}
+            targets |= {name: (1 - progress) * origin + progress * end[name] for name, origin in self._origins.items()}
+        return targets
+
+    def _isApproaching(self, n: int) -> bool:
+        return len(self._origins) > 0 and n < self._approachSteps()
+
+    def _approachSteps(self) -> int:
+        sampling, context = self._scene.config.sampling, self._simulation.context
+        if sampling.approach_steps is not None:
+            return sampling.approach_steps
+        return 0 if self._force.getNumSurfacesInContext(context) == 1 else burnIn(sampling, self.steps) // 2
+
+    def _findOrigins(self) -> dict[str, float]:
+        """Return the areas and volumes that are far from their targets, by the targets' names."""
+        if self._approachSteps() == 0:
+            return {}
+        measures = measuredTargets(self._simulation.context, self._force)
+        return {
+            name: measures[name]
+            for name, target in {**self._startTargets, **self._endTargets()}.items()
+            if totalOf(name) in ("area", "volume")
+            and self._scene.moduli[totalOf(name)] > 0
+            and abs(measures[name] / target - 1) > FAR
+        }
 
     def _createAdapter(self):
         integrator, own = self._simulation.integrator, self._settings.step_size

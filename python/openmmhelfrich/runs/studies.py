@@ -16,6 +16,7 @@ from typing import Any
 import openmm as mm
 from openmm import app
 
+from ..analysis.description import classifyShape
 from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.locks import locked
@@ -24,7 +25,7 @@ from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplot
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
-from ..sampling.targets import currentTargets, setTargets
+from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
 from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
@@ -333,6 +334,7 @@ class Study:
         """Return the Summary of what was done."""
         moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
         acceptance, flipAcceptance = self.stage.acceptance()
+        surfaces = currentMesh(self.simulation, self.force).components()
         return Summary(
             config=self.config,
             outputs=self.outputs,
@@ -342,7 +344,8 @@ class Study:
             newSteps=newSteps,
             seconds=seconds,
             table=readObservables(self.outputs.table),
-            targets={name: value for name, value in targets.items() if moduli[name] > 0},
+            targets={name: value for name, value in targets.items() if moduli[totalOf(name)] > 0},
+            shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,
             flipAcceptance=flipAcceptance,
             diverged=numDiverged(self.simulation.integrator),

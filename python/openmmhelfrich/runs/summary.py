@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..sampling.averages import lateRows
-from ..sampling.observables import OBSERVABLES, Observable, divergence
+from ..sampling.observables import Observable, divergence, observablesIn
 from ..tables import Table
 from .config import Config
 from .outputs import Outputs
@@ -30,7 +30,10 @@ class Summary:
     table : Table
         the observables
     targets : dict
-        "area", "volume", "areaDifference": those at the end, of terms that are on, in powers of the length unit
+        those at the end of terms that are on, in powers of the length unit, by the names of
+        :mod:`openmmhelfrich.sampling.targets`
+    shapeClasses : list of str
+        the shape of each surface at the end, if there are several: see :func:`classifyShape`
     acceptance, flipAcceptance : float
         fractions of trajectories and flips that were accepted in the last stage
     diverged : int
@@ -52,6 +55,7 @@ class Summary:
     seconds: float
     table: Table
     targets: dict[str, float]
+    shapeClasses: list[str]
     acceptance: float
     flipAcceptance: float
     diverged: int
@@ -60,10 +64,10 @@ class Summary:
     signal: int | None
 
     def drift(self, name: str) -> float:
-        """Return the largest relative deviation of "area", "volume" or "areaDifference" from its target, while
-        :meth:`mean` averages.
+        """Return the largest relative deviation of "area", "volume" or "areaDifference", or of one of several surfaces'
+        ("volume[0]"), from its target, while :meth:`mean` averages.
         """
-        target = next(observable.target for observable in OBSERVABLES if observable.name == name)
+        target = next(observable.target for observable in observablesIn(self.table) if observable.name == name)
         return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
 
     def mean(self, name: str) -> float:
@@ -73,7 +77,7 @@ class Summary:
     def lines(self) -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing at the end."""
         kappa, last = self.config.membrane.bending_modulus, self.config.stages[-1]
-        shown = [observable for observable in OBSERVABLES if observable.digits and observable.name in self.table]
+        shown = [observable for observable in observablesIn(self.table) if observable.digits]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
             ("steps", self._stepsLine()),
@@ -82,6 +86,9 @@ class Summary:
         lines += [
             (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
         ]
+        if self.shapeClasses:
+            shapes = (f"surface {k} {shape}" for k, shape in enumerate(self.shapeClasses))
+            lines.append(("shapes", f"{', '.join(shapes)}, at the end"))
         if last.isMonteCarlo:
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
         if self.diverged:

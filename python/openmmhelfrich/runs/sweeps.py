@@ -19,7 +19,7 @@ from typing import Any
 
 import openmm as mm
 
-from ..analysis.description import describeShape
+from ..analysis.description import classifyShape
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
@@ -27,7 +27,7 @@ from ..io.locks import InUseError, locked
 from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
-from ..sampling.observables import OBSERVABLES, readObservables
+from ..sampling.observables import observablesIn, readObservables
 from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig
@@ -295,23 +295,27 @@ def observe(config: Config) -> dict[str, Any]:
     """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the
     final shape.
 
-    Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`.  Acceptance
-    rates are those of the whole run.
+    Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`, of several
+    surfaces that of each.  Acceptance rates are those of the whole run.
     """
     outputs, kappa, lengthUnit = Outputs.of(config), config.membrane.bending_modulus, config.mesh.length_unit
-    table, shape = readObservables(outputs.table), describeShape(Mesh.read(outputs.mesh))
+    table, surfaces = readObservables(outputs.table), Mesh.read(outputs.mesh).components()
     late = lateRows(table)
-    mean = {name: float(late[name].mean()) for name in ("E_bending", "area", "meanCurvature")}
-    averaged = [o for o in OBSERVABLES if o.inSweep == "mean" and o.name in table]
+    mean = {name: float(values.mean()) for name, values in late.items()}
+    observables = observablesIn(table)
+    averaged = [o for o in observables if o.inSweep == "mean"]
     means = {headOf(o.name, o.unitIn(lengthUnit)): float(late[o.name].mean()) for o in averaged if o.unit}
     return {
         "steps": int(table["step"][-1]),
-        "shapeClass": shape.shapeClass,
+        "shapeClass": ", ".join(map(classifyShape, surfaces)),
         "E_bending/8 pi kappa": mean["E_bending"] / (8 * math.pi * kappa) if kappa > 0 else None,
         **{o.name: float(late[o.name].mean()) for o in averaged if not o.unit},
-        "reducedAreaDifference": reducedAreaDifference(mean["area"], mean["meanCurvature"]),
+        **{
+            f"reducedAreaDifference{k}": reducedAreaDifference(mean[f"area{k}"], mean[f"meanCurvature{k}"])
+            for k in ([f"[{k}]" for k in range(len(surfaces))] if len(surfaces) > 1 else [""])
+        },
         **means,
-        **{o.name: float(table[o.name][-1]) for o in OBSERVABLES if o.inSweep == "last" and o.name in table},
+        **{o.name: float(table[o.name][-1]) for o in observables if o.inSweep == "last"},
     }
 
 

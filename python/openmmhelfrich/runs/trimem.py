@@ -166,17 +166,24 @@ def _convert(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], list[str]]:
     return data, comments
 
 
-def _targets(source: _Source, mesh: Mesh) -> tuple[dict[str, float], dict[str, float]]:
-    """Return our targets at TriMem's continuation_lambda, and at its lambda of 1."""
+def _targets(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return our targets, of each surface by itself, at TriMem's continuation_lambda, and at its lambda of 1."""
+    surfaces = mesh.components()
     own = {
-        "target_area": ("area_fraction", mesh.area),
-        "target_volume": ("volume_fraction", mesh.volume),
-        "target_area_difference": ("curvature_fraction", 2 * float(mesh.vertexMeanCurvatures.sum())),
+        "target_area": ("area_fraction", [surface.area for surface in surfaces]),
+        "target_volume": ("volume_fraction", [surface.volume for surface in surfaces]),
+        "target_area_difference": (
+            "curvature_fraction",
+            [2 * float(surface.vertexMeanCurvatures.sum()) for surface in surfaces],
+        ),
     }
     fractions = {name: source.number("ENERGY", key, 1.0) for name, (key, _) in own.items()}
 
-    def at(progress: float) -> dict[str, float]:
-        return {name: (1 - progress * (1 - fractions[name])) * own[name][1] for name in own}
+    def at(progress: float) -> dict[str, Any]:
+        values = {
+            name: [(1 - progress * (1 - fractions[name])) * value for value in each] for name, (_, each) in own.items()
+        }
+        return {name: each[0] if len(each) == 1 else each for name, each in values.items()}
 
     return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
 

@@ -18,7 +18,7 @@ from ..helfrich import HelfrichForce
 from ..tables import Table
 from .averages import averageWindows
 from .reporters import ObservablesReporter
-from .targets import absoluteTargets, currentTargets, setTargets
+from .targets import absoluteTargets, currentTargets, setTargets, totalOf
 
 Number: TypeAlias = float | unit.Quantity
 
@@ -51,13 +51,15 @@ class ContinuationPath:
         Parameters
         ----------
         start, end : dict
-            targets by name, in powers of nm; those that `end` does not name stay as they are
+            targets by name, in powers of nm; those that `end` does not name stay as they are.  Those of single
+            surfaces have names like "volume[1]"
         windows : int
             the number of equal steps of lambda
         thereAndBack : bool
             whether to return by the same windows
         path : dict, optional
-            a lambda for each of the windows+1 points by the name of the target, instead of equal steps
+            a lambda for each of the windows+1 points by the name of the target, instead of equal steps; that of
+            "volume" is of every surface
 
         Raises
         ------
@@ -70,11 +72,12 @@ class ContinuationPath:
         self.lambdas, uniform = windowLambdas(windows, thereAndBack), windowLambdas(windows, False)
         self._values = {}
         for name, value in end.items():
-            lambdas = self._lambdasOf(name, (path or {}).get(name), uniform)
+            given = (path or {}).get(name, (path or {}).get(totalOf(name)))
+            lambdas = self._lambdasOf(name, given, uniform)
             self._values[name] = lambdas * value + (1 - lambdas) * start[name]
             self._check(name, self._values[name])
         for name in path or {}:
-            if name not in end:
+            if name not in end and name not in map(totalOf, end):
                 raise ValueError(f"continuation: path has '{name}'; it must be one of the targets: {', '.join(end)}")
 
     def targets(self, window: int) -> dict[str, float]:
@@ -97,11 +100,12 @@ class ContinuationPath:
 
     @staticmethod
     def _check(name: str, values: np.ndarray) -> None:
-        wrong = values[(values <= 0) if name != "areaDifference" else (values == 0)]
+        hasSign = totalOf(name) == "areaDifference"
+        wrong = values[(values == 0) if hasSign else (values <= 0)]
         if len(wrong):
             raise ValueError(
                 f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must "
-                f"{'not be 0' if name == 'areaDifference' else 'be positive'}"
+                f"{'not be 0' if hasSign else 'be positive'}"
             )
 
 
@@ -149,7 +153,7 @@ def continueTo(
         the membrane
     targets : dict
         where to go: "area", "volume" or "reducedVolume", "areaDifference", in powers of nm or with units.  A reduced
-        volume is that of the target area
+        volume is that of the target area.  Of several surfaces each goes there by itself, or to its own in a list
     windows : int
         the number of equal steps from 0 to 1 that lambda makes
     equilibration, steps : int

@@ -83,8 +83,8 @@ def minimize(
         the membrane
     tolerance : float or Quantity, optional
         the root mean square of the components of the forces, in kJ/mol/nm, at which to stop; by default kappa_B l/(4A),
-        with the mean edge length l and the area A: it falls with l since the forces of a slow, long wave are shared by
-        more vertices
+        with the mean edge length l and the area A, of several surfaces that of the largest: it falls with l since the
+        forces of a slow, long wave are shared by more vertices
     maxIterations : int
         the number of iterations at which to stop, or 0 for no limit
     progress : callable, optional
@@ -319,7 +319,8 @@ def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
     edges = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
-    area = force.getGeometryInContext(simulation.context).area.value_in_unit(unit.nanometer**2)
+    surfaces = force.getGeometryInContext(simulation.context).surfaces
+    area = max(surface.area.value_in_unit(unit.nanometer**2) for surface in surfaces)
     return 0.25 * modulus * float(np.linalg.norm(edges, axis=2).mean()) / area
 
 

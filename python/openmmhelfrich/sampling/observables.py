@@ -4,8 +4,9 @@
 averaged and summed up as its entry says.
 """
 
+import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator
 from ..tables import Table, headOf, readHeads, unitsOf
 from ..units import valueIn
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
-from .targets import currentTargets
+from .targets import currentTargets, nameOf, totalOf
 
 # Every table has columns for these, and one for another term where the force has it: a table that is as old as version
 # 0.1.0 and a run of today that goes on with it have the same columns.
@@ -84,8 +85,17 @@ class Moment:
 
     @cached_property
     def targets(self) -> dict[str, float]:
-        """The targets, in powers of nm, by "area", "volume" and "areaDifference"."""
+        """The targets, in powers of nm, by the names of :mod:`.targets`."""
         return currentTargets(self.context, self.force)
+
+    @cached_property
+    def numSurfaces(self) -> int:
+        """The number of connected surfaces."""
+        return self.force.getNumSurfacesInContext(self.context)
+
+    def target(self, total: str, surface: int) -> float:
+        """Return a target of a surface, in powers of nm: its own, or the one of all."""
+        return self.targets[name if (name := nameOf(total, surface)) in self.targets else total]
 
 
 @dataclass(frozen=True)
@@ -120,6 +130,8 @@ class Observable:
         what its column is called
     compute : callable
         returns it for a :class:`Moment`, or None if the simulation has no such thing
+    ofSurface : callable or None
+        returns it for a :class:`Moment` and the number of a surface, if each surface has it
     unit : str
         "energy", "length", "length^2" or "length^3", which tables call by names of their own, or the name of another
         unit; without one it is a plain number
@@ -165,6 +177,28 @@ class Observable:
     onPage: str = ""
     onPath: bool = False
     inSweep: str = ""
+    ofSurface: Callable[[Moment, int], float] | None = None
+
+    def parts(self, numSurfaces: int) -> "list[Observable]":
+        """Return itself and, where there are several surfaces and each has it, that of each."""
+        if numSurfaces == 1 or self.ofSurface is None:
+            return [self]
+        return [self, *map(self.part, range(numSurfaces))]
+
+    def part(self, surface: int) -> "Observable":
+        """Return that of one of several surfaces."""
+        ask = self.ofSurface
+        assert ask is not None
+        return replace(
+            self,
+            name=nameOf(self.name, surface),
+            compute=lambda moment: ask(moment, surface),
+            title=self.title and f"{self.title} of surface {surface}",
+            label=f"surface {surface}",
+            target=self.target and nameOf(self.target, surface),
+            color=None,
+            ofSurface=None,
+        )
 
     def unitIn(self, lengthUnit: str, energyUnit: str = "kT") -> str:
         """Return the unit, with these names of the units of length and energy."""
@@ -204,16 +238,62 @@ def _total(moment: Moment) -> float:
     return sum(moment.energies.values())
 
 
-def _area(moment: Moment) -> float:
-    return valueIn(moment.geometry.area, unit.nanometer**2)
+def _area(geometry: Any) -> float:
+    return valueIn(geometry.area, unit.nanometer**2)
 
 
-def _volume(moment: Moment) -> float:
-    return valueIn(moment.geometry.volume, unit.nanometer**3)
+def _volume(geometry: Any) -> float:
+    return valueIn(geometry.volume, unit.nanometer**3)
 
 
-def _meanCurvature(moment: Moment) -> float:
-    return valueIn(moment.geometry.integratedMeanCurvature, unit.nanometer)
+def _areaDifference(geometry: Any) -> float:
+    return valueIn(geometry.areaDifference, unit.nanometer**2)
+
+
+def _meanCurvature(geometry: Any) -> float:
+    return valueIn(geometry.integratedMeanCurvature, unit.nanometer)
+
+
+def _reducedVolume(geometry: Any) -> float:
+    return reducedVolume(_area(geometry), _volume(geometry))
+
+
+def _reducedAreaDifference(geometry: Any) -> float:
+    return reducedAreaDifference(_area(geometry), _meanCurvature(geometry))
+
+
+def _sum(name: str, measure: Callable[[Any], float], unit: str = "", title: str = "", **keywords: Any) -> Observable:
+    """Return an observable of the geometry that adds up over surfaces."""
+    return Observable(
+        name,
+        lambda moment: measure(moment.geometry),
+        unit,
+        title,
+        ofSurface=lambda moment, surface: measure(moment.geometry.surfaces[surface]),
+        **keywords,
+    )
+
+
+def _single(
+    name: str, ask: Callable[[Moment, int], float], unit: str = "", title: str = "", **keywords: Any
+) -> Observable:
+    """Return an observable that only a single surface has."""
+    return Observable(
+        name,
+        lambda moment: ask(moment, 0) if moment.numSurfaces == 1 else None,
+        unit,
+        title,
+        ofSurface=ask,
+        **keywords,
+    )
+
+
+def _measure(measure: Callable[[Any], float]) -> Callable[[Moment, int], float]:
+    return lambda moment, surface: measure(moment.geometry.surfaces[surface])
+
+
+def _target(total: str) -> Callable[[Moment, int], float]:
+    return lambda moment, surface: moment.target(total, surface)
 
 
 def _term(name: str) -> Observable:
@@ -245,7 +325,7 @@ OBSERVABLES = (
         inSweep="mean",
     ),
     *map(_term, HelfrichForce.getTermNames()),
-    Observable(
+    _sum(
         "area",
         _area,
         "length^2",
@@ -257,7 +337,7 @@ OBSERVABLES = (
         onPage="mean",
         inSweep="mean",
     ),
-    Observable(
+    _sum(
         "volume",
         _volume,
         "length^3",
@@ -269,9 +349,9 @@ OBSERVABLES = (
         onPage="mean",
         inSweep="mean",
     ),
-    Observable(
+    _single(
         "reducedVolume",
-        lambda m: reducedVolume(_area(m), _volume(m)),
+        _measure(_reducedVolume),
         title="reduced volume",
         panel="reduced volume",
         color="C2",
@@ -280,19 +360,19 @@ OBSERVABLES = (
         onPath=True,
         inSweep="mean",
     ),
-    Observable(
+    _sum(
         "areaDifference",
-        lambda m: valueIn(m.geometry.areaDifference, unit.nanometer**2),
+        _areaDifference,
         "length^2",
         "area difference",
         target="targetAreaDifference",
         digits=".2f",
         onPath=True,
     ),
-    Observable("meanCurvature", _meanCurvature, "length"),
-    Observable(
+    _sum("meanCurvature", _meanCurvature, "length"),
+    _single(
         "reducedAreaDifference",
-        lambda m: reducedAreaDifference(_area(m), _meanCurvature(m)),
+        _measure(_reducedAreaDifference),
         title="reduced area difference",
         isDefault=False,
         digits=".4f",
@@ -349,13 +429,11 @@ OBSERVABLES = (
     Observable("stage", lambda m: m.place.stage, isDefault=False, isAveraged=False),
     Observable("window", lambda m: m.place.window, isDefault=False, isAveraged=False),
     Observable("equilibrated", lambda m: int(m.place.isEquilibrated), isDefault=False, isAveraged=False),
-    Observable("targetArea", lambda m: m.targets["area"], "length^2", "area target", isDefault=False, panel="area"),
-    Observable(
-        "targetVolume", lambda m: m.targets["volume"], "length^3", "volume target", isDefault=False, panel="volume"
-    ),
-    Observable(
+    _single("targetArea", _target("area"), "length^2", "area target", isDefault=False, panel="area"),
+    _single("targetVolume", _target("volume"), "length^3", "volume target", isDefault=False, panel="volume"),
+    _single(
         "targetAreaDifference",
-        lambda m: m.targets["areaDifference"],
+        _target("areaDifference"),
         "length^2",
         "area difference target",
         isDefault=False,
@@ -366,23 +444,34 @@ DEFAULT_OBSERVABLES = tuple(observable for observable in OBSERVABLES if observab
 
 def observe(moment: Moment, observables: Iterable[Observable], lengthUnit: str, energyUnit: str) -> dict[str, float]:
     """Return observables of a :class:`Moment`, as far as there are such, by the heads of their columns."""
-    row = {headOf(o.name, o.unitIn(lengthUnit, energyUnit)): o.compute(moment) for o in observables}
+    parts = itertools.chain.from_iterable(o.parts(moment.numSurfaces) for o in observables)
+    row = {headOf(o.name, o.unitIn(lengthUnit, energyUnit)): o.compute(moment) for o in parts}
     return {head: value for head, value in row.items() if value is not None}
+
+
+def observablesIn(table: Table) -> list[Observable]:
+    """Return the observables that a table has, those of each surface in the place of their sum."""
+    found: list[Observable] = []
+    for observable in OBSERVABLES:
+        numSurfaces = next(k for k in itertools.count() if nameOf(observable.name, k) not in table)
+        if numSurfaces > 0:
+            found += map(observable.part, range(numSurfaces))
+        elif observable.name in table:
+            found.append(observable)
+    return found
 
 
 def curves(panel: Panel, table: Table) -> list[Observable]:
     """Return the observables of a panel that a table has; none if the panel is to be left out."""
     found = [
-        o
-        for o in OBSERVABLES
-        if o.panel == panel.title and o.name in table and not (o.isTerm and np.all(table[o.name] == 0))
+        o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
     ]
     return [] if panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found) else found
 
 
 def isTarget(observable: Observable) -> bool:
     """Return whether another observable is driven to this one."""
-    return any(other.target == observable.name for other in OBSERVABLES)
+    return any(other.target == totalOf(observable.name) for other in OBSERVABLES)
 
 
 def readObservables(file: PathLike) -> Table:

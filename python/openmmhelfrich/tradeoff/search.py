@@ -21,7 +21,7 @@ from ..runs.sections import MODULI
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
 from ..runs.studies import versions
-from ..sampling.targets import currentTargets
+from ..sampling.targets import currentTargets, listedTargets
 from .measure import Measurement, measure
 from .minimization import FACTORS, Minimum, minimumOf
 from .settings import (
@@ -424,8 +424,8 @@ def _advance(config: Config, mesh: Mesh, stages: Sequence[Any]) -> tuple[Mesh, d
 def _setTargets(config: Config, targets: dict[str, float]) -> None:
     membrane = config.membrane
     membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = (
-        targets["area"],
-        targets["volume"],
-        targets["areaDifference"] or None,
+        listedTargets(targets, "area"),
+        listedTargets(targets, "volume"),
+        listedTargets(targets, "areaDifference") or None,
         None,
     )

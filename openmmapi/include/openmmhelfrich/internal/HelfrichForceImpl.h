@@ -88,9 +88,15 @@ public:
      */
     HelfrichParameters getParameters(OpenMM::ContextImpl& context) const;
 private:
-    void checkName(const OpenMM::System& system) const;
+    void checkOtherMembranes(const OpenMM::System& system) const;
+    void checkName(const HelfrichForce& other) const;
+    void checkParticles(const HelfrichForce& other, const std::vector<char>& isVertex) const;
+    void checkSurfaceTargets() const;
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
+    std::string getParameterName(const std::pair<Term, int>& surfaceTarget) const;
     void checkContextParameters(HelfrichParameters& parameters) const;
+    void checkContextParameter(const HelfrichParameters& parameters, const HelfrichContextParameter& parameter,
+                               const std::string& name, double value) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
     void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
                  const std::vector<int>& order);
@@ -99,7 +105,8 @@ private:
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichEnergyTerms& terms) const;
     const HelfrichForce& owner;
-    /// those of the owner, as of initialize() or updateParametersInContext()
+    /// those of the owner, as of initialize() or, but for which surfaces have targets of their own,
+    /// updateParametersInContext()
     HelfrichParameters parameters;
     const KickAndDrift* kick = NULL;
     bool isOrientationChecked = false, arePositionsSet = false;

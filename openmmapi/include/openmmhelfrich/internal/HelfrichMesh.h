@@ -10,10 +10,11 @@
 namespace HelfrichPlugin {
 
 /**
- * The connectivity of a closed, oriented, triangulated surface, which edge flips change in place.
+ * The connectivity of closed, oriented, triangulated surfaces, which edge flips change in place.
  *
- * Vertices are numbered from 0 in ascending order of their particles.  The ordered triangles are the complete state:
- * everything else here derives from them.
+ * Vertices are numbered from 0 in ascending order of their particles, connected surfaces in the order of their first
+ * triangles.  The ordered triangles are the complete state: everything else here derives from them.  Flips change
+ * neither which surface a vertex belongs to nor which one a triangle is a part of.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichMesh : public HalfedgeConnectivity<PlainAccess> {
 public:
@@ -32,6 +33,30 @@ public:
         return particles;
     }
     /**
+     * Get the number of connected surfaces.
+     */
+    int getNumSurfaces() const {
+        return surfaceSizes.size();
+    }
+    /**
+     * Get the number of the surface that a vertex belongs to.
+     */
+    int getSurface(int vertex) const {
+        return surfaces[vertex];
+    }
+    /**
+     * Get the same of each vertex.
+     */
+    const std::vector<int>& getSurfaces() const {
+        return surfaces;
+    }
+    /**
+     * Get the number of vertices of each surface.
+     */
+    const std::vector<int>& getSurfaceSizes() const {
+        return surfaceSizes;
+    }
+    /**
      * Get the number of times that the connectivity has changed.
      */
     long long getRevision() const {
@@ -43,7 +68,7 @@ public:
     std::vector<std::array<int, 3>> getTriangles() const;
     /**
      * Replace the triangles.  Throws an OpenMMException, and leaves the mesh as it was, unless they are valid, connect
-     * the same particles as before and have every fixed edge.
+     * the same particles as before to the same surfaces, and have every fixed edge.
      */
     void setTriangles(const std::vector<std::array<int, 3>>& triangles);
     /**
@@ -57,8 +82,8 @@ public:
      */
     static constexpr int PATCH = 512;
     /**
-     * Get all vertices in an order that keeps neighbors close to each other: patch by patch, each of which grew
-     * breadth-first from a vertex beside an earlier one.
+     * Get all vertices in an order that keeps neighbors close to each other: surface by surface, and each patch by
+     * patch, which grew breadth-first from a vertex beside an earlier one.
      */
     const std::vector<int>& getOrder() const {
         return order;
@@ -70,7 +95,7 @@ public:
     void renewOrder();
     /**
      * Set the order of an earlier mesh with the same vertices.  Throws an OpenMMException unless it has every vertex
-     * once.
+     * once, and those of a surface together.
      */
     void setOrder(const std::vector<int>& order);
     /**
@@ -100,11 +125,14 @@ private:
     void connect();
     void pair(const int* sameEdge, int count);
     void chooseOutgoings();
+    void findSurfaces();
     int findHalfedge(int particle1, int particle2) const;
     void checkVertices() const;
     std::string describeEdge(int vertex1, int vertex2) const;
     int numParticles;
     std::vector<int> particles, order;
+    /// the surface of each vertex, and the number of vertices of each surface
+    std::vector<int> surfaces, surfaceSizes;
     std::vector<std::array<int, 2>> fixedEdges;
     long long revision = 0;
 };

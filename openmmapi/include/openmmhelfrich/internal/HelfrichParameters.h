@@ -2,9 +2,11 @@
 #define OPENMM_HELFRICHPARAMETERS_H_
 
 #include <iterator>
+#include <map>
+#include <utility>
 
 /* The home of the terms of the energy: their names, their parameters and what sets these in a Context.  A term that
-   depends on the totals of the surface alone is defined here as a whole, for every platform and for edge flips. */
+   depends on the totals of a surface alone is defined here as a whole, for every platform and for edge flips. */
 
 namespace HelfrichPlugin {
 
@@ -97,6 +99,8 @@ struct HelfrichParameters {
     TermValues moduli;
     double targetArea = 0, targetVolume = 0;
     double targetAreaDifference = 0, leafletSeparation = 1;
+    /// the targets of surfaces that have one of their own, by the term and the number of the surface
+    std::map<std::pair<Term, int>, double> surfaceTargets;
     double tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
     int tetherExponent = 2;
     double repulsionOnset = 0;
@@ -106,6 +110,18 @@ struct HelfrichParameters {
      */
     bool has(Term term) const {
         return moduli[term] != 0;
+    }
+    /**
+     * Get what the area, the volume or the area difference of a surface is held to.
+     *
+     * @param term     the term that holds it there
+     * @param surface  the number of the surface
+     */
+    double getTarget(Term term, int surface) const {
+        auto own = surfaceTargets.find({term, surface});
+        if (own != surfaceTargets.end())
+            return own->second;
+        return term == Term::Area ? targetArea : term == Term::Volume ? targetVolume : targetAreaDifference;
     }
     /**
      * Get the terms that are on.
@@ -149,7 +165,8 @@ struct HelfrichParameters {
 
 /**
  * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite and not zero if its term is on,
- * which for a modulus means that it must be finite: one of zero turns its term off.
+ * which for a modulus means that it must be finite: one of zero turns its term off.  A surface's own target is another
+ * parameter, whose name has the surface's number at its end.
  */
 struct HelfrichContextParameter {
     Term term;
@@ -176,7 +193,17 @@ inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
         {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; }}};
 
 /**
- * The sums over the whole surface on which the energy depends.
+ * Get the parameter of the Context of a term that has one.
+ */
+inline const HelfrichContextParameter& getContextParameter(Term term) {
+    auto parameter = std::begin(HELFRICH_CONTEXT_PARAMETERS);
+    while (parameter->term != term)
+        ++parameter;
+    return *parameter;
+}
+
+/**
+ * The sums over a connected surface on which the energy depends.
  */
 template <class Real>
 struct HelfrichTotalsOf {
@@ -241,14 +268,17 @@ inline Real linearEnergy(double modulus, Real x) {
 /**
  * Compute the terms of the energy that depend on totals alone.
  *
- * @param add  called for each with the term and its energy
+ * @param surface  the number of the surface
+ * @param totals   those of the surface
+ * @param add      called for each with the term and its energy
  */
 template <class Real, class Add>
-inline void computeTermsOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals, Add add) {
-    add(Term::Area, penalty(p.moduli[Term::Area], totals.area, p.targetArea));
-    add(Term::Volume, penalty(p.moduli[Term::Volume], totals.volume, p.targetVolume));
-    add(Term::AreaDifference,
-        penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature, p.targetAreaDifference));
+inline void computeTermsOfTotals(const HelfrichParameters& p, int surface, const HelfrichTotalsOf<Real>& totals,
+                                 Add add) {
+    add(Term::Area, penalty(p.moduli[Term::Area], totals.area, p.getTarget(Term::Area, surface)));
+    add(Term::Volume, penalty(p.moduli[Term::Volume], totals.volume, p.getTarget(Term::Volume, surface)));
+    add(Term::AreaDifference, penalty(p.moduli[Term::AreaDifference], 2 * p.leafletSeparation * totals.curvature,
+                                      p.getTarget(Term::AreaDifference, surface)));
     add(Term::Tension, linearEnergy(p.moduli[Term::Tension], totals.area));
     add(Term::Pressure, linearEnergy(-p.moduli[Term::Pressure], totals.volume));
 }
@@ -257,18 +287,18 @@ inline void computeTermsOfTotals(const HelfrichParameters& p, const HelfrichTota
  * Add the same terms to others.
  */
 template <class Real>
-inline void addTermsOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals,
+inline void addTermsOfTotals(const HelfrichParameters& p, int surface, const HelfrichTotalsOf<Real>& totals,
                              HelfrichEnergyTerms& terms) {
-    computeTermsOfTotals(p, totals, [&](Term term, Real energy) { terms[term] += energy; });
+    computeTermsOfTotals(p, surface, totals, [&](Term term, Real energy) { terms[term] += energy; });
 }
 
 /**
  * Get the sum of the same terms.
  */
 template <class Real>
-inline Real energyOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
+inline Real energyOfTotals(const HelfrichParameters& p, int surface, const HelfrichTotalsOf<Real>& totals) {
     Real sum = 0;
-    computeTermsOfTotals(p, totals, [&](Term term, Real energy) { sum += energy; });
+    computeTermsOfTotals(p, surface, totals, [&](Term term, Real energy) { sum += energy; });
     return sum;
 }
 
@@ -276,27 +306,31 @@ inline Real energyOfTotals(const HelfrichParameters& p, const HelfrichTotalsOf<R
  * Get the derivatives of the same terms by the three totals.
  */
 template <class Real>
-inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, const HelfrichTotalsOf<Real>& totals) {
+inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, int surface,
+                                                const HelfrichTotalsOf<Real>& totals) {
     HelfrichTotalsOf<Real> slopes;
-    slopes.area = penaltySlope(p.moduli[Term::Area], totals.area, p.targetArea) + p.moduli[Term::Tension];
-    slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.targetVolume) - p.moduli[Term::Pressure];
+    slopes.area =
+            penaltySlope(p.moduli[Term::Area], totals.area, p.getTarget(Term::Area, surface)) + p.moduli[Term::Tension];
+    slopes.volume = penaltySlope(p.moduli[Term::Volume], totals.volume, p.getTarget(Term::Volume, surface)) -
+                    p.moduli[Term::Pressure];
     double h = p.leafletSeparation;
-    slopes.curvature =
-            2 * h * penaltySlope(p.moduli[Term::AreaDifference], 2 * h * totals.curvature, p.targetAreaDifference);
+    slopes.curvature = 2 * h *
+                       penaltySlope(p.moduli[Term::AreaDifference], 2 * h * totals.curvature,
+                                    p.getTarget(Term::AreaDifference, surface));
     return slopes;
 }
 
 /**
- * The change of the same terms with the totals.
+ * The change of the same terms with the totals of a surface.
  */
 class ChangeByTotals {
 public:
     ChangeByTotals() = default;
-    ChangeByTotals(const HelfrichParameters& p, const HelfrichTotals& totals)
-            : area(p.moduli[Term::Area], totals.area, p.targetArea),
-              volume(p.moduli[Term::Volume], totals.volume, p.targetVolume),
+    ChangeByTotals(const HelfrichParameters& p, int surface, const HelfrichTotals& totals)
+            : area(p.moduli[Term::Area], totals.area, p.getTarget(Term::Area, surface)),
+              volume(p.moduli[Term::Volume], totals.volume, p.getTarget(Term::Volume, surface)),
               areaDifference(p.moduli[Term::AreaDifference], totals.curvature,
-                             p.targetAreaDifference / (2 * p.leafletSeparation)),
+                             p.getTarget(Term::AreaDifference, surface) / (2 * p.leafletSeparation)),
               tension(p.moduli[Term::Tension]), pressure(p.moduli[Term::Pressure]) {
     }
     /**
