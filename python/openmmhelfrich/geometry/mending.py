@@ -73,7 +73,7 @@ def repair(
     if box is not None:
         _unfold(surface, box)
     elif (sentence := foldedEdges(vertices, triangles)) is not None:
-        raise ValueError(f"{sentence}; say how long the box is to have the surface unfolded")
+        raise ValueError(f"{sentence}; the lengths of the box must be given (--box) to unfold it")
     _weld(surface, wanted.tolerance)
     if wanted.reverse:
         surface.triangles = surface.triangles[:, ::-1].copy()
@@ -101,24 +101,32 @@ def place(point: Points) -> str:
 # --- periodic boxes
 
 
-def foldedEdges(vertices: Points, triangles: NDArray[np.integer]) -> str | None:
-    """Return a sentence on edges that are as long as the mesh, as those of a surface are that was folded into a periodic
-    box, or None if there are none.
+def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | None = None) -> str | None:
+    """Return a sentence on edges that lead through the sides of a box, as those of a surface do that was folded into
+    it, or None if there are none.
 
-    Such edges are few, span nearly all of the mesh along an axis, are much longer than the others, and differ in length
-    as the others do, unlike those between the two ends of a long body.
+    Where the box is not known, they are nearly as long as the mesh.  Such edges are few, much longer than the others,
+    and differ in length as the others do, unlike those between the two ends of a long body.
     """
+    origin, target = connectivity.halfedges(triangles)
+    steps = vertices[target] - vertices[origin]
+    if box is not None:
+        count = int(np.sum(np.any(_images(steps, box) != 0, axis=1)) // 2)
+        return (
+            f"{count} edges are longer than half of the periodic box, into which the surface is folded"
+            if count
+            else None
+        )
     if len(triangles) < 20:
         return None
-    origin, target = connectivity.halfedges(triangles)
-    steps, extents = np.abs(vertices[target] - vertices[origin]), np.ptp(vertices, axis=0)
+    steps, extents = np.abs(steps), np.ptp(vertices, axis=0)
     usual = np.median(np.linalg.norm(steps, axis=1))
     for axis, name in enumerate("xyz"):
         long = steps[steps[:, axis] > max(0.7 * extents[axis], 2 * usual), axis]
         if 0 < len(long) < 0.25 * len(steps) and long.std() > 0.05 * usual:
             return (
                 f"{len(long) // 2} edges are nearly as long as the mesh along {name}, up to {long.max():.4g} of "
-                f"{extents[axis]:.4g}, so that it seems to be folded into a periodic box"
+                f"{extents[axis]:.4g}, so that the surface seems to be folded into a periodic box"
             )
     return None
 
@@ -127,7 +135,7 @@ def _unfold(surface, box):
     """Put the vertices of each surface beside their neighbors where edges lead through the sides of a box."""
     origin, target = connectivity.halfedges(surface.triangles)
     steps = surface.vertices[target] - surface.vertices[origin]
-    images = -np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
+    images = -_images(steps, box)
     crossing = np.any(images != 0, axis=1)
     if not crossing.any():
         return
@@ -141,6 +149,11 @@ def _unfold(surface, box):
         f"{counted(int(crossing.sum()) // 2, 'edge')} as long as the periodic box: the surface was unfolded, by moving "
         f"{moved} vertices by the box"
     )
+
+
+def _images(steps, box):
+    """Return how many boxes each step leads through, in each direction."""
+    return np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
 
 
 def _shifts(count, first, second, images):
@@ -177,7 +190,7 @@ def weldRims(vertices: Points, triangles: Triangles, distance: float) -> tuple[T
     pairs = cKDTree(vertices[rim]).query_pairs(distance, output_type="ndarray") if len(rim) else np.zeros((0, 2), int)
     if not len(pairs):
         return triangles, 0
-    count, label = _components(*pairs.T, len(rim))
+    count, label = _components(pairs[:, 0], pairs[:, 1], len(rim))
     _, first = np.unique(label, return_index=True)
     places = np.arange(len(vertices))
     places[rim] = rim[first[label]]
@@ -219,7 +232,7 @@ def _dropRepeated(surface):
         surface.triangles = surface.triangles[~isFin]
     if before > len(surface.triangles):
         surface.notes.append(
-            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck to the surface"
+            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck out"
         )
 
 
@@ -279,8 +292,8 @@ def _flip(surface, flat, sides):
         if o < 0 or origin[h] != target[o]:
             continue
         a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
-        place_ = np.searchsorted(keys, min(m, c) * n + max(m, c))
-        isBond = place_ < len(keys) and keys[place_] == min(m, c) * n + max(m, c)
+        spot = np.searchsorted(keys, min(m, c) * n + max(m, c))
+        isBond = spot < len(keys) and keys[spot] == min(m, c) * n + max(m, c)
         if m == c or isBond or isTouched[[a, b, m, c]].any():
             continue
         isTouched[[a, b, m, c]] = True
@@ -370,8 +383,8 @@ def _part(surface):
     isParted = np.isin(owner, owner[~isOwn])
     vertices = np.concatenate((surface.vertices, surface.vertices[owner[~isOwn]]))
     ends = surface.vertices[vertex[following]] + surface.vertices[vertex[following[following]]]
-    means = np.column_stack([np.bincount(member, ends[:, k]) for k in range(3)])
-    means /= 2 * np.bincount(member)[:, np.newaxis]
+    sums = np.column_stack([np.bincount(member, ends[:, k]) for k in range(3)])
+    means = sums / (2 * np.bincount(member)[:, np.newaxis])
     moved = numbers[isParted]
     vertices[moved] += _PARTING * (means[isParted] - vertices[moved])
     surface.vertices, surface.triangles = vertices, numbers[member].reshape(-1, 3)
@@ -382,8 +395,8 @@ def _part(surface):
 
 
 def _sheets(surface):
-    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet, and a halfedge of
-    each edge where that is not certain.
+    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet, and a halfedge
+    of each edge where that is not certain.
     """
     order, start, counts = surface.edges()
     origin, _ = connectivity.halfedges(surface.triangles)
@@ -402,8 +415,8 @@ def _sheets(surface):
 
 
 def _pairAround(surface, some, origin):
-    """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside; None if they are not as many
-    in one direction as in the other.
+    """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside; None if they are not as
+    many in one direction as in the other.
     """
     i = origin[some].min()
     forward = origin[some] == i
@@ -445,7 +458,9 @@ def _keepSurfaces(surface, wanted):
             f"{place(surface.vertices[np.unique(mine)].mean(axis=0))}"
         )
     if len(gone) > _NAMED:
-        surface.notes.append(f"{counted(len(gone) - _NAMED, f'more {word}')} left out, of area {areas[gone].max():.3g} at most")
+        surface.notes.append(
+            f"{counted(len(gone) - _NAMED, f'more {word}')} left out, of area {areas[gone].max():.3g} at most"
+        )
     surface.triangles = surface.triangles[isKept[label]]
 
 
@@ -495,7 +510,8 @@ def _loops(surface):
 
 def _close(surface, loops):
     """Close holes: those of three edges with a triangle, others with triangles around a vertex in their middle."""
-    middles, triangles = [], []
+    middles: list[Points] = []
+    triangles: list[Triangles] = []
     for loop in loops:
         if len(loop) == 3:
             triangles.append(loop[[1, 0, 2]][np.newaxis])

@@ -73,12 +73,12 @@ def _content(mesh):
         np.concatenate([np.full(len(block.data), _CORNERS[block.type]) for block in faces]),
     )
     for kind, what in _LEFT_OUT.items():
-        result.note(sum(len(block.data) for block in mesh.cells if block.type == kind), what, "left out")
+        result.noteLeftOut(sum(len(block.data) for block in mesh.cells if block.type == kind), what)
     return result
 
 
 def _refuseNumbersOfNodes(above):
-    """Keep meshio from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
+    """Keep meshio from a table up to the greatest number of a node, which may be anything in a damaged MSH file."""
     from meshio.gmsh import _gmsh41
 
     read = _gmsh41._read_nodes

@@ -38,7 +38,7 @@ def read(content: bytes) -> Content:
     _checkCorners(lines, faces, corners, sizes, start, len(vertices))
     result = Content(points, np.where(corners < 0, corners + start, corners - 1), sizes)
     for what, count in others.items():
-        result.note(count, what, "left out")
+        result.noteLeftOut(count, what)
     return result
 
 

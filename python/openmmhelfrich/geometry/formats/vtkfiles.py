@@ -37,7 +37,9 @@ def read(path: Path) -> Content:
         output = Path(folder) / "cells.npz"
         _readElsewhere(path, output)
         with np.load(output) as found:
-            return _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+            result = _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+    # Pieces of one surface have vertices of their own along their seams, at the same positions.
+    return result.welded(0.0) if path.read_bytes().count(b"<Piece") > 1 and len(result.sizes) else result
 
 
 def _readWithoutVTK(path):
@@ -85,7 +87,8 @@ def _content(points, types, sizes, corners):
     else:
         result = Content(points, corners[np.repeat(isFace, sizes)], sizes[isFace])
     for what in dict.fromkeys(_LEFT_OUT.values()):
-        result.note(int(np.sum(np.isin(types, [t for t, w in _LEFT_OUT.items() if w == what]))), what, "left out")
+        kinds = [kind for kind, name in _LEFT_OUT.items() if name == what]
+        result.noteLeftOut(int(np.sum(np.isin(types, kinds))), what)
     return result
 
 
