@@ -28,9 +28,7 @@ def read(path: Path) -> Content:
     except (PermissionError, MemoryError):
         raise
     except (Exception, SystemExit) as error:  # a damaged file raises anything from IndexError to an exit
-        reason = " ".join(str(error).split()) if isinstance(error, ValueError | meshio.ReadError) else ""
-        reason = reason or " ".join(said.getvalue().split()) or f"{type(error).__name__} {error}"
-        raise ValueError(f"meshio cannot read it as {suffix[1:].upper()}: {reason[:300]}") from None
+        raise ValueError(f"meshio cannot read it as {suffix[1:].upper()}: {_reason(error, said.getvalue())}") from None
     return _content(mesh)
 
 
@@ -58,6 +56,15 @@ def suffixes() -> set[str]:
     import meshio
 
     return set(meshio.extension_to_filetypes)
+
+
+def _reason(error, said):
+    """Return why the library failed: what it printed or raised."""
+    lines = [" ".join(line.split()) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
+    if isinstance(error, SystemExit) or not str(error):
+        return lines[0] if lines else "it is damaged, or of another format"
+    words = " ".join(str(error).split())[:300]
+    return words if isinstance(error, (ValueError, OSError)) else f"{type(error).__name__} {words}"
 
 
 def _content(mesh):

@@ -31,6 +31,10 @@ _LEFT_OUT = {0: "empty cells", 1: "points", 2: "points", 3: "lines", 4: "lines"}
 
 def read(path: Path) -> Content:
     """Read the triangles, strips and polygons of a file."""
+    with path.open("rb") as file:
+        start = file.read(1000)
+    if not re.match(rb"# vtk DataFile|\s*(<\?xml|<VTKFile|<!--)", start):
+        raise ValueError("it begins neither with '# vtk DataFile' nor with the element VTKFile of XML")
     if importlib.util.find_spec("vtkmodules") is None:
         return _readWithoutVTK(path)
     with tempfile.TemporaryDirectory() as folder:
