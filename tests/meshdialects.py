@@ -416,7 +416,7 @@ dialect("glb", "binary")(lambda x, t: gltf(x, t, True))
 def _(x, t):
     rows = [f"{i:5d}{a:25.17g}{b:25.17g}{c:25.17g}" for i, (a, b, c) in enumerate(x)]
     faces = [f"{f:5d} {a:5d} {b:5d} {c:5d}" for f, (a, b, c) in enumerate(t)]
-    return text("version 1.1", "box   50.0   50.0   50.0", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces)
+    return text("version 1.1", "box   5e4   5e4   5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces)
 
 
 @dialect("tsi", "domains, inclusions and exclusions")
@@ -424,13 +424,15 @@ def _(x, t):
     rows = [f"{i} {numbers(row)} {i % 2}" for i, row in enumerate(x)]
     faces = [f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t)]
     more = ["inclusion 1", "0 1 0 0 1", "exclusion 1", "0 1 0.5"]
-    return text("version 1.1", "box 50 50 50", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *more)
+    return text("version 1.1", "box 5e4 5e4 5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *more)
 
 
 @dialect("q", "plain")
 def _(x, t):
     rows = [f"{i} {numbers(row)} 0" for i, row in enumerate(x)]
-    return text("50 50 50", str(len(x)), *rows, str(len(t)), *(f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t)))
+    return text(
+        "5e4 5e4 5e4", str(len(x)), *rows, str(len(t)), *(f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t))
+    )
 
 
 # --- VTK
@@ -481,12 +483,11 @@ for make, suffix in ((polyData, "vtp"), (grid, "vtu")):
             dialect("vtk", f"{make.__name__} {word} {version / 10}")(partial(byVTK, make, "vtk", found))
     dialect("vtk", f"{make.__name__} with points and lines")(partial(byVTK, make, "vtk", {}, others=True))
     dialect(suffix, "with points and lines")(partial(byVTK, make, suffix, {}, others=True))
-    for mode, word in enumerate(("text", "binary", "appended")):
-        for order, end in enumerate(("big", "little")):
-            for compressor, name in enumerate(("none", "zlib", "lz4", "lzma")):
-                if mode > 0 or compressor == 0:
-                    found = {"DataMode": mode, "ByteOrder": order, "CompressorType": compressor}
-                    dialect(suffix, f"{word}, {end} endian, compressor {name}")(partial(byVTK, make, suffix, found))
+    for mode, order, compressor in ((0, 1, 0), (0, 0, 0), (1, 1, 1), (1, 0, 2), (2, 1, 3), (2, 0, 0), (2, 1, 2)):
+        words = ("text", "binary", "appended")[mode], ("big", "little")[order]
+        found = {"DataMode": mode, "ByteOrder": order, "CompressorType": compressor}
+        name = f"{words[0]}, {words[1]} endian, compressor {('none', 'zlib', 'lz4', 'lzma')[compressor]}"
+        dialect(suffix, name)(partial(byVTK, make, suffix, found))
     raw = {"DataMode": 2, "EncodeAppendedData": 0, "HeaderType": 64, "CompressorType": 0}
     dialect(suffix, "appended raw, 64-bit heads")(partial(byVTK, make, suffix, raw))
 

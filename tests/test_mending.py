@@ -1,4 +1,4 @@
-"""What repair does: each fault that files have, made on a sound mesh, is mended and said; sound meshes stay as they are."""
+"""What repair does: faults made on a sound mesh are mended and said; sound meshes stay as they are."""
 
 import numpy as np
 import pytest
@@ -104,13 +104,11 @@ def withNeedles(sphere, count):
     vertices, triangles = [*sphere.vertices], sphere.triangles.tolist()
     for a, b, c in [triangles[t] for t in range(0, 40 * count, 40)]:
         m = len(vertices)
-        vertices.append(sphere.vertices[a] * (1 - 1e-9) + sphere.vertices[c] * 1e-9)
-        triangles[triangles.index([a, b, c])] = [m, b, c]
-        other = next(t for t in triangles if {a, c} <= set(t) and m not in t)
-        k = other.index(c)
-        assert other[(k + 1) % 3] != a or True
-        triangles[triangles.index(other)] = [m if v == a else v for v in other]
+        vertices.append(sphere.vertices[a] + 1e-13 * (sphere.vertices[c] - sphere.vertices[a]))
+        other = next(t for t in triangles if {a, c} <= set(t) and b not in t)
         third = next(v for v in other if v not in (a, c))
+        triangles[triangles.index([a, b, c])] = [m, b, c]
+        triangles[triangles.index(other)] = [m if v == a else v for v in other]
         triangles += [[a, b, m], [a, m, third]]
     return mh.Mesh(vertices, triangles)
 
@@ -241,7 +239,7 @@ def testUnfolding(shift, seed):
     assert np.array_equal(mended.box, np.diag(lengths))
     if isFolded:
         for mesh in (folded, mh.Mesh(folded.vertices, folded.triangles, lengths)):
-            with pytest.raises(ValueError, match="folded.*unfolds it"):
+            with pytest.raises(ValueError, match=r"folded.*unfolds it"):
                 mesh.check()
         with pytest.raises(ValueError, match="the lengths of the box must be given"):
             folded.repaired()

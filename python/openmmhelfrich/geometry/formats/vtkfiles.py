@@ -35,7 +35,7 @@ def read(path: Path) -> Content:
         start = file.read(1000)
     if not re.match(rb"# vtk DataFile|\s*(<\?xml|<VTKFile|<!--)", start):
         raise ValueError("it begins neither with '# vtk DataFile' nor with the element VTKFile of XML")
-    if importlib.util.find_spec("vtkmodules") is None:
+    if not _hasVTK():
         return _readWithoutVTK(path)
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "cells.npz"
@@ -44,6 +44,10 @@ def read(path: Path) -> Content:
             result = _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
     # Pieces of one surface have vertices of their own along their seams, at the same positions.
     return result.welded(0.0) if path.read_bytes().count(b"<Piece") > 1 and len(result.sizes) else result
+
+
+def _hasVTK():
+    return importlib.util.find_spec("vtkmodules") is not None
 
 
 def _readWithoutVTK(path):
@@ -73,6 +77,7 @@ def _readElsewhere(path, output):
 
 def _reason(text):
     """Return what VTK said was wrong."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     found = re.findall(r"\((?:0x)?[0-9a-f]+\): (.*)", text) or [line for line in text.splitlines() if line.strip()][-1:]
     return found[0].strip() if found else "it is damaged"
 
