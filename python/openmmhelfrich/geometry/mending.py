@@ -412,11 +412,12 @@ def _partVertices(surface):
 
 
 def _divideEdges(surface):
-    """Divide an edge at which sheets touch whose ends they share, with a vertex in the middle for each sheet; return how
+    """Divide edges at which sheets touch that share their ends, with a vertex in the middle for each sheet; return how
     many vertices that added.
     """
     (_, _), (first, second) = _sheets(surface)
-    vertices, triangles, isTouched = [], [surface.triangles], np.zeros(len(surface.triangles), dtype=bool)
+    vertices: list[Points] = []
+    triangles, isTouched = [surface.triangles], np.zeros(len(surface.triangles), dtype=bool)
     for h, o in zip(first.tolist(), second.tolist()):
         if isTouched[[h // 3, o // 3]].any():
             continue
