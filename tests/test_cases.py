@@ -127,10 +127,14 @@ def collapsed():
     The force takes no edge whose ends are in one place, and so none of the second.
     """
     cube = mh.Mesh.read(CASES / "quads/cube.obj")
-    onLine, inPoint, folded = (mh.Mesh(cube.vertices, cube.triangles) for _ in range(3))
+    onLine, inPoint = (mh.Mesh(cube.vertices, cube.triangles) for _ in range(2))
     onLine.vertices[0] = (cube.vertices[1] + cube.vertices[2]) / 2
     inPoint.vertices[[1, 2]] = inPoint.vertices[0]
-    folded.vertices[:, 2] = 0
+    rim = [(0, 1), (1, 2), (2, 3), (3, 0)]
+    folded = mh.Mesh(
+        [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 0), (0, 0, 0)],
+        [t for a, b in rim for t in ((a, b, 4), (b, a, 5))],
+    )
     return [onLine, inPoint, folded]
 
 
