@@ -24,7 +24,9 @@ Topology = Annotated[
 @app.command()
 @friendly
 def check(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH ...")],
+    mesh: Annotated[
+        Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH, glTF, TSI ...")
+    ],
     scale: Annotated[
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,
@@ -46,7 +48,12 @@ def check(
         quality = assess(surface)
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
-    _print(quality.lines(length_unit) + _shapes(surface) + _suggestions(surface, scale, length_unit))
+    _print(
+        [("note", note) for note in surface.notes]
+        + quality.lines(length_unit)
+        + _shapes(surface)
+        + _suggestions(surface, scale, length_unit)
+    )
 
 
 @app.command()

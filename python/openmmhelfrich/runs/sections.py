@@ -144,7 +144,7 @@ class MeshSection(Section):
     file: str | None = Field(
         None,
         min_length=1,
-        description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH ...), relative to the configuration's folder",
+        description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH, glTF, TSI ...), relative to the configuration's folder",
     )
     icosphere: int | None = Field(
         None,
@@ -158,6 +158,11 @@ class MeshSection(Section):
         gt=0,
         description="factor on the coordinates, to bring the mean edge length between 0.01 and 10, where the "
         "power laws of tether and repulsion are meant to be used; 1 leaves them as they are",
+    )
+    repair: bool = Field(
+        False,
+        description="mend the mesh as the command repair does, and say what was done: weld corners, take away facets "
+        "without area and specks, turn surfaces outwards",
     )
     length_unit: str = Field(
         "nm",

@@ -65,6 +65,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
+    study.notes += scene.mesh.notes
     outputs.makeFolder()
     with locked(outputs.prefix):
         old = outputs.prepare(config.mesh.file, config.output.overwrite)
