@@ -331,8 +331,8 @@ def requireTrajectories(sampling: SamplingSection) -> None:
     others = sampling.flip_probability + sampling.shear_wave_probability
     if others >= 1:
         raise ValueError(
-            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; they "
-            "must leave trajectories by which it is found"
+            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; "
+            "they must leave trajectories by which it is found"
         )
 
 
