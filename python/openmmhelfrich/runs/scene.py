@@ -19,7 +19,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
 from .config import Config, asDict, namingSource, stagesOf, valueOf
-from .sections import GREATEST, LEAST, MODULI
+from .sections import GREATEST, LEAST, MODULI, SamplingSection
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -314,11 +314,8 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
             f"ask for a step size of {stepSize:g} ps, which must be from {LEAST:g} to {GREATEST:g}"
         )
     requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
-    if sampling.step_size == "auto" and sampling.flip_probability + sampling.shear_wave_probability >= 1:
-        raise ValueError(
-            "[sampling] step_size is 'auto', but flip_probability and shear_wave_probability leave no trajectory to "
-            "find it by"
-        )
+    if sampling.step_size == "auto":
+        requireTrajectories(sampling)
     numEdges = 3 * len(mesh.triangles) // 2
     if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
         raise ValueError(
@@ -328,6 +325,16 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
     radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def requireTrajectories(sampling: SamplingSection) -> None:
+    """Raise a ValueError if there are no trajectories by which a step size could be found."""
+    others = sampling.flip_probability + sampling.shear_wave_probability
+    if others >= 1:
+        raise ValueError(
+            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; "
+            "they must leave trajectories by which it is found"
+        )
 
 
 def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:

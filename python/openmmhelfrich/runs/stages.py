@@ -32,7 +32,7 @@ from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, c
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table
 from .config import namingSource
-from .scene import Scene, requireComparable
+from .scene import Scene, requireComparable, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -284,14 +284,9 @@ class Sample(MonteCarlo):
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
-        sampling = scene.config.sampling
         requireComparable("step_size", settings.step_size, scene.stepSize, "that of [sampling] in ps,")
-        adapts = settings.step_size == "auto" or (settings.step_size is None and scene.adaptsStepSize)
-        if adapts and sampling.burn_in is not None and sampling.burn_in >= settings.steps:
-            raise ValueError(
-                f"[sampling] burn_in is {sampling.burn_in}, and the stage has {settings.steps} steps; the step size "
-                "would be found when the stage has ended: burn_in must be less"
-            )
+        if settings.step_size == "auto":
+            requireTrajectories(scene.config.sampling)
         return super().check(settings, scene, start)
 
     def _createAdapter(self):
