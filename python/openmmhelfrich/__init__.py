@@ -22,6 +22,7 @@ _HOMES = {
     "geometry.measures": ["reducedVolume"],
     "geometry.mesh": ["Mesh"],
     "geometry.shapes": ["spheroid", "spheroidAspectRatio", "surfaceOfRevolution"],
+    "io.locks": ["InUseError"],
     "io.psf": ["writePSF"],
     "io.vtkhdf": ["MeshFrame", "meshFrame", "readMeshTrajectory", "writeMeshTrajectory"],
     "sampling.adaptation": [
