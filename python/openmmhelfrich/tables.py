@@ -57,9 +57,9 @@ class Table(dict[str, NDArray[np.float64]]):
         heads, *rows = _readRows(file) or [[]]
         if not heads:
             raise ValueError(f"{file} is empty; it must hold a table of observables")
-        for i, row in enumerate(rows):
+        for i, row in enumerate(rows, 2):
             if len(row) != len(heads):
-                raise ValueError(f"{file} has {len(row)} values in line {i + 2}; its first line names {len(heads)}")
+                raise ValueError(f"{file} has {len(row)} values in line {i}; its first line names {len(heads)}")
         try:
             columns = np.array(rows, dtype=float).reshape(-1, len(heads)).T
         except ValueError:
@@ -100,12 +100,12 @@ def _readRows(file: PathLike, most: int | None = None) -> list[list[str]]:
             raise ValueError(f"{file} is not a table of comma-separated values: {error}") from None
 
 
-def _noNumber(file, heads, rows):
+def _noNumber(file: PathLike, heads: list[str], rows: list[list[str]]) -> ValueError:
     """Return the error that says what in a table is no number."""
-    for i, row in enumerate(rows):
+    for i, row in enumerate(rows, 2):
         for head, text in zip(heads, row):
             if not _isNumber(text):
-                return ValueError(f"{file}: {shortened(head)} is {quoted(text)} in line {i + 2}; it must be a number")
+                return ValueError(f"{file}: {shortened(head)} is {quoted(text)} in line {i}; it must be a number")
     return ValueError(f"{file} is not a table of numbers")
 
 

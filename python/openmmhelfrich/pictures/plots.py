@@ -1,7 +1,9 @@
 """Pictures: the observables of a run against its steps, and a membrane's shape colored by mean curvature."""
 
+import contextlib
 import re
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,23 @@ from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
 from ..tables import Table, headOf
 from .curvature import smoothMeanCurvature
 
-_drawing = threading.Lock()  # matplotlib reads formulas in one thread at a time
+_drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
 # matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so
-# that no display is needed and no setting of the caller's is touched.
+# that no display is needed.
 
 
+@contextlib.contextmanager
+def ownStyle() -> Iterator[None]:
+    """Draw with matplotlib's own settings: those of a user's may ask for programs that are not there, such as LaTeX."""
+    import matplotlib
+
+    with _drawing, matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
+
+
+@ownStyle()
 def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
     """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
 
@@ -65,9 +78,15 @@ def _plotCurve(axes, table, observable, isThin):
 
 
 def _mathUnit(observable, lengthUnit, energyUnit):
-    return re.sub(r"\^(\d)", r"$^\1$", observable.unitIn(lengthUnit, energyUnit))
+    return re.sub(r"\^(\d)", r"$^\1$", _plain(observable.unitIn(lengthUnit, energyUnit)))
 
 
+def _plain(text):
+    """Return a text such that matplotlib finds no formula in it."""
+    return text.replace("$", r"\$")
+
+
+@ownStyle()
 def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
     """Plot the average energy and shape in each window of a continuation against lambda, the ways there and back apart.
 
@@ -114,6 +133,7 @@ def _plotBranches(axes, windows, name, prefix):
             )
 
 
+@ownStyle()
 def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: float = 30, azimuth: float = -60) -> None:
     """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is
     convex.
@@ -161,6 +181,11 @@ def _colorMap():
     return colormaps["coolwarm"]
 
 
+def requireMatplotlib() -> None:
+    """Raise what importing matplotlib raises: an error that nobody wants to see at the end of a long run."""
+    import matplotlib.figure  # noqa: F401
+
+
 def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
     """Write a matplotlib Figure to a picture, replacing one that exists in a single step."""
     with _drawing, replacing(file) as part:
@@ -175,10 +200,12 @@ def _frame(axes, vertices, elevation, azimuth, lengthUnit):
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
-    axes.set_title(f"{size:.3g} {lengthUnit} across", y=0, fontsize="medium")
+    axes.set_title(f"{size:.3g} {_plain(lengthUnit)} across", y=0, fontsize="medium")
 
 
 def _colorBar(figure, axes, norm, lengthUnit):
     from matplotlib.cm import ScalarMappable
 
-    figure.colorbar(ScalarMappable(norm, _colorMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{lengthUnit})")
+    figure.colorbar(
+        ScalarMappable(norm, _colorMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{_plain(lengthUnit)})"
+    )

@@ -101,7 +101,7 @@ def writeReport(
         {
             "title": html.escape(prefix.name),
             "plotly": plotly,
-            "data": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+            "data": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
             "facts": "".join(
                 f"<tr><th>{html.escape(label)}</th><td>{html.escape(text)}</td></tr>"
                 for label, text in _facts(frames, table, units)
@@ -171,7 +171,12 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
     )
     shown = [(frames[i].step, frames[i].mesh) for i in chosen]
     _judgeMesh(*shown[-1], warnings)
-    return {"lengthUnit": lengthUnit, "index": chosen, "wide": indexType == "u4", **_encode(shown, indexType)}
+    return {
+        "lengthUnit": _forPlotly(lengthUnit),
+        "index": chosen,
+        "wide": indexType == "u4",
+        **_encode(shown, indexType),
+    }
 
 
 def _encode(shown, indexType):
@@ -197,6 +202,11 @@ def _base64(values, kind):
     return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
 
 
+def _forPlotly(text):
+    """Return a text in which plotly finds no markup."""
+    return html.escape(text, quote=False)
+
+
 def _panels(table, units):
     """Return the curves of each panel of the plot."""
     rows = np.unique(np.linspace(0, len(table["step"]) - 1, MAX_ROWS).round().astype(int))
@@ -204,7 +214,7 @@ def _panels(table, units):
     shown = [(panel, curves(panel, table)) for panel in PANELS]
     panels = [
         {
-            "title": headOf(panel.title, units.get(observables[0].name, "")),
+            "title": _forPlotly(headOf(panel.title, units.get(observables[0].name, ""))),
             "curves": [{"name": o.label or o.title, "values": _rounded(table[o.name][rows])} for o in observables],
         }
         for panel, observables in shown

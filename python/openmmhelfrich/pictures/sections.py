@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from ..analysis.convergence import DiscreteMinimum
 from ..files import PathLike
 from ..geometry.mesh import Mesh
-from .plots import saveFigure
+from .plots import ownStyle, saveFigure
 
 
+@ownStyle()
 def plotSections(minima: Sequence[DiscreteMinimum], file: PathLike, columns: int = 7) -> None:
     """Draw the sections of minimum shapes in a plane through the axis, over the outlines of the axisymmetric ones.
 

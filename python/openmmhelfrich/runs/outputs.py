@@ -67,6 +67,10 @@ class Outputs:
         """What all of them begin with."""
         return self.checkpoint.with_suffix("")
 
+    def growing(self) -> list[Path]:
+        """Return the paths of the files without which a run cannot go on."""
+        return [self.checkpoint, self.table, self.trajectory]
+
     def paths(self) -> list[Path]:
         """Return the paths of all files that the run writes."""
         return [path for path in vars(self).values() if path is not None]

@@ -26,6 +26,8 @@ from .stagesettings import StageSettings
 LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
 # By so much a length or a target may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
+# Of flips in a sweep: what SweepEdgeFlipsKernel makes.
+MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
 THREADS_PER_PROCESSOR = 32
 
@@ -315,6 +317,12 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
         raise ValueError(
             "[sampling] step_size is 'auto', but flip_probability and shear_wave_probability leave no trajectory to "
             "find it by"
+        )
+    numEdges = 3 * len(mesh.triangles) // 2
+    if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
+        raise ValueError(
+            f"[sampling] flip_fraction is {sampling.flip_fraction:g}; with the mesh's {numEdges} edges it must be at "
+            f"most {MOST_ATTEMPTS / numEdges:.4g}"
         )
     radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:

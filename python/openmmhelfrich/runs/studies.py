@@ -20,7 +20,7 @@ from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.locks import locked
 from ..io.psf import writePSF
-from ..pictures.plots import drawMesh, plotObservables, plotPath
+from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
@@ -60,6 +60,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     scene, outputs = Scene.of(config), Outputs.of(config)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
+    requireMatplotlib()
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
@@ -125,6 +126,7 @@ def resume(
         study = Study(scene, outputs, simulation, force, state)
         study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
         requireRoom(scene, outputs, state.step)
+        requireMatplotlib()
         return study.finish(progress)
 
 
@@ -316,9 +318,16 @@ class Study:
         except OSError as error:
             what = "the disk is full" if os.strerror(errno.ENOSPC) in str(error) else error.strerror or str(error)
             raise OSError(
-                f"the results of {self.config.output.prefix} cannot be written: {what}; everything up to step "
-                f"{self._savedAt[1]} is safe: openmm-helfrich resume {self.config.output.prefix} goes on from there"
+                f"the results of {self.config.output.prefix} cannot be written: {what}; {self._whatIsLeft()}"
             ) from None
+
+    def _whatIsLeft(self):
+        """Return what there is to go on from, if that has not been deleted."""
+        missing = [path for path in self.outputs.growing() if not path.exists()]
+        if missing:
+            return f"{', '.join(map(str, missing))} and perhaps more were deleted meanwhile, so that it cannot go on"
+        prefix = self.config.output.prefix
+        return f"everything up to step {self._savedAt[1]} is safe: openmm-helfrich resume {prefix} goes on from there"
 
     def _summary(self, newSteps, seconds, signal):
         """Return the Summary of what was done."""

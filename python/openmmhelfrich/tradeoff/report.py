@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from ..files import PathLike, replacing
-from ..pictures.plots import saveFigure
+from ..pictures.plots import ownStyle, saveFigure
 from ..runs.config import asDict
 from ..runs.configfile import configText
 from .search import AVERAGES, Point, Search
@@ -147,6 +147,7 @@ def recommendationText(search: Search, point: Point) -> str:
     return configText(data, comments)
 
 
+@ownStyle()
 def plot(search: Search, file: PathLike, recommended: Point | None = None) -> None:
     """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the
     Pareto front.
