@@ -46,6 +46,8 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
     """
     from matplotlib.figure import Figure
 
+    if not len(table["step"]):
+        raise ValueError(f"{table.source} has no rows; there is nothing to plot")
     panels = [panel for panel in PANELS if curves(panel, table)]
     own = [panel.title for panel in panels if not panel.beside]
     figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
