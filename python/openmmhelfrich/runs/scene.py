@@ -19,6 +19,7 @@ from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
 LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
+MAX_PSF_VERTICES = 200_000  # for which a run writes a PSF file unasked
 
 
 class Tether(NamedTuple):
@@ -250,6 +251,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
     output.trajectory_interval = min(output.trajectory_interval, steps)
+    output.psf = len(mesh.vertices) <= MAX_PSF_VERTICES if output.psf is None else output.psf
     longest = min(stage.longestInterval for stage in config.stages)
     output.observables_interval = int(min(output.observables_interval, steps, longest))
     if config.mesh.file is not None:
@@ -264,7 +266,9 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
     back.
     """
-    tether, mean = config.tether, mesh.edgeLengths.mean()
+    tether = config.tether
+    given = Tether(tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(
