@@ -14,6 +14,7 @@ from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, meshfiles
 from .measures import reducedVolume
+from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
@@ -148,19 +149,9 @@ class Mesh:
         each edge.
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
-        their ids.
+        their ids.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        topology = app.Topology()
-        chain = topology.addChain("M")
-        _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
-        atoms, residue, current = [], None, None
-        for membrane in label.tolist():
-            if membrane != current:
-                residue, current = topology.addResidue("MEM", chain, id=str(membrane + 1)), membrane
-            atoms.append(topology.addAtom("V", None, residue))
-        for i, j in self.edges.tolist():
-            topology.addBond(atoms[i], atoms[j])
-        return topology
+        return MeshTopology(self.triangles, len(self.vertices))
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
         """Create an openmm.System with a particle for each vertex and no forces.
@@ -184,13 +175,20 @@ class Mesh:
     @property
     def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
-        a, b = self.edges.T
-        return np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        edges = self.edges
+        lengths = np.empty(len(edges))
+        for block in connectivity.blocks(len(edges)):
+            a, b = edges[block].T
+            lengths[block] = np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        return lengths
 
     @property
     def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
-        return np.linalg.norm(self._normals(), axis=1) / 2
+        areas = np.empty(len(self.triangles))
+        for block in connectivity.blocks(len(areas)):
+            areas[block] = np.linalg.norm(self._normals(block), axis=1) / 2
+        return areas
 
     @property
     def area(self) -> float:
@@ -222,18 +220,21 @@ class Mesh:
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
-        edge = self.vertices[target] - self.vertices[origin]
-        length = np.linalg.norm(edge, axis=1)
-        normals = self._normals()
-        normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
-        nf, ng = normals[first // 3], normals[second // 3]
-        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
-        curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
+        normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
+        for block in connectivity.blocks(len(normals)):
+            some = self._normals(block)
+            normals[block] = some / np.linalg.norm(some, axis=1)[:, np.newaxis]
+        for block in connectivity.blocks(len(first)):
+            edge = self.vertices[target[block]] - self.vertices[origin[block]]
+            length = np.linalg.norm(edge, axis=1)
+            nf, ng = normals[first[block] // 3], normals[second[block] // 3]
+            sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
+            curvature[block] = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
         return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 
-    def _normals(self) -> np.ndarray:
-        """Return the normal of each triangle, of twice its area."""
-        x = self.vertices[self.triangles]
+    def _normals(self, block: slice = slice(None)) -> np.ndarray:
+        """Return the normals of some triangles, of twice their area."""
+        x = self.vertices[self.triangles[block]]
         return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
     def _withoutLooseVertices(self) -> "Mesh":

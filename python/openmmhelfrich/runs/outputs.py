@@ -29,7 +29,7 @@ class Outputs:
 
     trajectory: Path
     meshTrajectory: Path | None
-    topology: Path
+    topology: Path | None
     table: Path
     mesh: Path
     plot: Path
@@ -51,7 +51,7 @@ class Outputs:
         return cls(
             trajectory=Path(prefix + ".dcd"),
             meshTrajectory=Path(prefix + ".vtkhdf") if output.mesh_trajectory else None,
-            topology=Path(prefix + ".psf"),
+            topology=Path(prefix + ".psf") if output.psf else None,
             table=Path(prefix + ".csv"),
             mesh=Path(f"{prefix}.{output.mesh_format}"),
             plot=Path(prefix + "_observables.png"),

@@ -30,6 +30,7 @@ GREATEST_FACTOR = 1e6
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
 THREADS_PER_PROCESSOR = 32
+MAX_PSF_VERTICES = 200_000  # for which a run writes a PSF file unasked
 
 
 class Tether(NamedTuple):
@@ -372,6 +373,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
     output.trajectory_interval = min(output.trajectory_interval, steps)
+    output.psf = len(mesh.vertices) <= MAX_PSF_VERTICES if output.psf is None else output.psf
     longest = min(stage.longestInterval for stage in config.stages)
     output.observables_interval = int(min(output.observables_interval, steps, longest))
     if config.mesh.file is not None:
@@ -386,7 +388,9 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
     back.
     """
-    tether, mean = config.tether, mesh.edgeLengths.mean()
+    tether = config.tether
+    given = Tether(tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(

@@ -57,7 +57,8 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
         whole then
     """
     config = _asConfig(config)
-    scene, outputs = Scene.of(config), Outputs.of(config)
+    scene = Scene.of(config)
+    outputs = Outputs.of(scene.config)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -115,6 +116,8 @@ def resume(
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
         config.output.prefix = str(prefix)
+        if config.output.psf is None:  # version 0.1.0 always wrote one
+            config.output.psf = True
         outputs = Outputs.of(config)
         if steps is not None:
             _addSteps(config, steps)
@@ -180,7 +183,8 @@ class Study:
         """Do what is left to do, draw the pictures, and return a Summary."""
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
-            writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+            if self.outputs.topology is not None:
+                writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
             self._writeSettings()
             with (
                 StopSignals() as stop,
