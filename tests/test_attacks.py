@@ -24,20 +24,22 @@ def findFaults(script, *arguments):
     return done.stdout + done.stderr if done.returncode else ""
 
 
+MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
+
+
 @needsCompiler
 @pytest.mark.parametrize(
-    "scene, every", [("run", 41), ("resume", 61), ("more", 47), ("overwrite", 101), ("sweep", 401), ("sweepAgain", 401)]
+    "scene, every",
+    [("run", 61), ("resume", 97), ("more", 97), ("overwrite", 151), ("sweep", 601), ("sweepAgain", 601)],
 )
 def testErrorsAndKillsOfRuns(scene, every):
-    modes = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
-    assert not findFaults("attacks.py", scene, *modes, "--every", every)
+    assert not findFaults("attacks.py", scene, *MODES, "--every", every)
 
 
 @needsCompiler
 def testErrorsAndKillsOfWhatLooks():
     scenes = ("xyz", "pvd", "ply", "vtkhdf", "plot", "report", "render", "film")
-    modes = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
-    assert not findFaults("attacks.py", *scenes, *modes, "--every", 11)
+    assert not findFaults("attacks.py", *scenes, *MODES, "--every", 17)
 
 
 @needsCompiler
@@ -45,7 +47,7 @@ def testAnotherProcessFillsTheDisk(tmp_path):
     mount = ["unshare", "--user", "--map-root-user", "--mount", "mount", "-t", "tmpfs", "none", tmp_path]
     if not shutil.which("unshare") or subprocess.run(mount, capture_output=True).returncode:
         pytest.skip("this system does not let a program mount a disk of its own")
-    assert not findFaults("attacks.py", "run", "more", "--mode=filled", "--every", 40)
+    assert not findFaults("attacks.py", "run", "more", "--mode=filled", "--every", 75)
 
 
 def testDamagedInput():

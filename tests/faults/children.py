@@ -143,7 +143,7 @@ def _cluster():
     from distributed import LocalCluster
 
     return LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs="CRITICAL"
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
     )
 
 

@@ -4,14 +4,21 @@ A halfedge h = 3*t+corner leads from that corner of triangle t to the next one. 
 of halfedges that run in opposite directions.
 """
 
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 IndexArray: TypeAlias = NDArray[np.int64]
+BLOCK = 1 << 16  # rows that what is computed row by row takes at a time, which bounds the memory of large meshes
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield the rows of a long array, some at a time."""
+    return (slice(start, start + BLOCK) for start in range(0, count, BLOCK))
 
 
 def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
@@ -28,7 +35,7 @@ def edges(triangles: ArrayLike, numVertices: int) -> IndexArray:
     return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1)))
 
 
-def _edgeKeys(triangles, numVertices):
+def _edgeKeys(triangles: ArrayLike, numVertices: int) -> IndexArray:
     """Return a number for each halfedge, the same for those of an edge and in the order of edges."""
     origin, target = halfedges(triangles)
     return np.minimum(origin, target) * numVertices + np.maximum(origin, target)
@@ -64,7 +71,12 @@ def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, I
 
 def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:
     """Return the number of connected membranes and the membrane of each vertex, numbered by first appearance."""
-    count, labels = _connect(*halfedges(triangles), numVertices)
+    a, b, c = np.asarray(triangles, dtype=np.int32).T
+    ends = np.concatenate((a, b)), np.concatenate((b, c))
+    graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(numVertices, numVertices))
+    count, labels = connected_components(graph, directed=False)
+    if count == 1:
+        return count, np.zeros(numVertices, dtype=np.int64)
     _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
     return count, np.argsort(np.argsort(first))[labels]
 
@@ -163,21 +175,18 @@ def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None
     _checkVolumes(vertices, triangles)
 
 
-def _connect(a: np.ndarray, b: np.ndarray, size: int) -> tuple[int, np.ndarray]:
-    """Return the number of connected components of a graph with edges a-b, and the component of each node."""
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
-    return connected_components(graph, directed=False)
-
-
 def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
     a, b, c = triangles.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
         raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
-    x = vertices[triangles]
-    sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
-    with np.errstate(over="ignore", invalid="ignore"):
-        doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+    doubleArea, longest = np.empty(len(triangles)), np.empty(len(triangles))
+    for block in blocks(len(triangles)):
+        x = vertices[triangles[block]]
+        sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
+        with np.errstate(over="ignore", invalid="ignore"):
+            doubleArea[block] = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+            longest[block] = np.einsum("sti,sti->st", sides, sides).max(axis=0)
     huge = np.flatnonzero(~np.isfinite(doubleArea))
     if len(huge):
         raise ValueError(
@@ -185,7 +194,7 @@ def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
             "those of a membrane"
         )
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
-    flat = np.flatnonzero(doubleArea <= 1e-12 * np.einsum("sti,sti->st", sides, sides).max(axis=0))
+    flat = np.flatnonzero(doubleArea <= 1e-12 * longest)
     if len(flat):
         raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
 
@@ -244,10 +253,11 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, s
             if valence[v] == 0
             else f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three"
         )
-    opposite = np.empty(len(origin), dtype=np.int64)
-    opposite[first], opposite[second] = second, first
-    previous = np.arange(len(origin)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
-    fans, fan = _connect(np.arange(len(origin)), opposite[previous], len(origin))
+    opposite = np.empty((len(triangles), 3), dtype=np.int32)
+    opposite.ravel()[first], opposite.ravel()[second] = second, first
+    following = opposite[:, [2, 0, 1]].ravel()  # around the vertex
+    one, place = np.ones(len(origin), dtype=np.int8), np.arange(len(origin) + 1, dtype=np.int32)
+    fans, fan = connected_components(csr_array((one, following, place)), directed=False)
     if fans > numVertices:
         _, example = np.unique(fan, return_index=True)
         v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]

@@ -12,8 +12,9 @@ from openmm import app, unit
 
 from ..files import PathLike
 from ..units import valueIn
-from . import atomnames, connectivity, mending, meshfiles
+from . import connectivity, mending, meshfiles
 from .measures import reducedVolume
+from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
@@ -239,20 +240,9 @@ class Mesh:
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
         their ids.  Names of atoms and the order of bonds are such that files of OpenMM (PDB, PDBx/mmCIF) keep all of
-        them.
+        them.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        topology = app.Topology()
-        chain = topology.addChain("M")
-        _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
-        atoms: list[app.topology.Atom] = []
-        residue, current = None, None
-        for membrane in label.tolist():
-            if membrane != current:
-                residue, current = topology.addResidue("MEM", chain, id=str(membrane + 1)), membrane
-            atoms.append(topology.addAtom(atomnames.nameOf(len(atoms)), None, residue))
-        for i, j in atomnames.orderOfBonds(self.edges, len(self.vertices)).tolist():
-            topology.addBond(atoms[i], atoms[j])
-        return topology
+        return MeshTopology(self.triangles, len(self.vertices))
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
         """Create an openmm.System with a particle for each vertex and no forces.
@@ -276,13 +266,20 @@ class Mesh:
     @property
     def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
-        a, b = self.edges.T
-        return np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        edges = self.edges
+        lengths = np.empty(len(edges))
+        for block in connectivity.blocks(len(edges)):
+            a, b = edges[block].T
+            lengths[block] = np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        return lengths
 
     @property
     def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
-        return np.linalg.norm(self._normals(), axis=1) / 2
+        areas = np.empty(len(self.triangles))
+        for block in connectivity.blocks(len(areas)):
+            areas[block] = np.linalg.norm(self._normals(block), axis=1) / 2
+        return areas
 
     @property
     def area(self) -> float:
@@ -314,20 +311,23 @@ class Mesh:
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
-        edge = self.vertices[target] - self.vertices[origin]
-        length = np.linalg.norm(edge, axis=1)
-        normals = self._normals()
-        sizes = np.linalg.norm(normals, axis=1)
-        normals /= np.where(sizes > 0, sizes, 1)[:, np.newaxis]
-        nf, ng = normals[first // 3], normals[second // 3]
-        # 0 is added so that it is never -0: two triangles folded onto each other have the angle pi, as in the force.
-        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / np.where(length > 0, length, 1) + 0.0
-        curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
+        normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
+        for block in connectivity.blocks(len(normals)):
+            some = self._normals(block)
+            sizes = np.linalg.norm(some, axis=1)
+            normals[block] = some / np.where(sizes > 0, sizes, 1)[:, np.newaxis]
+        for block in connectivity.blocks(len(first)):
+            edge = self.vertices[target[block]] - self.vertices[origin[block]]
+            length = np.linalg.norm(edge, axis=1)
+            nf, ng = normals[first[block] // 3], normals[second[block] // 3]
+            # 0 is added so that it is never -0: two triangles folded onto each other have the angle pi, as in the force
+            sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / np.where(length > 0, length, 1) + 0.0
+            curvature[block] = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
         return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 
-    def _normals(self) -> np.ndarray:
-        """Return the normal of each triangle, of twice its area."""
-        x = self.vertices[self.triangles]
+    def _normals(self, block: slice = slice(None)) -> np.ndarray:
+        """Return the normals of some triangles, of twice their area."""
+        x = self.vertices[self.triangles[block]]
         return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
     def _scaled(self, factor: float) -> "Mesh":

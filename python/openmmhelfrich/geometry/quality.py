@@ -1,6 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +48,8 @@ class MeshQuality:
     def lines(self, lengthUnit: str = "nm") -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
         mesh, u = self.mesh, lengthUnit
-        lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
+        lengths = mesh.edgeLengths
+        mean = lengths.mean()
         lines = [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
             ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
@@ -111,7 +112,7 @@ def assess(mesh: Mesh) -> MeshQuality:
     """
     mesh.check()
     angles, aspectRatios = _shapes(mesh)
-    valences = np.bincount(mesh.edges.ravel())
+    valences = np.bincount(mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
     return MeshQuality(mesh, _genera(mesh), valences, angles, aspectRatios, closestPair(mesh), crossings(mesh))
 
 
@@ -142,10 +143,11 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch
     without passing through are not found.
     """
-    corners = mesh.vertices[mesh.triangles]
-    middles = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - middles[:, np.newaxis], axis=2).max(axis=1)
-    del corners
+    middles, radii = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
+    for some in connectivity.blocks(len(radii)):
+        corners = mesh.vertices[mesh.triangles[some]]
+        middles[some] = corners.mean(axis=1)
+        radii[some] = np.linalg.norm(corners - middles[some][:, np.newaxis], axis=2).max(axis=1)
     found = [
         _passing(mesh, edges, triangles)
         for pairs in _touching(middles, radii, block)
@@ -155,7 +157,7 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
 
 
-def _touching(middles, radii, block):
+def _touching(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
     """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
     # Spheres of similar size together, so that a few large ones do not widen the search for all.
     sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
@@ -173,7 +175,7 @@ def _touching(middles, radii, block):
                 yield np.column_stack((a, b))[found["v"] <= SLACK * (radii[a] + radii[b])]
 
 
-def _touchingInSlabs(middles, radii, block):
+def _touchingInSlabs(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
     """Yield the pairs of spheres of similar size that touch, found in slabs across the longest axis, each with the
     spheres beyond it that its own can reach.
     """
@@ -191,7 +193,9 @@ def _touchingInSlabs(middles, radii, block):
         yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
 
 
-def _near(mesh, pairs, middles, radii):
+def _near(
+    mesh: Mesh, pairs: np.ndarray, middles: np.ndarray, radii: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
     first, second = mesh.triangles[pairs[:, 0]], mesh.triangles[pairs[:, 1]]
     same = first[:, :, np.newaxis] == second[:, np.newaxis, :]
@@ -228,24 +232,25 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _genera(mesh: Mesh) -> list[int]:
-    """Return the genus of each membrane, from its Euler characteristic V-E+F = 2-2g."""
+    """Return the genus g of each membrane, from its Euler characteristic V-E+F = 2-2g, where E = 3F/2."""
     count, label = connectivity.labelComponents(mesh.triangles, len(mesh.vertices))
-    vertices, edges, triangles = (
-        np.bincount(label[of], minlength=count)
-        for of in (np.arange(len(mesh.vertices)), mesh.edges[:, 0], mesh.triangles[:, 0])
-    )
-    return ((2 - (vertices - edges + triangles)) // 2).tolist()
+    vertices, triangles = (np.bincount(l, minlength=count) for l in (label, label[mesh.triangles[:, 0]]))
+    return ((2 - (vertices - triangles // 2)) // 2).tolist()
 
 
 def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Return the angles, in degrees, and the aspect ratio of each triangle."""
-    x = mesh.vertices[mesh.triangles]
-    sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
-    lengths = np.linalg.norm(sides, axis=2)
-    doubleArea = 2 * mesh.triangleAreas
-    angles = np.arctan2(doubleArea[:, np.newaxis], -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]]))
-    circumradius, inradius = lengths.prod(axis=1) / (2 * doubleArea), doubleArea / lengths.sum(axis=1)
-    return np.degrees(angles), circumradius / (2 * inradius)
+    angles, aspectRatios = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
+    doubleAreas = 2 * mesh.triangleAreas
+    for block in connectivity.blocks(len(angles)):
+        x, doubleArea = mesh.vertices[mesh.triangles[block]], doubleAreas[block]
+        sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
+        lengths = np.linalg.norm(sides, axis=2)
+        cosine = -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
+        angles[block] = np.degrees(np.arctan2(doubleArea[:, np.newaxis], cosine))
+        circumradius, inradius = lengths.prod(axis=1) / (2 * doubleArea), doubleArea / lengths.sum(axis=1)
+        aspectRatios[block] = circumradius / (2 * inradius)
+    return angles, aspectRatios
 
 
 def _components(genera: Sequence[int]) -> str:

@@ -14,7 +14,7 @@ from ..geometry.mesh import Mesh
 from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
-from .curvature import smoothMeanCurvature
+from .curvature import shownSurface, simplification
 
 _drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
@@ -47,6 +47,8 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
     """
     from matplotlib.figure import Figure
 
+    if not len(table["step"]):
+        raise ValueError(f"{table.source} has no rows; there is nothing to plot")
     panels = [panel for panel in PANELS if curves(panel, table)]
     own = [panel.title for panel in panels if not panel.beside]
     figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
@@ -78,11 +80,11 @@ def _plotCurve(axes: Any, table: Table, observable: Observable, isThin: bool) ->
         )
 
 
-def _mathUnit(observable, lengthUnit, energyUnit):
+def _mathUnit(observable: Observable, lengthUnit: str, energyUnit: str) -> str:
     return re.sub(r"\^(\d)", r"$^\1$", _plain(observable.unitIn(lengthUnit, energyUnit)))
 
 
-def _plain(text):
+def _plain(text: str) -> str:
     """Return a text such that matplotlib finds no formula in it."""
     return text.replace("$", r"\$")
 
@@ -146,7 +148,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     Parameters
     ----------
     mesh : Mesh
-        what to draw
+        what to draw; of more than 100,000 vertices, a simplified surface is drawn, and the picture says so
     file : path
         the picture to write; its suffix tells the format
     lengthUnit : str
@@ -158,16 +160,16 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    curvature = smoothMeanCurvature(mesh)
+    surface, curvature = shownSurface(mesh)
     bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
     norm = TwoSlopeNorm(0, -bound, bound)
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    colors = _colorMap()(norm(curvature[mesh.triangles].mean(axis=1)))
+    colors = _colorMap()(norm(curvature[surface.triangles].mean(axis=1)))
     # Edges of the triangles' own color hide the seams between them.
     axes.add_collection3d(
         Poly3DCollection(
-            mesh.vertices[mesh.triangles],
+            surface.vertices[surface.triangles],
             facecolors=colors,
             edgecolors=colors,
             linewidths=0.3,
@@ -175,7 +177,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
             lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
         )
     )
-    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
+    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit, simplification(mesh, surface))
     _colorBar(figure, axes, norm, lengthUnit)
     saveFigure(figure, file)
 
@@ -197,15 +199,18 @@ def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
         figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png")
 
 
-def _frame(axes: Any, vertices: np.ndarray, elevation: float, azimuth: float, lengthUnit: str) -> None:
-    """Show all of the vertices at equal scales."""
+def _frame(
+    axes: Any, vertices: np.ndarray, elevation: float, azimuth: float, lengthUnit: str, remark: str | None
+) -> None:
+    """Show all of the vertices at equal scales, and a remark beside the size."""
     middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
     for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
         set_limits(center - size / 2, center + size / 2)
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
-    axes.set_title(f"{size:.3g} {_plain(lengthUnit)} across", y=0, fontsize="medium")
+    title = ", ".join(filter(None, (f"{size:.3g} {_plain(lengthUnit)} across", remark)))
+    axes.set_title(title, y=0, fontsize="medium")
 
 
 def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str) -> None:

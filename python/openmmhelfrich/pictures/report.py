@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import openmm as mm
+from numpy.typing import NDArray
 
 from ..analysis.description import classifyShape
 from ..files import PathLike, replacing
@@ -32,7 +33,7 @@ from ..sampling.observables import (
 )
 from ..tables import Table, headOf
 from ..version import __version__
-from .curvature import smoothMeanCurvature
+from .curvature import shownSurface, simplification
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
 MAX_FRAMES = 101  # the start and a hundred more
@@ -48,8 +49,8 @@ def writeReport(
     It has the shape in 3D, to turn and to play, colored by mean curvature, from PREFIX.vtkhdf or, if there is none,
     the final mesh; the observables against steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages,
     versions and warnings.  What is missing is left out and listed among the warnings.  The page is self-contained and
-    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances; a shape of
-    which not even one frame fits is left out. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
+    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances. Shapes of
+    more than 100,000 vertices are simplified. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
     their range.
 
     Parameters
@@ -162,9 +163,12 @@ def _shape(
     frames: Sequence[MeshFrame], maxFrames: float, maxBytes: float, lengthUnit: str, warnings: list[str]
 ) -> dict[str, Any] | None:
     """Return what the page needs to draw the frames, or None if there is no room for one."""
-    first = frames[0].mesh
-    indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
-    frameBytes = 4 / 3 * (7 * len(first.vertices) + 3 * np.dtype(indexType).itemsize * len(first.triangles)) + 200
+    last = frames[len(frames) - 1]
+    surface, _ = drawn = shownSurface(last.mesh)
+    if remark := simplification(last.mesh, surface):
+        warnings.append(f"The page shows shapes that are {remark}.")
+    indexType = "u2" if len(surface.vertices) <= 2**16 else "u4"
+    frameBytes = 4 / 3 * (7 * len(surface.vertices) + 3 * np.dtype(indexType).itemsize * len(surface.triangles)) + 200
     count = int(max(0, min(len(frames), maxFrames, maxBytes // frameBytes)))
     if count < len(frames):
         warnings.append(f"The page shows {count} of {len(frames)} frames.")
@@ -175,8 +179,8 @@ def _shape(
         if count > 1
         else [len(frames) - 1]
     )
-    shown = [(frames[i].step, frames[i].mesh) for i in chosen]
-    _judgeMesh(*shown[-1], warnings)
+    _judgeMesh(last.step, last.mesh, warnings)
+    shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
     return {
         "lengthUnit": _forPlotly(lengthUnit),
         "index": chosen,
@@ -185,12 +189,11 @@ def _shape(
     }
 
 
-def _encode(shown: list[tuple[int, Mesh]], indexType: str) -> dict[str, Any]:
+def _encode(shown: list[tuple[int, Mesh, NDArray[np.float64]]], indexType: str) -> dict[str, Any]:
     """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
-    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
+    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh, _ in shown], axis=0) for limit in (np.min, np.max))
     size, low = max(high - low), (low + high - max(high - low)) / 2  # a cube around all
-    curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
-    bound = max(*(np.quantile(np.abs(curvature), 0.99) for curvature in curvatures), 1e-12)
+    bound = max(*(np.quantile(np.abs(curvature), 0.99) for *_, curvature in shown), 1e-12)
     frames = [
         {
             "step": step,
@@ -198,7 +201,7 @@ def _encode(shown: list[tuple[int, Mesh]], indexType: str) -> dict[str, Any]:
             "triangles": _base64(mesh.triangles.T, indexType),
             "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
         }
-        for (step, mesh), curvature in zip(shown, curvatures)
+        for step, mesh, curvature in shown
     ]
     return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
 
@@ -208,12 +211,12 @@ def _base64(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
 
 
-def _forPlotly(text):
+def _forPlotly(text: str) -> str:
     """Return a text in which plotly finds no markup."""
     return html.escape(text, quote=False)
 
 
-def _panels(table, units):
+def _panels(table: Table, units: dict[str, str]) -> dict[str, Any]:
     """Return the curves of each panel of the plot."""
     rows = np.unique(np.linspace(0, len(table["step"]) - 1, MAX_ROWS).round().astype(int))
 

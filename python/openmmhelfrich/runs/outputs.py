@@ -29,7 +29,7 @@ class Outputs:
 
     trajectory: Path
     meshTrajectory: Path | None
-    topology: Path
+    topology: Path | None
     table: Path
     mesh: Path
     plot: Path
@@ -51,7 +51,7 @@ class Outputs:
         return cls(
             trajectory=Path(prefix + ".dcd"),
             meshTrajectory=Path(prefix + ".vtkhdf") if output.mesh_trajectory else None,
-            topology=Path(prefix + ".psf"),
+            topology=None if output.psf is False else Path(prefix + ".psf"),
             table=Path(prefix + ".csv"),
             mesh=Path(f"{prefix}.{output.mesh_format}"),
             plot=Path(prefix + "_observables.png"),
@@ -87,8 +87,9 @@ class Outputs:
         }
 
     def match(self, record: dict[str, Any]) -> bool:
-        """Return whether the files are those that a record tells."""
-        return record == self.record(record.get("run", ""), record.get("step", 0))
+        """Return whether the files that a record tells are there, as it tells them."""
+        now, told = self.record(record.get("run", ""), record.get("step", 0)), record.get("files", {})
+        return record == {**now, "files": {name: file for name, file in now["files"].items() if name in told}}
 
     def makeFolder(self) -> None:
         """Create the folder of the files.  Raises an OSError if it does not take files."""
@@ -129,7 +130,7 @@ class Outputs:
         old = {*existing, *self._earlier()} - kept
         return [path for path in old if path.is_file() and not (source and path.samefile(source))]
 
-    def _earlier(self):
+    def _earlier(self) -> list[Path]:
         """Return the paths of the files of the run whose checkpoint is there, which may have had other settings."""
         try:
             config = parseConfig(loadRunState(self.checkpoint).config)
@@ -241,11 +242,11 @@ class Recorder:
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
 
 
-def _describe(file, isWhole):
+def _describe(file: Path, isWhole: bool) -> dict[str, Any]:
     """Return the size of a file, and its checksum if that is asked for; nothing if there is no such file."""
     if not file.is_file():
         return {}
-    described = {"size": file.stat().st_size}
+    described: dict[str, Any] = {"size": file.stat().st_size}
     if isWhole:
         checksum = hashlib.sha256()
         with open(file, "rb") as content:
@@ -255,7 +256,7 @@ def _describe(file, isWhole):
     return described
 
 
-def _checkLength(file, size):
+def _checkLength(file: Path, size: int) -> None:
     length = file.stat().st_size if file.exists() else 0
     if length < size:
         raise ValueError(

@@ -20,7 +20,7 @@ from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveInteg
 from ..sampling.targets import numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .config import Config, asDict, namingSource, stagesOf, valueOf
-from .sections import GREATEST, LEAST, MODULI, MembraneSection
+from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -31,6 +31,7 @@ GREATEST_FACTOR = 1e6
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
 THREADS_PER_PROCESSOR = 32
+MAX_PSF_VERTICES = 200_000  # for which a run writes a PSF file unasked
 
 
 class Tether(NamedTuple):
@@ -318,11 +319,8 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
             f"ask for a step size of {stepSize:g} ps, which must be from {LEAST:g} to {GREATEST:g}"
         )
     requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
-    if sampling.step_size == "auto" and sampling.flip_probability + sampling.shear_wave_probability >= 1:
-        raise ValueError(
-            "[sampling] step_size is 'auto', but flip_probability and shear_wave_probability leave no trajectory to "
-            "find it by"
-        )
+    if sampling.step_size == "auto":
+        requireTrajectories(sampling)
     numEdges = 3 * len(mesh.triangles) // 2
     if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
         raise ValueError(
@@ -332,6 +330,16 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
     radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def requireTrajectories(sampling: SamplingSection) -> None:
+    """Raise a ValueError if there are no trajectories by which a step size could be found."""
+    others = sampling.flip_probability + sampling.shear_wave_probability
+    if others >= 1:
+        raise ValueError(
+            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; "
+            "they must leave trajectories by which it is found"
+        )
 
 
 def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
@@ -383,6 +391,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
     output.trajectory_interval = min(output.trajectory_interval, steps)
+    output.psf = len(mesh.vertices) <= MAX_PSF_VERTICES if output.psf is None else output.psf
     longest = min(stage.longestInterval for stage in config.stages)
     output.observables_interval = int(min(output.observables_interval, steps, longest))
     if config.mesh.file is not None:
@@ -397,7 +406,9 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
     back.
     """
-    tether, mean = config.tether, mesh.edgeLengths.mean()
+    tether = config.tether
+    given = (tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(

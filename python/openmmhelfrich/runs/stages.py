@@ -32,7 +32,7 @@ from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, c
 from ..sampling.targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
 from ..tables import Table
 from .config import namingSource
-from .scene import Scene, requireComparable
+from .scene import Scene, requireComparable, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -171,7 +171,7 @@ class Stage(ABC):
             numDiverged(integrator),
         ]
 
-    def _endTargets(self):
+    def _endTargets(self) -> dict[str, float]:
         return endTargets(self._settings, self._startTargets)
 
     def _startAdaptation(self) -> None:
@@ -288,14 +288,9 @@ class Sample(MonteCarlo):
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
-        sampling = scene.config.sampling
         requireComparable("step_size", settings.step_size, scene.stepSize, "that of [sampling] in ps,")
-        adapts = settings.step_size == "auto" or (settings.step_size is None and scene.adaptsStepSize)
-        if adapts and sampling.burn_in is not None and sampling.burn_in >= settings.steps:
-            raise ValueError(
-                f"[sampling] burn_in is {sampling.burn_in}, and the stage has {settings.steps} steps; the step size "
-                "would be found when the stage has ended: burn_in must be less"
-            )
+        if settings.step_size == "auto":
+            requireTrajectories(scene.config.sampling)
         return super().check(settings, scene, start)
 
     def __init__(self, *arguments: Any):
@@ -342,7 +337,7 @@ class Sample(MonteCarlo):
             and abs(measures[name] / target - 1) > FAR
         }
 
-    def _createAdapter(self):
+    def _createAdapter(self) -> Adapter | None:
         integrator, own = self._simulation.integrator, self._settings.step_size
         if own == "auto" or (own is None and self._scene.adaptsStepSize):
             return StepSizeAdapter.of(integrator, self._scene.config.sampling.target_acceptance)
@@ -432,7 +427,7 @@ class Continue(MonteCarlo):
         self._path = self._createPath(self._settings, self._startTargets)
 
     @staticmethod
-    def _createPath(s, start):
+    def _createPath(s: Any, start: dict[str, float]) -> ContinuationPath:
         path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
         return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 

@@ -58,7 +58,8 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
         whole then
     """
     config = _asConfig(config)
-    scene, outputs = Scene.of(config), Outputs.of(config)
+    scene = Scene.of(config)
+    outputs = Outputs.of(scene.config)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -117,6 +118,8 @@ def resume(
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
         config.output.prefix = str(prefix)
+        if config.output.psf is None:  # version 0.1.0 always wrote one
+            config.output.psf = True
         outputs = Outputs.of(config)
         if steps is not None:
             _addSteps(config, steps)
@@ -182,7 +185,8 @@ class Study:
         """Do what is left to do, draw the pictures, and return a Summary."""
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
-            writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+            if self.outputs.topology is not None:
+                writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
             self._writeSettings()
             with (
                 StopSignals() as stop,
@@ -323,7 +327,7 @@ class Study:
                 f"the results of {self.config.output.prefix} cannot be written: {what}; {self._whatIsLeft()}"
             ) from None
 
-    def _whatIsLeft(self):
+    def _whatIsLeft(self) -> str:
         """Return what there is to go on from, if that has not been deleted."""
         missing = [path for path in self.outputs.growing() if not path.exists()]
         if missing:
@@ -331,7 +335,7 @@ class Study:
         prefix = self.config.output.prefix
         return f"everything up to step {self._savedAt[1]} is safe: openmm-helfrich resume {prefix} goes on from there"
 
-    def _summary(self, newSteps, seconds, signal):
+    def _summary(self, newSteps: int, seconds: float, signal: int | None) -> Summary:
         """Return the Summary of what was done."""
         moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
         acceptance, flipAcceptance = self.stage.acceptance()

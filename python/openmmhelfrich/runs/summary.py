@@ -103,7 +103,10 @@ class Summary:
                 )
             )
         lines += [("note", note) for note in self.notes]
-        return [*lines, ("files", ", ".join(map(str, self.outputs.paths())))]
+        lines.append(("files", ", ".join(map(str, self.outputs.paths()))))
+        if self.outputs.topology is None:
+            lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
+        return lines
 
     @cached_property
     def _late(self) -> Table:

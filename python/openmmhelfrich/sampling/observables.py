@@ -466,7 +466,8 @@ def curves(panel: Panel, table: Table) -> list[Observable]:
     found = [
         o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
     ]
-    return [] if panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found) else found
+    isStill = panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found)
+    return [] if isStill or all(map(isTarget, found)) else found
 
 
 def isTarget(observable: Observable) -> bool:
