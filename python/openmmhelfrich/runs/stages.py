@@ -259,14 +259,15 @@ class Sample(MonteCarlo):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self._origins = self._findOrigins()
+        self._approachSteps = self._countApproachSteps()
+        self._origins = self._findOrigins() if self._approachSteps > 0 else {}
 
     def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "origins": self._origins}
+        return {**super().getState(), "approachSteps": self._approachSteps, "origins": self._origins}
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
-        self._origins = state.get("origins", {})
+        self._approachSteps, self._origins = state.get("approachSteps", 0), state.get("origins", {})
 
     def window(self) -> tuple[int, bool]:
         window, isEquilibrated = super().window()
@@ -275,23 +276,21 @@ class Sample(MonteCarlo):
     def _targets(self, n):
         targets = super()._targets(n)
         if self._isApproaching(n):
-            progress, end = (n + 1) / self._approachSteps(), {**self._startTargets, **self._endTargets()}
+            progress, end = (n + 1) / self._approachSteps, {**self._startTargets, **self._endTargets()}
             targets |= {name: (1 - progress) * origin + progress * end[name] for name, origin in self._origins.items()}
         return targets
 
     def _isApproaching(self, n):
-        return len(self._origins) > 0 and n < self._approachSteps()
+        return len(self._origins) > 0 and n < self._approachSteps
 
-    def _approachSteps(self):
+    def _countApproachSteps(self):
         sampling, context = self._scene.config.sampling, self._simulation.context
         if sampling.approach_steps is not None:
-            return sampling.approach_steps
+            return min(sampling.approach_steps, self.steps)
         return 0 if self._force.getNumSurfacesInContext(context) == 1 else burnIn(sampling, self.steps) // 2
 
     def _findOrigins(self):
         """Return the areas and volumes that are far from their targets, by the targets' names."""
-        if self._approachSteps() == 0:
-            return {}
         measures = measuredTargets(self._simulation.context, self._force)
         return {
             name: measures[name]
