@@ -34,6 +34,14 @@ def completeForce():
     return force
 
 
+def forceOfSurfaces():
+    force = completeForce()
+    force.setTargetArea(1 / 7, surface=0)
+    force.setTargetVolume(2 / 7, surface=0)
+    force.setTargetAreaDifference(-3 / 7, surface=0)
+    return force
+
+
 def hybridIntegrator(engine="native"):
     integrator = mh.HybridMonteCarloIntegrator(310.5, 0.003, 42, 0.2, 0.3, engine)
     if engine == "native":
@@ -63,6 +71,7 @@ def integratorWithWaves():
 
 MAKERS = [
     completeForce,
+    forceOfSurfaces,
     mh.HelfrichForce,
     lambda: mh.EdgeFlipIntegrator(300.1, 0.15),
     lambda: mh.HamiltonianTrajectoryIntegrator(300.1, 0.02, 11),
@@ -179,7 +188,7 @@ def test_many_triangles():
 @pytest.mark.parametrize(
     "make, versions",
     [
-        (completeForce, "1 to 4"),
+        (forceOfSurfaces, "1 to 5"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),

@@ -200,17 +200,22 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path):
     """Also one that was stopped while targets were led from where the membrane was."""
     for name in ("whole", "parts"):
         (tmp_path / name).mkdir()
-    membrane, sampling = {"reduced_volume": [0.7, 0.8]}, {"steps": 60, "burn_in": 40, "steps_per_trajectory": 10}
+    membrane, sampling = {"reduced_volume": [0.7, 0.8]}, {"steps": 60, "burn_in": None, "steps_per_trajectory": 10}
 
     def config(name):
         return configure(tmp_path / name, pair(), membrane=membrane, sampling=sampling)
 
     run(config("whole"))
     prefix = config("parts").output.prefix
-    run(config("parts"), progress=StopAt(13))
+    run(config("parts"), progress=StopAt(3))
     resume(prefix, progress=StopAt(31))
     resume(prefix)
     assertSame(prefix, contentsOf(config("whole").output.prefix))
+
+    # More steps, with which the burn-in would have been longer, do not lead it once more.
+
+    table = resume(prefix, steps=700).table
+    assert len(table["step"]) > 100 and np.ptp(table["targetVolume[1]"][2:]) == 0
 
 
 def test_one_surface_is_led_if_asked(tmp_path):

@@ -52,7 +52,7 @@ static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& 
         if (data.remaining_bytes() > 8 && data.ConsumeBool())
             x[0] = data.ConsumeFloatingPoint<double>();
     HelfrichGeometry geometry;
-    geometry.area = geometry.volume = geometry.integratedMeanCurvature = 1;
+    geometry.setTotals(vector<HelfrichTotals>(mesh.getNumSurfaces(), {1, 1, 1}));
     geometry.vertexAreas.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(0.0, 1.0));
     geometry.vertexMeanCurvatures.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(-10.0, 10.0));
     CpuEdgeFlipSweep sweep(mesh);
@@ -67,8 +67,8 @@ static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& 
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     FuzzedDataProvider data(bytes, size);
-    static const Membrane blob = createBlob(1), octahedron = createBlob(0);
-    const Membrane& membrane = data.ConsumeBool() ? blob : octahedron;
+    static const Membrane blob = createBlob(1), octahedra = join({createBlob(0), createBlob(0, 0.15, 2)});
+    const Membrane& membrane = data.ConsumeBool() ? blob : octahedra;
     vector<array<int, 3>> triangles = membrane.triangles;
     editTriangles(data, triangles);
     try {

@@ -39,15 +39,14 @@ Scene createScene(int subdivisions) {
 }
 
 /**
- * The same with three surfaces that have targets of their own.
+ * Three surfaces with targets of their own, with the terms of these alone and with all of them.
  */
 Scene createSceneOfSurfaces() {
     Membrane several =
             join({createBlob(3, 0.15, 2), place(createBlob(4), Vec3(2.2, 0, 0)), place(createBlob(0), Vec3(5, 0, 0))});
-    Scene scene = {several, createAllParameters(several)};
-    for (auto& p : scene.all)
-        p = withSurfaceTargets(p);
-    return scene;
+    return {several,
+            {withSurfaceTargets(createParameters(several, Area | Volume | AreaDifference)),
+             withSurfaceTargets(createParameters(several, AllTerms, 2))}};
 }
 
 void testThreads() {

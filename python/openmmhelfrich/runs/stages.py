@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from openmm import app
 from pydantic import Field, TypeAdapter
-from typing_extensions import TypedDict
+from typing_extensions import NotRequired, TypedDict
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
@@ -45,13 +45,15 @@ _TARGET_NAMES = {
 
 
 class _Memory(TypedDict):
-    """What every stage remembers, among other things."""
+    """What every stage remembers, among other things, and what some do."""
 
     position: Annotated[int, Field(ge=0, strict=True)]
     startTargets: dict[str, float]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
+    approachSteps: NotRequired[Annotated[int, Field(ge=0, strict=True)]]
+    origins: NotRequired[dict[str, float]]
 
 
 # The relative distance of an area or volume from its target that is not to be closed suddenly.
@@ -295,14 +297,15 @@ class Sample(MonteCarlo):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self._origins = self._findOrigins()
+        self._approachSteps = self._countApproachSteps()
+        self._origins = self._findOrigins() if self._approachSteps > 0 else {}
 
     def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "origins": self._origins}
+        return {**super().getState(), "approachSteps": self._approachSteps, "origins": self._origins}
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
-        self._origins = state.get("origins", {})
+        self._approachSteps, self._origins = state.get("approachSteps", 0), state.get("origins", {})
 
     def window(self) -> tuple[int, bool]:
         window, isEquilibrated = super().window()
@@ -311,23 +314,21 @@ class Sample(MonteCarlo):
     def _targets(self, n: int) -> dict[str, float]:
         targets = super()._targets(n)
         if self._isApproaching(n):
-            progress, end = (n + 1) / self._approachSteps(), {**self._startTargets, **self._endTargets()}
+            progress, end = (n + 1) / self._approachSteps, {**self._startTargets, **self._endTargets()}
             targets |= {name: (1 - progress) * origin + progress * end[name] for name, origin in self._origins.items()}
         return targets
 
     def _isApproaching(self, n: int) -> bool:
-        return len(self._origins) > 0 and n < self._approachSteps()
+        return len(self._origins) > 0 and n < self._approachSteps
 
-    def _approachSteps(self) -> int:
+    def _countApproachSteps(self) -> int:
         sampling, context = self._scene.config.sampling, self._simulation.context
         if sampling.approach_steps is not None:
-            return sampling.approach_steps
+            return min(sampling.approach_steps, self.steps)
         return 0 if self._force.getNumSurfacesInContext(context) == 1 else burnIn(sampling, self.steps) // 2
 
     def _findOrigins(self) -> dict[str, float]:
         """Return the areas and volumes that are far from their targets, by the targets' names."""
-        if self._approachSteps() == 0:
-            return {}
         measures = measuredTargets(self._simulation.context, self._force)
         return {
             name: measures[name]
