@@ -49,6 +49,30 @@ def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, I
     return order[0::2], order[1::2]
 
 
+def edgesOf(triangles: ArrayLike, numVertices: int) -> NDArray[np.int32]:
+    """Return the vertices of each edge, smaller index first, in ascending order: an (E, 2) array."""
+    order, start = groupHalfedges(triangles, numVertices)
+    origin, target = halfedges(triangles)
+    h = order[start]
+    return np.sort(np.column_stack((origin[h], target[h])), axis=1).astype(np.int32)
+
+
+def edgeLengthsOf(vertices: NDArray[np.float64], edges: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the length of each edge."""
+    return np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+
+
+def triangleNormals(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the normal of each triangle, outwards and of twice its area: a (T, 3) array."""
+    x = vertices[triangles]
+    return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+
+
+def areaOf(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
+    """Return the area of all triangles."""
+    return float(np.linalg.norm(triangleNormals(vertices, triangles), axis=1).sum() / 2)
+
+
 def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:
     """Return the number of connected membranes and the membrane of each vertex, numbered by first appearance."""
     count, labels = _connect(*halfedges(triangles), numVertices)

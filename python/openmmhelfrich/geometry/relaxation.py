@@ -1,6 +1,8 @@
 """Even triangles on a given surface: vertices slide, edges flip, and volumes stay."""
 
-from typing import Any, Protocol
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import openmm as mm
@@ -8,14 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
-from .connectivity import IndexArray
-from .mesh import Mesh
+from .connectivity import edgeLengthsOf, edgesOf, triangleNormals
 
 FloatArray = NDArray[np.float64]
+IntegerArray = NDArray[np.integer]
 # Of the way that springs at the edges would take a vertex: with six neighbors of like stiffness, more overshoots.
 _PULL = 0.15
 # Between two projections vertices move in the planes of their triangles, which is enough for such small ways.
 _STEPS_PER_PROJECTION = 4
+
+
+class Triangulation(NamedTuple):
+    """The vertices, (N, 3), and the triangles, (T, 3), of a surface."""
+
+    vertices: FloatArray
+    triangles: IntegerArray
 
 
 class Surface(Protocol):
@@ -25,10 +34,32 @@ class Surface(Protocol):
         """Return the closest point of the surface to each of some points, and its unit normal there: (n, 3) arrays."""
 
 
-class EdgeShortener:
-    """Keeps the triangles of a surface of the kind of a sphere, and flips edges where that makes them shorter."""
+class TorusSurface:
+    """The torus of a ring of radius R about the z axis and a tube of radius r."""
 
-    def __init__(self, triangles: ArrayLike, numVertices: int, platform: str = "Reference"):
+    def __init__(self, ringRadius: float, tubeRadius: float):
+        """Create the torus from R and r."""
+        self._ringRadius, self._tubeRadius = ringRadius, tubeRadius
+
+    def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the closest points, and the normals there."""
+        ring = points * [1, 1, 0]
+        ring *= self._ringRadius / np.linalg.norm(ring, axis=1)[:, np.newaxis]
+        normals = points - ring
+        normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
+        return ring + self._tubeRadius * normals, normals
+
+
+class EdgeShortener:
+    """Keeps triangles, and flips edges where that makes them shorter."""
+
+    def __init__(
+        self,
+        triangles: ArrayLike,
+        numVertices: int,
+        platform: str = "Reference",
+        properties: Mapping[str, str] | None = None,
+    ):
         """Begin with triangles, of vertices from 0 to numVertices-1."""
         self._force, system = HelfrichForce(), mm.System()
         self._force.setTriangles(np.asarray(triangles))
@@ -38,7 +69,7 @@ class EdgeShortener:
         system.addForce(self._force)
         self._flips = EdgeFlipIntegrator(0, 1)
         self._flips.setRandomNumberSeed(1)
-        self._context = mm.Context(system, self._flips, mm.Platform.getPlatform(platform))
+        self._context = mm.Context(system, self._flips, mm.Platform.getPlatform(platform), dict(properties or {}))
 
     def __call__(self, x: FloatArray, sweeps: int, heat: float = 0.0) -> Any:
         """Return the triangles after some sweeps at positions x; heat is kT over the mean energy of an edge."""
@@ -49,73 +80,112 @@ class EdgeShortener:
         return self._force.getTrianglesInContext(self._context)
 
 
-def relax(mesh: Mesh, surface: Surface, rounds: int) -> Mesh:
-    """Return a mesh of more even triangles on a surface, with the vertices and the topology of a mesh that is on it.
+def relax(start: Triangulation, surface: Surface, rounds: int) -> Triangulation:
+    """Return more even triangles on a surface, with as many vertices and the topology of those to begin with.
 
     Every edge is a spring that pulls towards the mean length, vertices slide on the surface, and edges flip where that
-    makes them shorter.  At the end the vertices leave the surface a little, so that the triangles are as often outside
-    of it as inside, and enclose its volume.
+    makes them shorter, at a temperature that falls to 0.  At the end the vertices leave the surface a little, so that
+    triangles are as far outside of it as inside, and enclose its volume.
 
     Parameters
     ----------
-    mesh : Mesh
-        what to begin with
+    start : Triangulation
+        what to begin with, close to the surface
     surface : Surface
-        where it is
+        where to stay
     rounds : int
         how often flips and slides take turns
     """
-    # Positions about 1, since a spring as good as without a rest length has one of 1e-12.
-    scale = mesh.edgeLengths.mean()
-    x, triangles = mesh.vertices / scale, mesh.triangles
-    flip = EdgeShortener(triangles, len(x), "CPU")
+    x, triangles = start
+    # The springs that flips are decided by have no rest length to speak of at positions about 1.
+    scale = edgeLengthsOf(x, edgesOf(triangles, len(x))).mean()
+    flip = EdgeShortener(triangles, len(x), "CPU", {"Threads": "1"})
     for done in range(rounds):
-        triangles = flip(x, sweeps=2, heat=0.1 * max(0.0, 1 - done / (0.6 * rounds)))
-        edges = Mesh(x, triangles).edges
+        triangles = flip(x / scale, sweeps=2, heat=0.2 * max(0.0, 1 - done / (0.7 * rounds)))
+        edges = edgesOf(triangles, len(x))
         for _ in range(_STEPS_PER_PROJECTION):
             x = x + _alongSurface(_springs(x, edges), vertexNormals(x, triangles))
-        x = project(scale * x, triangles, surface) / scale
-    triangles = flip(x, sweeps=3)
-    return Mesh(fit(scale * x, triangles, surface), triangles)
+        x = _project(x, triangles, surface)
+    triangles = flip(x / scale, sweeps=3)
+    return Triangulation(_fit(x, triangles, surface), triangles)
 
 
-def project(x: FloatArray, triangles: IndexArray, surface: Surface) -> FloatArray:
+def torusTriangulation(ringRadius: float, tubeRadius: float, edgeLength: float) -> Triangulation:
+    """Return the triangles of a torus between rings that have vertices in proportion to their lengths."""
+    numRings = max(3, round(2 * math.pi * tubeRadius / (edgeLength * math.sqrt(3) / 2)))
+    angles = 2 * np.pi * np.arange(numRings) / numRings
+    radii, heights = ringRadius + tubeRadius * np.cos(angles), tubeRadius * np.sin(angles)
+    counts = [max(3, round(2 * math.pi * radius / edgeLength)) for radius in radii]
+    starts = np.cumsum([0, *counts])
+    # Every second ring is turned by half an edge.
+    turns = [(np.arange(n) + 0.5 * (i % 2)) * 2 * np.pi / n for i, n in enumerate(counts)]
+    vertices = np.concatenate(
+        [
+            np.column_stack((radius * np.cos(turn), radius * np.sin(turn), np.full(len(turn), height)))
+            for radius, height, turn in zip(radii, heights, turns)
+        ]
+    )
+    triangles = []
+    for i, j in zip(range(numRings), [*range(1, numRings), 0]):
+        triangles += _band(turns[i], turns[j], starts[i], starts[j])
+    return Triangulation(vertices, np.array(triangles))
+
+
+def vertexNormals(x: FloatArray, triangles: IntegerArray) -> FloatArray:
+    """Return the unit normals of the vertices, means by area of those of their triangles."""
+    sums = _sums(triangles.ravel(), np.repeat(triangleNormals(x, triangles), 3, axis=0), len(x))
+    return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, np.newaxis]
+
+
+def _band(turn, otherTurn, start, otherStart):
+    """Return the triangles between two rings of vertices, of which the other is the next counter-clockwise as seen
+    along the ring.
+    """
+    n, m, triangles, i, j = len(turn), len(otherTurn), [], 0, 0
+    while i < n or j < m:
+        a, b = start + i % n, otherStart + j % m
+        nextTurn, nextOther = (
+            np.inf if done else t
+            for done, t in (
+                (i == n, turn[(i + 1) % n] + 2 * np.pi * ((i + 1) // n)),
+                (j == m, otherTurn[(j + 1) % m] + 2 * np.pi * ((j + 1) // m)),
+            )
+        )
+        if nextTurn < nextOther:
+            triangles.append((a, start + (i + 1) % n, b))
+            i += 1
+        else:
+            triangles.append((a, otherStart + (j + 1) % m, b))
+            j += 1
+    return triangles
+
+
+def _project(x, triangles, surface):
     """Return positions moved onto a surface, but for those whose closest point is on another sheet of it."""
     closest, normals = surface.closest(x)
     isOwn = np.einsum("vi,vi->v", normals, vertexNormals(x, triangles)) > 0
     return np.where(isOwn[:, np.newaxis], closest, x)
 
 
-def fit(x: FloatArray, triangles: IndexArray, surface: Surface, iterations: int = 4) -> FloatArray:
+def _fit(x, triangles, surface, iterations=4):
     """Return positions moved along normals, so that around each vertex triangles are as far outside as inside."""
-    edges = Mesh(x, triangles).edges
-    normals = vertexNormals(x, triangles)
-    count = np.bincount(edges.ravel(), minlength=len(x))
+    a, b = edgesOf(triangles, len(x)).T
+    normals, count = vertexNormals(x, triangles), np.bincount(triangles.ravel(), minlength=len(x))
     for _ in range(iterations):
-        middles = (x[edges[:, 0]] + x[edges[:, 1]]) / 2
+        middles = (x[a] + x[b]) / 2
         closest, outwards = surface.closest(middles)
         # The mean over a triangle of what is quadratic in it is that of the middles of its sides.
         outside = np.einsum("ei,ei->e", middles - closest, outwards)
-        isOwn = np.einsum("ei,ei->e", outwards, normals[edges[:, 0]] + normals[edges[:, 1]]) > 0
-        outside = np.where(isOwn, outside, 0)
-        mean = (np.bincount(edges[:, 0], outside, len(x)) + np.bincount(edges[:, 1], outside, len(x))) / count
+        outside[np.einsum("ei,ei->e", outwards, normals[a] + normals[b]) < 0] = 0  # another sheet's
+        mean = (np.bincount(a, outside, len(x)) + np.bincount(b, outside, len(x))) / count
         x = x - mean[:, np.newaxis] * normals
     return x
-
-
-def vertexNormals(x: FloatArray, triangles: IndexArray) -> FloatArray:
-    """Return the unit normals of the vertices, means by area of those of their triangles."""
-    corners = x[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = _sums(triangles.ravel(), np.repeat(normals, 3, axis=0), len(x))
-    return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, np.newaxis]
 
 
 def _springs(x, edges):
     """Return the moves of vertices by the pull of springs at the edges towards the mean length."""
     a, b = edges.T
-    edge = x[b] - x[a]
-    length = np.linalg.norm(edge, axis=1)
+    edge, length = x[b] - x[a], edgeLengthsOf(x, edges)
     pull = _PULL * edge * (1 - length.mean() / length)[:, np.newaxis]
     return _sums(a, pull, len(x)) - _sums(b, pull, len(x))
 
