@@ -1,5 +1,6 @@
 """Commands that look at meshes and at the results of runs."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +44,45 @@ def check(
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
     _print(quality.lines(length_unit) + _suggestions(surface, scale, length_unit))
+
+
+@app.command()
+@friendly
+def remesh(
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh file.")],
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The mesh file to write, in any format.")],
+    vertices: Annotated[int | None, typer.Option(metavar="N", help="The number of vertices.")] = None,
+    edge_length: Annotated[
+        float | None, typer.Option(metavar="L", help="Instead: the mean edge length, in the file's unit.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a mesh anew, with even triangles on the same surface.
+
+    Prints by how much area, volume and surface have changed, and how even the edges are.  A warning says where the
+    surface has features that are finer than the edges, which are then not kept.  Takes mmgpy and libigl, which come
+    with pip install 'openmm-helfrich\\[remesh]'.
+
+    Example: openmm-helfrich remesh cell.stl even.ply --vertices 2500
+    """
+    from ..geometry.mesh import Mesh
+    from ..geometry.meshfiles import requireFormat
+    from ..io.conversion import requireNew
+
+    requireFormat(output)
+    requireNew([output], source, overwrite)
+    if (vertices is None) == (edge_length is None):
+        raise ValueError("remesh: give one of --vertices and --edge-length")
+    mesh = Mesh.read(source)
+    with warnings.catch_warnings(record=True):  # they are among the notes
+        try:
+            mesh = mesh.remeshed(vertices, edge_length)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from None
+    mesh.write(output)
+    for note in mesh.notes:
+        print(note)
+    print(output)
 
 
 @app.command()

@@ -30,6 +30,8 @@ class Mesh:
         positions, in nm
     triangles : (T, 3) int32 array
         the vertices of each triangle, counter-clockwise seen from outside
+    notes : list of str
+        what has been done to it since it was read or made, in sentences
     """
 
     def __init__(self, vertices: Any, triangles: ArrayLike):
@@ -50,6 +52,7 @@ class Mesh:
         """
         self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
+        self.notes: list[str] = []
 
     @classmethod
     def icosphere(cls, subdivisions: int = 3, radius: float | unit.Quantity = 1.0) -> "Mesh":
@@ -191,7 +194,7 @@ class Mesh:
 
         Area and volume change by less than 1%, the surface by less than a tenth of an edge, and edges are from 0.6 to
         1.5 of their mean.  Where the surface has features that are finer than the edges, and so does not let that be,
-        a warning says by how much.  Takes mmgpy and libigl, which come with pip install 'openmm-helfrich[remesh]'.
+        a warning says by how much.  The new mesh has the figures in its notes.  Takes mmgpy and libigl, which come with pip install 'openmm-helfrich[remesh]'.
 
         Parameters
         ----------
@@ -207,10 +210,12 @@ class Mesh:
             library is missing
         """
         length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
-        made = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
-        for sentence in made.shortcomings():
+        result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
+        for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
-        return Mesh(*made.triangulation)
+        mesh = Mesh(*result.triangulation)
+        mesh.notes = [*self.notes, *(f"remeshed: {text}" for text in (result.summary(), *result.shortcomings()))]
+        return mesh
 
     def topology(self) -> app.Topology:
         """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for

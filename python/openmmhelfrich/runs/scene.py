@@ -2,6 +2,7 @@
 
 import math
 import random
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -183,7 +184,10 @@ class Scene:
 
 
 def loadMesh(config: Config) -> Mesh:
-    """Read or make, and check, the mesh of a Config, in its length unit."""
+    """Read or make, and check, the mesh of a Config, in its length unit.
+
+    Its notes say what has been done to it.
+    """
     if config.mesh.icosphere is not None:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
     else:
@@ -191,6 +195,9 @@ def loadMesh(config: Config) -> Mesh:
         mesh = Mesh.read(source, unit=config.mesh.scale)
     try:
         mesh.check()
+        if config.mesh.remesh is not None:
+            with warnings.catch_warnings(record=True):  # they are among the notes
+                mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
     length = mesh.edgeLengths.mean()

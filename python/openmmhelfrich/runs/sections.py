@@ -94,6 +94,12 @@ class MeshSection(Section):
         description="factor on the coordinates, to bring the mean edge length between 0.01 and 10, where the "
         "power laws of tether and repulsion are meant to be used; 1 leaves them as they are",
     )
+    remesh: int | None = Field(
+        None,
+        ge=12,
+        description="make the mesh anew, of so many vertices and even triangles on the same surface; takes the extra "
+        "openmm-helfrich[remesh]",
+    )
     length_unit: str = Field(
         "nm",
         min_length=1,

@@ -56,6 +56,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     scene, outputs = Scene.of(config), Outputs.of(config)
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
+    study.notes += scene.mesh.notes
     outputs.prepare(config.mesh.file, config.output.overwrite)
     study.save()  # with all files empty: whatever happens from now on, the run can go on
     return study.finish(progress)
