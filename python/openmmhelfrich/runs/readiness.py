@@ -1,0 +1,101 @@
+"""Whether trajectories from a mesh will be accepted, found out before a run rather than after it."""
+
+from pathlib import Path
+
+import numpy as np
+from openmm import OpenMMException, app, unit
+
+from ..geometry.mesh import Mesh
+from ..geometry.quality import dihedralAngles, triangleAngles
+from ..helfrich import HelfrichForce
+from ..sampling.moves import trajectoriesOf
+from ..units import valueIn
+from .scene import Scene, currentMesh
+
+# A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
+# folded: its trajectories are then accepted as the step size has it.
+_TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
+# Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
+_ACCEPTED, _TRIED = 3, 24
+
+
+def obstacle(
+    scene: Scene, simulation: app.Simulation, force: HelfrichForce, stepSize: float | None = None
+) -> str | None:
+    """Return why a run from the present shape would sample nothing, in a sentence, or None if it would not.
+
+    An even mesh passes as it is.  With another a few steps are made in a Context of their own, with the targets that
+    the mesh has already, so that nothing but the mesh decides; of the scene's step size, or another, in ps.
+    """
+    mesh = currentMesh(simulation, force)
+    if _isEven(scene, simulation, force, mesh) or _accepts(scene, mesh, stepSize or scene.stepSize):
+        return None
+    tether, lengths = scene.tether, mesh.edgeLengths
+    return (
+        f"trajectories from this mesh are not accepted: its edges are {lengths.min():.3g} to {lengths.max():.3g} {scene.lengthUnit} "
+        f"long, where the tether keeps them from {tether.minLength:.3g} to {tether.maxLength:.3g}, and its triangles "
+        f"have angles down to {triangleAngles(mesh).min():.2g} degrees"
+    )
+
+
+def remedy(scene: Scene, mesh: Mesh, file: str | None) -> str:
+    """Return the command that makes a mesh ready."""
+    source = Path(file or "mesh.ply")
+    return f"openmm-helfrich remesh {source} {source.with_name(source.stem + '_even.ply')} --vertices {_number(scene, mesh)}"
+
+
+def requireReady(
+    scene: Scene, simulation: app.Simulation, force: HelfrichForce, stepSize: float | None = None
+) -> None:
+    """Raise a ValueError if a run from the present shape would sample nothing."""
+    sentence = obstacle(scene, simulation, force, stepSize)
+    if sentence is not None:
+        file = scene.config.mesh.file
+        raise ValueError(
+            f"{file or '[mesh] icosphere'}: {sentence}; it is ready after\n{remedy(scene, scene.mesh, file)}\n"
+            f"or with remesh = {_number(scene, scene.mesh)} in [mesh]"
+        )
+
+
+def _isEven(scene, simulation, force, mesh):
+    energies = force.getEnergyTermsInContext(simulation.context)
+    share = valueIn(energies["tether"], unit.kilojoules_per_mole) / (scene.kT * len(mesh.vertices))
+    return (
+        share <= _TETHER_SHARE
+        and triangleAngles(mesh).min() >= _LEAST_ANGLE
+        and np.abs(dihedralAngles(mesh)).max() <= _GREATEST_DIHEDRAL
+    )
+
+
+def _accepts(scene, mesh, stepSize):
+    """Return whether trajectories are accepted from a mesh, at the targets that it has."""
+    if scene.config.sampling.flip_probability == 1:
+        return True
+    trial = Scene.of(_withOwnTargets(scene.config), mesh)
+    try:
+        simulation = trial.createSimulation(trial.createForce())
+        trajectories = trajectoriesOf(simulation.integrator)
+        trajectories.setStepSize(stepSize)
+        while trajectories.getNumAttempted() < _TRIED:
+            simulation.step(1)
+            if trajectories.getNumAccepted() == _ACCEPTED:
+                return True
+    except OpenMMException:  # where there is no finite energy
+        pass
+    return False
+
+
+def _withOwnTargets(config):
+    """Return a copy of a Config without targets, so that those of the mesh take their place."""
+    config = config.model_copy(deep=True)
+    for name in config.membrane.targetNames():
+        setattr(config.membrane, name, None)
+    return config
+
+
+def _number(scene, mesh):
+    """Return the number of vertices with which edges are where the tether wants them."""
+    if scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength:
+        return max(len(mesh.vertices), 162)
+    length = (scene.tether.minLength + scene.tether.maxLength) / 2
+    return max(round(2 * mesh.area / (np.sqrt(3) * length**2)), 12)
