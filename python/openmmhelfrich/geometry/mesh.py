@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,7 +13,7 @@ from openmm import app, unit
 
 from ..files import PathLike
 from ..units import valueIn
-from . import connectivity, meshfiles
+from . import connectivity, mending, meshfiles
 from .measures import reducedVolume
 from .relaxation import TorusSurface, Triangulation, relax, torusTriangulation
 from .remeshing import remesh
@@ -30,11 +30,13 @@ class Mesh:
         positions, in nm
     triangles : (T, 3) int32 array
         the vertices of each triangle, counter-clockwise seen from outside
+    box : (3, 3) float64 array or None
+        the vectors of the periodic box, in nm, if there is one
     notes : list of str
-        what has been done to it since it was read or made, in sentences
+        what :meth:`read` left out or changed, and what :meth:`repaired` and :meth:`remeshed` did, each in a sentence
     """
 
-    def __init__(self, vertices: Any, triangles: ArrayLike):
+    def __init__(self, vertices: Any, triangles: ArrayLike, box: Any = None):
         """Create a Mesh from arrays, which are copied.
 
         Parameters
@@ -43,6 +45,8 @@ class Mesh:
             positions, in nm unless they carry a unit
         triangles : (T, 3) array of integers
             the vertices of each triangle, counter-clockwise seen from outside
+        box : (3, 3) array or Quantity, optional
+            the vectors of a periodic box, in nm unless they carry a unit
 
         Raises
         ------
@@ -52,6 +56,7 @@ class Mesh:
         """
         self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
+        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
         self.notes: list[str] = []
 
     @classmethod
@@ -117,13 +122,14 @@ class Mesh:
         )
 
     @classmethod
-    def read(cls, file: PathLike, unit: Length = unit.nanometer) -> "Mesh":
+    def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
         """Read a mesh from a file.
 
-        The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTK, GMSH (.msh) and every other that the
-        meshio library reads.  The corners of an STL file's triangles are one vertex where their coordinates are equal,
-        to the last bit; vertices are in order of first appearance.  Vertices that belong to no triangle are left out.
-        Points and lines in the file are ignored; cells other than triangles are an error.
+        The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTP, VTK, GMSH (.msh), glTF (.gltf, .glb), the
+        topologies of FreeDTS (.tsi, .q), and every other that the meshio library reads.  The corners of an STL file's
+        triangles are one vertex where their coordinates are equal; vertices are in order of first appearance.  Faces of
+        more than three corners are divided.  Vertices that belong to no face, points and lines are left out.
+        :attr:`notes` says what was divided or left out.
 
         Parameters
         ----------
@@ -131,13 +137,15 @@ class Mesh:
             the file to read
         unit : Unit, Quantity or float
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
+        repair : bool
+            mend what can be mended, as :meth:`repaired` does
 
         Raises
         ------
         FileNotFoundError
             if there is no such file
         ValueError
-            if it does not hold a triangle mesh
+            if it does not hold a mesh
         """
         path = Path(file)
         if not path.exists():
@@ -145,12 +153,17 @@ class Mesh:
         if not path.is_file() or path.stat().st_size == 0:
             raise ValueError(f"{path} is {'empty' if path.is_file() else 'not a file'}; it must be a mesh file")
         meshfiles.requireFormat(path)
+        length = _lengthOf(unit)
         try:
-            mesh = cls(*meshfiles.read(path))
+            content = meshfiles.read(path)
+            mesh = cls(content.points, content.triangles(), content.box)
+            used = len(np.unique(mesh.triangles))
+            if used < len(mesh.vertices):
+                content.notes.append(f"{mending.counted(len(mesh.vertices) - used, 'vertex', 'vertices')} of no face left out")
+            mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
+            return mesh.repaired() if repair else mesh
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        mesh.vertices *= _lengthOf(unit)
-        return mesh._withoutLooseVertices()
 
     def write(self, file: PathLike, unit: Length = unit.nanometer, data: Mapping[str, ArrayLike] | None = None) -> None:
         """Write the mesh to a file, replacing one that exists.
@@ -175,7 +188,65 @@ class Mesh:
         OSError
             if the file cannot be written
         """
-        meshfiles.write(Path(file), self.vertices / _lengthOf(unit), self.triangles, data)
+        length = _lengthOf(unit)
+        box = None if self.box is None else self.box / length
+        meshfiles.write(Path(file), self.vertices / length, self.triangles, data, box)
+
+    def repaired(
+        self,
+        tolerance: float = 1e-3,
+        smallest: float = 0.01,
+        keep: Sequence[int] | None = None,
+        box: Any = None,
+        closeHoles: bool = False,
+        reverse: bool = False,
+    ) -> "Mesh":
+        """Return a mesh with the faults mended that files of meshes have; its :attr:`notes` say each thing that was done
+        in a sentence.
+
+        A surface that is folded into a periodic box is unfolded.  Corners along open edges that are close to each other
+        are welded.  Facets that have no area, lie on another one or stick to the surface by an edge are taken away.
+        All facets are turned the same way, outwards.  Where the surface touches itself, its sheets are parted.  Specks
+        are left out.  Holes are noted.
+
+        Parameters
+        ----------
+        tolerance : float
+            how close corners must be to be welded, in parts of the median length of an edge
+        smallest : float
+            what is a speck: a connected surface with less than this part of the area of the largest.  0 keeps all
+        keep : list of int, optional
+            instead, the numbers of the surfaces to keep, in the order of :meth:`components`
+        box : (3, 3) array, three numbers, one number, or Quantity, optional
+            vectors or lengths of the periodic box into which the surface is folded, in nm; by default :attr:`box`
+        closeHoles : bool
+            close holes with flat fans of triangles
+        reverse : bool
+            turn all facets round, instead of turning surfaces outwards
+
+        Raises
+        ------
+        ValueError
+            if an argument is not as it must be, or the surface is folded into a periodic box that is not known
+        """
+        for name, value in (("tolerance", tolerance), ("smallest", smallest)):
+            if not 0 <= value < 1:
+                raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
+        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
+        vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
+        return Mesh(vertices, triangles, vectors)._withoutLooseVertices([*self.notes, *notes])
+
+    def reversed(self) -> "Mesh":
+        """Return the mesh with all triangles turned round, so that inside and outside change places."""
+        return Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+
+    def components(self) -> "list[Mesh]":
+        """Return each connected surface as a mesh, in the order of their first triangles."""
+        count, label = mending.surfaces(self.triangles, len(self.vertices))
+        order = np.argsort(label, kind="stable")
+        parts = np.split(self.triangles[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
+        return [Mesh(self.vertices, part, self.box)._withoutLooseVertices() for part in parts]
 
     def check(self) -> None:
         """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
@@ -213,7 +284,7 @@ class Mesh:
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
-        mesh = Mesh(*result.triangulation)
+        mesh = Mesh(*result.triangulation, self.box)
         mesh.notes = [*self.notes, *(f"remeshed: {text}" for text in (result.summary(), *result.shortcomings()))]
         return mesh
 
@@ -308,10 +379,17 @@ class Mesh:
         """Return the normal of each triangle, of twice its area."""
         return connectivity.triangleNormals(self.vertices, self.triangles)
 
-    def _withoutLooseVertices(self):
+    def _scaled(self, factor):
+        """Return the mesh with coordinates and box multiplied by a factor."""
+        return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
+
+    def _withoutLooseVertices(self, notes=()):
+        """Return the mesh without vertices that belong to no triangle, with notes."""
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.triangles] = True
-        return Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles])
+        result = Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles], self.box)
+        result.notes = list(notes)
+        return result
 
     def __repr__(self) -> str:
         return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
@@ -332,6 +410,18 @@ def _floats(vertices):
     if not np.all(np.isfinite(vertices)):
         raise ValueError(_notFinite(vertices))
     return vertices
+
+
+def _boxVectors(box):
+    """Return box vectors, (3, 3), of such, three lengths, or one."""
+    try:
+        box = np.asarray(box, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("the box must be three vectors, three lengths, or one") from None
+    vectors = np.diag(np.broadcast_to(box, 3)) if box.size in (1, 3) and box.ndim < 2 else box
+    if vectors.shape != (3, 3) or not np.all(np.isfinite(vectors)) or np.linalg.det(vectors) <= 0:
+        raise ValueError(f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive")
+    return vectors.copy()
 
 
 def _notFinite(vertices):

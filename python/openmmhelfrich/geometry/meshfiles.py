@@ -1,27 +1,53 @@
-"""Files of meshes, by the library meshio."""
+"""Files of meshes: which module reads and writes each format.
 
-import contextlib
-import io
-import os
-import re
-from collections.abc import Mapping
+Every dialect of each format that programs write was read with several libraries; docs/meshes.md has the table.  VTK,
+VTU and VTP are read by VTK, which alone reads all of their dialects; glTF by trimesh; GMSH by meshio.  No library reads
+all of STL, PLY, OBJ and OFF: of 28 dialects of PLY, trimesh fails on lists of different lengths, VTK crashes on
+elements in another order, and meshio reads a third; of OBJ, trimesh misplaces negative numbers, and VTK divides
+vertices.  These four are read here, by numpy, with the number of the line where something is wrong.
+"""
+
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# What the head of a file must hold, lest the mesh library searches for it beyond the end, for ever.
-_HEAD = {".ply": rb"(?m)^end_header\s*$", ".off": rb"(?m)^[ \t]*\d"}
-# The mesh library would take .msh for an Ansys file first, and STL for text.
-_FORMAT = {".msh": "gmsh", ".stl": "stl"}
+from ..files import replacing
+from .formats import freedts, gltf, meshiofiles, obj, off, ply, stl, vtkfiles
+from .formats.content import Content
+
+_OF_BYTES: dict[str, Callable[[bytes], Content]] = {
+    ".stl": stl.read,
+    ".ply": ply.read,
+    ".obj": obj.read,
+    ".off": off.read,
+    ".tsi": freedts.readTSI,
+    ".q": freedts.readQ,
+}
+_OF_FILES: dict[str, Callable[[Path], Content]] = {
+    ".gltf": gltf.read,
+    ".glb": gltf.read,
+    ".vtk": vtkfiles.read,
+    ".vtu": vtkfiles.read,
+    ".vtp": vtkfiles.read,
+}
+_ONLY_READ = (".gltf", ".glb", ".vtp")
 _WITH_DATA = (".vtu", ".vtk", ".ply")
-_WRITE_OPTIONS = {".stl": {"binary": True}}
+_NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q")
 
 
-def read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-    """Return the points, (N, 3), and the triangles, (T, 3), of a file; raise a ValueError if it holds others."""
-    return _trianglesOf(_readFile(path))
+def read(path: Path) -> Content:
+    """Read what a file holds; raise a ValueError, which does not name the file, if that is no mesh."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix in _OF_BYTES:
+            return _OF_BYTES[suffix](path.read_bytes())
+        return _OF_FILES.get(suffix, meshiofiles.read)(path)
+    except (ValueError, OSError):
+        raise
+    except Exception as error:  # what a library raises at a damaged file may be anything
+        raise ValueError(f"it cannot be read as {suffix[1:].upper()}: {type(error).__name__} {error}") from None
 
 
 def write(
@@ -29,86 +55,30 @@ def write(
     points: NDArray[np.float64],
     triangles: NDArray[np.integer],
     data: Mapping[str, ArrayLike] | None,
+    box: NDArray[np.float64] | None = None,
 ) -> None:
-    """Write a file, with data at the points where its format has room for such, replacing one that exists."""
-    import meshio
-
+    """Write a file, with data at the points and the box where its format has room for such, replacing one that exists
+    in a single step.
+    """
     suffix = path.suffix.lower()
     requireFormat(path)
-    mesh = meshio.Mesh(points, [("triangle", triangles)], point_data=data if suffix in _WITH_DATA else None)
-    # A complete file takes the place of the old one in a single step, so that no failure leaves half a mesh.
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    if suffix in _ONLY_READ:
+        raise ValueError(f"{path}: {suffix[1:].upper()} files are read, not written; use one of {', '.join(_NAMES)}")
     try:
-        with _silence():
-            meshio.write(part, mesh, file_format=_FORMAT.get(suffix), **_WRITE_OPTIONS.get(suffix, {}))
-        os.replace(part, path)
-    except meshio.WriteError as error:
+        with replacing(path) as part:
+            if suffix in (".tsi", ".q"):
+                part.write_text(freedts.textOf(suffix, points, triangles, box), encoding="utf-8")
+            else:
+                meshiofiles.write(part, suffix, points, triangles, data if suffix in _WITH_DATA else None)
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _readFile(path):
-    """Read a file with the mesh library, whatever way it has to fail."""
-    import meshio
-
-    suffix = path.suffix.lower()
-    try:
-        if re.search(_HEAD.get(suffix, b""), path.read_bytes()):
-            with _silence(), _refuseNumbersOfNodes(above=path.stat().st_size):
-                return meshio.read(path, file_format=_FORMAT.get(suffix))
-    except PermissionError:
-        raise
-    except (Exception, SystemExit):  # a damaged file raises anything from IndexError to an exit of the interpreter
-        pass
-    raise ValueError(f"this is not a complete {suffix[1:].upper()} file")
-
-
-def _trianglesOf(data):
-    """Return the points and the triangles of what the mesh library read."""
-    others = sorted({block.type for block in data.cells} - {"triangle", "line", "vertex"})
-    if others:
-        raise ValueError(f"the mesh has cells of type {', '.join(others)}; all must be triangles")
-    blocks = [block.data for block in data.cells if block.type == "triangle" and len(block.data)]
-    if not blocks:
-        raise ValueError("the mesh has no triangles")
-    return data.points, np.concatenate(blocks)
 
 
 def requireFormat(path: Path, *others: str) -> None:
     """Raise a ValueError if the suffix of a file is neither that of a mesh format nor one of some others."""
-    import meshio
-
     suffix = path.suffix.lower()
-    if suffix not in meshio.extension_to_filetypes and suffix not in others:
+    if not {suffix} & {*_OF_BYTES, *_OF_FILES, *others} and suffix not in meshiofiles.suffixes():
         kind = "format" if others else "mesh format"
         raise ValueError(
-            f"{path}: no {kind} has the suffix '{suffix}'; use one of "
-            f"{', '.join(('.stl', '.ply', '.obj', '.off', '.vtu', '.vtk', '.msh', *others))}"
+            f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join((*_NAMES, *_ONLY_READ, *others))}"
         )
-
-
-def _refuseNumbersOfNodes(above):
-    """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of
-    64 bits.
-    """
-    from meshio.gmsh import _gmsh41
-
-    read = _gmsh41._read_nodes
-
-    def checked(*arguments):
-        points, numbers, *rest = read(*arguments)
-        if numbers.max() > above:
-            raise ValueError("a node has a number that is larger than the file")
-        return points, numbers, *rest
-
-    return mock.patch.object(_gmsh41, "_read_nodes", checked)
-
-
-def _silence():
-    """Keep the mesh library from printing what the exceptions say, and from warning that text is no number."""
-    stack = contextlib.ExitStack()
-    stack.enter_context(np.errstate(all="ignore"))
-    stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-    stack.enter_context(contextlib.redirect_stderr(io.StringIO()))
-    return stack

@@ -1,0 +1,1 @@
+"""Formats of mesh files, a module each."""

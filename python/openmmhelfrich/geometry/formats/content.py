@@ -1,0 +1,167 @@
+"""What a mesh file holds, whatever its format, and how its faces become triangles."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass
+class Content:
+    """Points and faces of a file.
+
+    Attributes
+    ----------
+    points : (N, 3) array
+        positions, in the file's unit
+    corners : (C,) array of int
+        the corners of all faces, one face after the other
+    sizes : (F,) array of int
+        how many corners each face has
+    notes : list of str
+        sentences on what else the file has, and what became of it
+    box : (3, 3) array, optional
+        the vectors of the periodic box
+    """
+
+    points: NDArray[np.floating]
+    corners: NDArray[np.integer]
+    sizes: NDArray[np.integer]
+    notes: list[str] = field(default_factory=list)
+    box: NDArray[np.float64] | None = None
+
+    @classmethod
+    def ofTriangles(cls, points: NDArray[np.floating], triangles: NDArray[np.integer], *notes: str) -> "Content":
+        """Create it of faces that are all triangles."""
+        return cls(points, triangles.ravel(), np.full(len(triangles), 3), list(notes))
+
+    @classmethod
+    def ofFaces(cls, points: NDArray[np.floating], faces: Iterable[list[int]], *notes: str) -> "Content":
+        """Create it of lists of corners."""
+        faces = list(faces)
+        sizes = np.array([len(face) for face in faces], dtype=np.int64)
+        return cls(points, np.array([i for face in faces for i in face], dtype=np.int64), sizes, list(notes))
+
+    @classmethod
+    def ofLooseTriangles(cls, corners: NDArray[np.floating], *notes: str) -> "Content":
+        """Create it of the positions of each triangle's corners, (T, 3, 3): equal ones are one point, in order of first
+        appearance.
+        """
+        points, places = mergeEqual(corners.reshape(-1, 3))
+        return cls.ofTriangles(points, places.reshape(-1, 3), *notes)
+
+    def note(self, count: int, what: str, fate: str) -> None:
+        """Note how many of something there were and what became of them, if there were any."""
+        if count:
+            self.notes.append(f"{count} {what} {'was' if count == 1 else 'were'} {fate}")
+
+    def triangles(self) -> NDArray[np.int64]:
+        """Return the faces as triangles, (T, 3); those of more corners are divided, which is noted.
+
+        Raises
+        ------
+        ValueError
+            if there are no triangles, or a corner is no point
+        """
+        numPoints, corners, sizes = len(self.points), self.corners.astype(np.int64), self.sizes.astype(np.int64)
+        face = np.repeat(np.arange(len(sizes)), sizes)
+        wrong = np.flatnonzero((corners < 0) | (corners >= numPoints))
+        if len(wrong):
+            kind = "triangle" if np.all(sizes == 3) else "face"
+            raise ValueError(
+                f"{kind} {face[wrong[0]]} has the vertex {corners[wrong[0]]}; it must be from 0 to {numPoints - 1}, "
+                f"for {numPoints} vertices"
+            )
+        if not np.any(sizes > 2):
+            raise ValueError("the mesh has no triangles")
+        if np.all(sizes == 3):
+            return corners.reshape(-1, 3)
+        self.note(int(np.sum(sizes < 3)), "faces of less than three corners", "left out")
+        result = self._divided(corners, sizes)
+        wide = sizes[sizes > 3]
+        if len(wide):
+            kinds = ", ".join(f"{np.sum(wide == n)} of {n} corners" for n in np.unique(wide)[:5])
+            self.notes.append(f"faces were divided into triangles: {kinds}")
+        return result
+
+    def _divided(self, corners, sizes):
+        """Return the triangles of faces of any size, in the order of the faces."""
+        counts = np.maximum(sizes - 2, 0)
+        first, place = np.cumsum(counts) - counts, np.cumsum(sizes) - sizes
+        result = np.empty((counts.sum(), 3), dtype=np.int64)
+        three, four = np.flatnonzero(sizes == 3), np.flatnonzero(sizes == 4)
+        result[first[three]] = corners[place[three, np.newaxis] + np.arange(3)]
+        halves = _halves(self.points, corners[place[four, np.newaxis] + np.arange(4)])
+        result[first[four]], result[first[four] + 1] = halves
+        for f in np.flatnonzero(sizes > 4).tolist():
+            ring = corners[place[f] : place[f] + sizes[f]].tolist()
+            result[first[f] : first[f] + counts[f]] = _ears(self.points, ring)
+        return result
+
+
+def mergeEqual(points: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+    """Return the different points, in order of first appearance, and which of them each point is."""
+    order = np.lexsort(points.T)
+    ordered = points[order]
+    isNew = np.ones(len(points), dtype=bool)
+    isNew[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    first = order[isNew]  # the sort is stable
+    rank = np.empty(len(first), dtype=np.int64)
+    byAppearance = np.argsort(first)
+    rank[byAppearance] = np.arange(len(first))
+    places = np.empty(len(points), dtype=np.int64)
+    places[order] = rank[np.cumsum(isNew) - 1]
+    return points[first[byAppearance]], places
+
+
+def trianglesOfStrip(strip: list[int]) -> list[list[int]]:
+    """Return the triangles of a strip, in which every other one runs the other way round."""
+    return [
+        [strip[i], strip[i + 1], strip[i + 2]] if i % 2 == 0 else [strip[i + 1], strip[i], strip[i + 2]]
+        for i in range(len(strip) - 2)
+    ]
+
+
+def _halves(points, quads):
+    """Return the two triangles of each face of four corners: divided by the diagonal across which they fold less, and
+    by the shorter one where that does not tell.
+    """
+
+    def folds(a, b, c, d):
+        """The cosine of the angle between the triangles (a, b, c) and (a, c, d)."""
+        x = [points[quads[:, i]].astype(np.float64) for i in (a, b, c, d)]
+        n, m = np.cross(x[1] - x[0], x[2] - x[0]), np.cross(x[2] - x[0], x[3] - x[0])
+        size = np.linalg.norm(n, axis=1) * np.linalg.norm(m, axis=1)
+        cosine = np.divide(np.einsum("ij,ij->i", n, m), size, out=np.full(len(n), -1.0), where=size > 0)
+        return np.round(cosine, 6), np.linalg.norm(x[2] - x[0], axis=1)
+
+    (cosine, length), (otherCosine, otherLength) = folds(0, 1, 2, 3), folds(1, 2, 3, 0)
+    other = (otherCosine > cosine) | ((otherCosine == cosine) & (otherLength < length))
+    quads = np.where(other[:, np.newaxis], quads[:, [1, 2, 3, 0]], quads)
+    return quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]
+
+
+def _ears(points, ring):
+    """Return the triangles of a face of many corners, which are cut off one after the other, the shortest cut first."""
+    x = {i: points[i].astype(np.float64) for i in ring}
+    normal = sum(np.cross(x[a], x[b]) for a, b in zip(ring, ring[1:] + ring[:1]))
+    triangles = []
+    while len(ring) > 3:
+        around = [(ring[i - 1], ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring))]
+        turns = [np.dot(np.cross(x[b] - x[a], x[c] - x[b]), normal) for a, b, c in around]
+        lengths = [np.linalg.norm(x[c] - x[a]) for a, b, c in around]
+        best = min(range(len(ring)), key=lambda i: (turns[i] <= 0, _holds(x, around[i], ring, normal), lengths[i]))
+        triangles.append(around[best])
+        del ring[best]
+    return [*triangles, tuple(ring)]
+
+
+def _holds(x, triangle, ring, normal):
+    """Return whether another corner of a face lies in one of its triangles, seen along the normal."""
+    a, b, c = (x[i] for i in triangle)
+
+    def isInside(p):
+        return all(np.dot(np.cross(t - s, p - s), normal) > 0 for s, t in ((a, b), (b, c), (c, a)))
+
+    return any(isInside(x[i]) for i in ring if i not in triangle)

@@ -1,0 +1,101 @@
+"""GMSH, and every other format that the library meshio knows."""
+
+import contextlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .content import Content
+
+_FORMAT = {".msh": "gmsh"}  # meshio would take it for an Ansys file first
+_CORNERS = {"triangle": 3, "quad": 4}
+_LEFT_OUT = {"vertex": "points", "line": "lines"}
+
+
+def read(path: Path) -> Content:
+    """Read the triangles and quads of a file with meshio, whatever way it has to fail."""
+    import meshio
+
+    suffix = path.suffix.lower()
+    said = io.StringIO()
+    try:
+        with _silence(said), _refuseNumbersOfNodes(above=path.stat().st_size):
+            mesh = meshio.read(path, file_format=_FORMAT.get(suffix))
+    except (PermissionError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:  # a damaged file raises anything from IndexError to an exit
+        reason = " ".join(str(error).split()) if isinstance(error, ValueError | meshio.ReadError) else ""
+        reason = reason or " ".join(said.getvalue().split()) or f"{type(error).__name__} {error}"
+        raise ValueError(f"meshio cannot read it as {suffix[1:].upper()}: {reason[:300]}") from None
+    return _content(mesh)
+
+
+def write(
+    path: Path,
+    suffix: str,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.integer],
+    data: Mapping[str, ArrayLike] | None,
+) -> None:
+    """Write a file in the format that a suffix names, with data at the points."""
+    import meshio
+
+    mesh = meshio.Mesh(points, [("triangle", triangles)], point_data=data)
+    kind = _FORMAT.get(suffix) or meshio.extension_to_filetypes[suffix][0]
+    try:
+        with _silence(io.StringIO()):
+            meshio.write(path, mesh, file_format=kind, **({"binary": True} if suffix == ".stl" else {}))
+    except meshio.WriteError as error:
+        raise ValueError(str(error)) from None
+
+
+def suffixes() -> set[str]:
+    """Return the suffixes of the formats that meshio knows."""
+    import meshio
+
+    return set(meshio.extension_to_filetypes)
+
+
+def _content(mesh):
+    others = sorted({block.type for block in mesh.cells} - {*_CORNERS, *_LEFT_OUT})
+    if others:
+        raise ValueError(f"the mesh has cells of type {', '.join(others)}; a surface has triangles and quads")
+    faces = [block for block in mesh.cells if block.type in _CORNERS]
+    if not faces:
+        raise ValueError("the mesh has no triangles")
+    result = Content(
+        mesh.points,
+        np.concatenate([block.data.ravel() for block in faces]),
+        np.concatenate([np.full(len(block.data), _CORNERS[block.type]) for block in faces]),
+    )
+    for kind, what in _LEFT_OUT.items():
+        result.note(sum(len(block.data) for block in mesh.cells if block.type == kind), what, "left out")
+    return result
+
+
+def _refuseNumbersOfNodes(above):
+    """Keep meshio from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
+    from meshio.gmsh import _gmsh41
+
+    read = _gmsh41._read_nodes
+
+    def checked(*arguments):
+        points, numbers, *rest = read(*arguments)
+        if numbers.max() > above:
+            raise ValueError("a node has a number that is larger than the file")
+        return points, numbers, *rest
+
+    return mock.patch.object(_gmsh41, "_read_nodes", checked)
+
+
+def _silence(said):
+    """Keep the library from printing, and from warning that text is no number."""
+    stack = contextlib.ExitStack()
+    stack.enter_context(np.errstate(all="ignore"))
+    stack.enter_context(contextlib.redirect_stdout(said))
+    stack.enter_context(contextlib.redirect_stderr(said))
+    return stack

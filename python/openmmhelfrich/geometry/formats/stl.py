@@ -1,0 +1,73 @@
+"""STL, text and binary."""
+
+import struct
+
+import numpy as np
+
+from ..mending import counted, weldRims
+from .content import Content
+from .text import Lines
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_ROUNDING = 1e-6  # of the largest coordinate: some units in the last place of single precision
+_HEAD = 84  # a title of 80 bytes and the number of facets
+
+
+def read(content: bytes) -> Content:
+    """Read the facets of a file's bytes; corners with the same coordinates are one vertex."""
+    count = struct.unpack("<I", content[80:_HEAD])[0] if len(content) >= _HEAD else -1
+    isBinary = len(content) == _HEAD + _FACET.itemsize * count or b"\0" in content
+    if not isBinary and content.lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid":
+        return _readText(content)
+    if not isBinary or count < 0:
+        raise ValueError("this is no STL file: it is neither text that begins with 'solid' nor binary")
+    return _readBinary(content, count)
+
+
+def _readBinary(content, count):
+    there = (len(content) - _HEAD) // _FACET.itemsize
+    if there < count:
+        raise ValueError(f"it is not complete: it ends after {there} of {count} facets")
+    corners = np.frombuffer(content, dtype=_FACET, count=count, offset=_HEAD)["corners"]
+    beyond = len(content) - _HEAD - _FACET.itemsize * count
+    return _welded(corners, [f"{beyond} bytes after the last facet were left out"] * (beyond > 0))
+
+
+def _readText(content):
+    lines = Lines(content, comment=None)
+    rows: list[int] = []
+    isOpen, isInside = False, False  # a solid, a facet
+    for i, text in enumerate(lines.texts):
+        word = text.split(None, 1)[0].lower()
+        if word == "vertex" and isInside:
+            rows.append(i)
+        elif word == "facet" and isOpen and not isInside:
+            isInside, first = True, len(rows)
+        elif word == "endfacet" and isInside:
+            if len(rows) - first != 3:
+                raise lines.fault(i, f"after three corners of its facet, not {len(rows) - first}")
+            isInside = False
+        elif word in ("solid", "endsolid") and not isInside:
+            isOpen = word == "solid"
+        elif not (isInside and word in ("outer", "endloop", "end")):
+            raise lines.fault(i, "a line of a facet" if isInside else "facet, solid or endsolid")
+    if isInside:
+        raise ValueError("it is not complete: it ends within a facet")
+    corners = lines.rows(rows, 3, float, "vertex x y z", skip=1).reshape(-1, 3, 3)
+    return _welded(corners, ["the file ends without 'endsolid'"] * isOpen)
+
+
+def _welded(corners, notes):
+    """Return facets whose corners are one vertex where they are equal, and along open edges also where they differ by
+    rounding.
+    """
+    result = Content.ofLooseTriangles(corners, *notes)
+    points = result.points.astype(np.float64)
+    if len(points) == 0 or not np.all(np.isfinite(points)):
+        return result
+    distance = _ROUNDING * np.abs(points).max()
+    triangles, count = weldRims(points, result.corners.reshape(-1, 3), distance)
+    if count:
+        result.corners = triangles.ravel()
+        result.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
+    return result

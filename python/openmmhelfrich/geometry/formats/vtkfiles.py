@@ -1,0 +1,103 @@
+"""VTK, VTU and VTP by VTK itself, which comes with the extra "looking"; without it VTU and VTK by meshio.
+
+VTK reads every dialect of its own formats: polygonal data and grids, legacy files of all versions, text and binary,
+appended and compressed data in either byte order, several pieces.  Of these meshio has no polygonal data and no LZ4,
+stops at sections that are not VTK's, and takes one piece of several for all.  VTK reads in a process of its own, since
+a damaged file can end the process that reads it.
+"""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ...optional import require
+from . import meshiofiles
+from .content import Content, trianglesOfStrip
+
+_SECONDS = 10
+_BYTES = 2**31
+
+# The types of VTK's cells: what becomes of them.
+_FACES = {5: "triangle", 7: "polygon", 9: "quad"}
+_STRIP, _PIXEL = 6, 8
+_LEFT_OUT = {0: "empty cells", 1: "points", 2: "points", 3: "lines", 4: "lines"}
+
+
+def read(path: Path) -> Content:
+    """Read the triangles, strips and polygons of a file."""
+    if importlib.util.find_spec("vtkmodules") is None:
+        return _readWithoutVTK(path)
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "cells.npz"
+        _readElsewhere(path, output)
+        with np.load(output) as found:
+            return _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+
+
+def _readWithoutVTK(path):
+    content = path.read_bytes()
+    if path.suffix.lower() == ".vtp" or re.search(rb"(?m)^DATASET\s+POLYDATA", content[:2000]):
+        require("vtkmodules", f"reading polygonal data ({path.suffix})")
+    if content.count(b"<Piece") > 1:
+        require("vtkmodules", "reading several pieces")
+    return meshiofiles.read(path)
+
+
+def _readElsewhere(path, output):
+    """Have VTK read a file in a process of its own, which leaves arrays in another file."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-I", str(Path(__file__).with_name("_vtkreader.py")), str(path), str(output)],
+            capture_output=True,
+            timeout=_SECONDS + path.stat().st_size / 1e6,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "READER_BYTES": str(_BYTES + 40 * path.stat().st_size)},
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError("VTK does not come to an end of reading it") from None
+    if done.returncode != 0 or not output.exists():
+        raise ValueError(f"VTK cannot read it: {_reason(done.stderr.decode('utf-8', 'replace'))}")
+
+
+def _reason(text):
+    """Return what VTK said was wrong."""
+    found = re.findall(r"\((?:0x)?[0-9a-f]+\): (.*)", text) or [line for line in text.splitlines() if line.strip()][-1:]
+    return found[0].strip() if found else "it is damaged"
+
+
+def _content(points, types, sizes, corners):
+    """Return the faces of cells of all types, in their order."""
+    others = sorted(set(types.tolist()) - {*_FACES, _STRIP, _PIXEL, *_LEFT_OUT})
+    if others:
+        raise ValueError(
+            f"the mesh has cells of VTK's type {', '.join(map(str, others))}; a surface has triangles, strips, quads "
+            "and polygons (5, 6, 7, 8, 9)"
+        )
+    isFace = np.isin(types, list(_FACES))
+    if np.any((types == _STRIP) | (types == _PIXEL)):
+        result = Content.ofFaces(points, _unfolded(types, sizes, corners))
+    else:
+        result = Content(points, corners[np.repeat(isFace, sizes)], sizes[isFace])
+    for what in dict.fromkeys(_LEFT_OUT.values()):
+        result.note(int(np.sum(np.isin(types, [t for t, w in _LEFT_OUT.items() if w == what]))), what, "left out")
+    return result
+
+
+def _unfolded(types, sizes, corners):
+    """Return faces as lists of corners: strips as triangles, and pixels in cyclic order."""
+    faces = []
+    for kind, cell in zip(types.tolist(), np.split(corners, np.cumsum(sizes)[:-1])):
+        ring = cell.tolist()
+        if kind == _STRIP:
+            faces += trianglesOfStrip(ring)
+        elif kind == _PIXEL:
+            faces.append([ring[0], ring[1], ring[3], ring[2]])
+        elif kind in _FACES:
+            faces.append(ring)
+    return faces

@@ -1,0 +1,507 @@
+"""Faults of surfaces, mended one kind after the other; each that is found is a sentence.
+
+All functions work on arrays: vertices (N, 3) and triangles (T, 3).  :meth:`Mesh.repaired` calls :func:`repair`.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from . import connectivity
+
+Points = NDArray[np.float64]
+Triangles = NDArray[np.int64]
+
+# A triangle is flat if twice its area is less than this part of its longest side, squared.
+_FLAT = 1e-6
+# A flat triangle is a needle if its shortest side is less than this part of its longest.
+_NEEDLE = 1e-3
+_ROUNDS = 30
+# How far the sheets of a surface that touched itself move apart, in parts of their edges.
+_PARTING = 0.1
+# How many things of a kind are named one by one.
+_NAMED = 10
+
+
+@dataclass
+class Wanted:
+    """What :func:`repair` is asked for; see :meth:`Mesh.repaired`."""
+
+    tolerance: float = 1e-3
+    smallest: float = 0.01
+    keep: list[int] | None = None
+    closeHoles: bool = False
+    reverse: bool = False
+
+
+@dataclass
+class _Surface:
+    """A surface that is being mended, and what was done."""
+
+    vertices: Points
+    triangles: Triangles
+    notes: list[str] = field(default_factory=list)
+
+    def edges(self):
+        """Return the halfedges in the order of their edges, where each edge begins there, and how many it has."""
+        order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
+        return order, start, np.diff(start, append=len(order))
+
+    def facetsPerHalfedge(self):
+        """Return how many triangles the edge of each halfedge has, a row for each triangle."""
+        order, _, counts = self.edges()
+        result = np.empty(len(order), dtype=np.int64)
+        result[order] = np.repeat(counts, counts)
+        return result.reshape(-1, 3)
+
+    def areas(self):
+        """Return twice the area of each triangle, and the lengths of its sides, from each corner to the next."""
+        x = self.vertices[self.triangles]
+        sides = np.linalg.norm(x[:, [1, 2, 0]] - x, axis=2)
+        return np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1), sides
+
+
+def repair(
+    vertices: Points, triangles: NDArray[np.integer], box: Points | None, wanted: Wanted
+) -> tuple[Points, Triangles, list[str]]:
+    """Mend a surface; return its vertices and triangles, and a sentence for each thing that was done or is left."""
+    surface = _Surface(vertices.copy(), triangles.astype(np.int64))
+    if box is not None:
+        _unfold(surface, box)
+    elif (sentence := foldedEdges(vertices, triangles)) is not None:
+        raise ValueError(f"{sentence}; say how long the box is to have the surface unfolded")
+    _weld(surface, wanted.tolerance)
+    if wanted.reverse:
+        surface.triangles = surface.triangles[:, ::-1].copy()
+        surface.notes.append("all facets were turned round, as asked for")
+    repeated = _dropTwice(surface)
+    _dropRepeated(surface)
+    _orient(surface, outwards=not wanted.reverse)
+    _dropFlat(surface, repeated)
+    _part(surface)
+    _keepSurfaces(surface, wanted)
+    _holes(surface, wanted.closeHoles)
+    return surface.vertices, surface.triangles, surface.notes
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """Return a number and what it counts, with its verb: "1 facet was", "2 facets were"."""
+    return f"1 {one} was" if count == 1 else f"{count} {many or one + 's'} were"
+
+
+def place(point: Points) -> str:
+    """Return a point as text."""
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
+# --- periodic boxes
+
+
+def foldedEdges(vertices: Points, triangles: NDArray[np.integer]) -> str | None:
+    """Return a sentence on edges that are as long as the mesh, as those of a surface are that was folded into a periodic
+    box, or None if there are none.
+
+    Such edges are few, span nearly all of the mesh along an axis, are much longer than the others, and differ in length
+    as the others do, unlike those between the two ends of a long body.
+    """
+    if len(triangles) < 20:
+        return None
+    origin, target = connectivity.halfedges(triangles)
+    steps, extents = np.abs(vertices[target] - vertices[origin]), np.ptp(vertices, axis=0)
+    usual = np.median(np.linalg.norm(steps, axis=1))
+    for axis, name in enumerate("xyz"):
+        long = steps[steps[:, axis] > max(0.7 * extents[axis], 2 * usual), axis]
+        if 0 < len(long) < 0.25 * len(steps) and long.std() > 0.05 * usual:
+            return (
+                f"{len(long) // 2} edges are nearly as long as the mesh along {name}, up to {long.max():.4g} of "
+                f"{extents[axis]:.4g}, so that it seems to be folded into a periodic box"
+            )
+    return None
+
+
+def _unfold(surface, box):
+    """Put the vertices of each surface beside their neighbors where edges lead through the sides of a box."""
+    origin, target = connectivity.halfedges(surface.triangles)
+    steps = surface.vertices[target] - surface.vertices[origin]
+    images = -np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
+    crossing = np.any(images != 0, axis=1)
+    if not crossing.any():
+        return
+    count, patch = _components(origin[~crossing], target[~crossing], len(surface.vertices))
+    shifts = _shifts(count, patch[origin[crossing]], patch[target[crossing]], images[crossing])[patch]
+    if np.any(shifts[target] - shifts[origin] != images):
+        raise ValueError("the surface goes through the whole periodic box, so that it cannot be unfolded")
+    surface.vertices = surface.vertices + shifts @ box
+    moved = int(np.any(shifts != 0, axis=1).sum())
+    surface.notes.append(
+        f"{counted(int(crossing.sum()) // 2, 'edge')} as long as the periodic box: the surface was unfolded, by moving "
+        f"{moved} vertices by the box"
+    )
+
+
+def _shifts(count, first, second, images):
+    """Return by how many boxes to move each of some patches, where those of the second are the images' more than those
+    of the first.
+    """
+    beyond: list[dict[int, NDArray]] = [{} for _ in range(count)]
+    for a, b, image in zip(first.tolist(), second.tolist(), images):
+        beyond[a].setdefault(b, image)
+        beyond[b].setdefault(a, -image)
+    shifts, known = np.zeros((count, 3), dtype=np.int64), np.zeros(count, dtype=bool)
+    for start in np.argsort(-np.bincount(np.concatenate((first, second)), minlength=count)).tolist():
+        waiting = [] if known[start] else [start]
+        known[start] = True
+        while waiting:
+            a = waiting.pop()
+            for b, step in beyond[a].items():
+                if not known[b]:
+                    known[b], shifts[b] = True, shifts[a] + step
+                    waiting.append(b)
+    return shifts
+
+
+# --- corners and facets
+
+
+def weldRims(vertices: Points, triangles: Triangles, distance: float) -> tuple[Triangles, int]:
+    """Return the triangles with vertices of open edges that are closer than a distance made one, and how many vertices
+    that took away.
+    """
+    order, start = connectivity.groupHalfedges(triangles, len(vertices))
+    single = order[start[np.diff(start, append=len(order)) == 1]]
+    rim = np.unique(np.concatenate([end[single] for end in connectivity.halfedges(triangles)]))
+    pairs = cKDTree(vertices[rim]).query_pairs(distance, output_type="ndarray") if len(rim) else np.zeros((0, 2), int)
+    if not len(pairs):
+        return triangles, 0
+    count, label = _components(*pairs.T, len(rim))
+    _, first = np.unique(label, return_index=True)
+    places = np.arange(len(vertices))
+    places[rim] = rim[first[label]]
+    return places[triangles], len(rim) - count
+
+
+def _weld(surface, tolerance):
+    _, sides = surface.areas()
+    distance = tolerance * float(np.median(sides))
+    surface.triangles, count = weldRims(surface.vertices, surface.triangles, distance)
+    if count:
+        surface.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
+
+
+def _dropTwice(surface):
+    """Take away triangles that have a vertex twice, and return how many they were."""
+    a, b, c = surface.triangles.T
+    isWhole = (a != b) & (b != c) & (c != a)
+    surface.triangles = surface.triangles[isWhole]
+    return int(np.sum(~isWhole))
+
+
+def _dropRepeated(surface):
+    """Take away all but one of the triangles with the same vertices, that one too if it sticks to a closed surface, and
+    others that stick to one by an edge.
+    """
+    before = len(surface.triangles)
+    _, first, counts = np.unique(np.sort(surface.triangles, axis=1), axis=0, return_index=True, return_counts=True)
+    order = np.argsort(first)
+    surface.triangles, isRepeated = surface.triangles[first[order]], counts[order] > 1
+    if isRepeated.any():
+        isFin = isRepeated & np.any(surface.facetsPerHalfedge() > 2, axis=1)
+        surface.triangles = surface.triangles[~isFin]
+    for _ in range(_ROUNDS):
+        perEdge = surface.facetsPerHalfedge()
+        isFin = np.any(perEdge == 1, axis=1) & np.any(perEdge > 2, axis=1)
+        if not isFin.any():
+            break
+        surface.triangles = surface.triangles[~isFin]
+    if before > len(surface.triangles):
+        surface.notes.append(
+            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck to the surface"
+        )
+
+
+def _dropFlat(surface, found):
+    """Take away triangles without area: needles, by making the ends of their shortest side one vertex, and others by
+    flipping their longest side, which puts their middle vertex on the neighbor's side.
+    """
+    for _ in range(_ROUNDS):
+        doubleArea, sides = surface.areas()
+        flat = np.flatnonzero(doubleArea <= _FLAT * sides.max(axis=1) ** 2)
+        if not len(flat):
+            break
+        needles = flat[sides[flat].min(axis=1) <= _NEEDLE * sides[flat].max(axis=1)]
+        changed = _collapse(surface, needles, sides) or _flip(surface, flat, sides)
+        found += changed
+        if changed == 0:
+            where = place(surface.vertices[surface.triangles[flat[0]]].mean(axis=0))
+            surface.notes.append(f"{counted(len(flat), 'facet')} left without area, one of them at {where}")
+            break
+    if found:
+        surface.notes.append(f"{counted(found, 'facet without area', 'facets without area')} taken away")
+
+
+def _collapse(surface, needles, sides):
+    """Make the ends of the shortest side of needles one vertex, where that leaves the surface a surface; return for how
+    many that was done.
+    """
+    origin, target = connectivity.halfedges(surface.triangles)
+    n = len(surface.vertices)
+    bonds = coo_array((np.ones(2 * len(origin)), (np.r_[origin, target], np.r_[target, origin])), shape=(n, n)).tocsr()
+    replaced, isTouched, changed = np.arange(n), np.zeros(n, dtype=bool), 0
+    for h in (3 * needles + sides[needles].argmin(axis=1)).tolist():
+        i, j = int(origin[h]), int(target[h])
+        around = [bonds.indices[bonds.indptr[v] : bonds.indptr[v + 1]] for v in (i, j)]
+        if isTouched[around[0]].any() or isTouched[around[1]].any() or len(np.intersect1d(*around)) != 2:
+            continue
+        isTouched[around[0]] = isTouched[around[1]] = True
+        replaced[j] = i
+        changed += 1
+    surface.triangles = replaced[surface.triangles]
+    _dropTwice(surface)
+    return changed
+
+
+def _flip(surface, flat, sides):
+    """Flip the longest side of flat triangles, where that leaves the surface a surface; return how many there were."""
+    order, start, counts = surface.edges()
+    origin, target = connectivity.halfedges(surface.triangles)
+    opposite = np.full(len(order), -1)
+    two = start[counts == 2]
+    opposite[order[two]], opposite[order[two + 1]] = order[two + 1], order[two]
+    n = len(surface.vertices)
+    keys = np.unique(np.minimum(origin, target) * n + np.maximum(origin, target))
+    isTouched, changed = np.zeros(n, dtype=bool), 0
+    for h in (3 * flat + sides[flat].argmax(axis=1)).tolist():
+        o = int(opposite[h])
+        if o < 0 or origin[h] != target[o]:
+            continue
+        a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
+        place_ = np.searchsorted(keys, min(m, c) * n + max(m, c))
+        isBond = place_ < len(keys) and keys[place_] == min(m, c) * n + max(m, c)
+        if m == c or isBond or isTouched[[a, b, m, c]].any():
+            continue
+        isTouched[[a, b, m, c]] = True
+        surface.triangles[h // 3], surface.triangles[o // 3] = (m, a, c), (c, b, m)
+        changed += 1
+    return changed
+
+
+def _next(h):
+    """Return the next halfedge of a triangle."""
+    return h - h % 3 + (h + 1) % 3
+
+
+# --- surfaces
+
+
+def _components(a, b, size):
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
+    return connected_components(graph, directed=False)
+
+
+def _orient(surface, outwards):
+    """Turn triangles that run against their neighbors, and then surfaces that are inside out.
+
+    Every triangle is two nodes of a graph, one for each way round, and neighbors are joined in the ways that agree: a
+    surface with two sides is two components.
+    """
+    order, start, counts = surface.edges()
+    origin, _ = connectivity.halfedges(surface.triangles)
+    first, second = order[start[counts == 2]], order[start[counts == 2] + 1]
+    f, g, differ = first // 3, second // 3, (origin[first] == origin[second]).astype(np.int64)
+    size = len(surface.triangles)
+    _, patch = _components(f, g, size)
+    way = np.concatenate((f, f + size)), np.concatenate((g + size * differ, g + size * (1 - differ)))
+    _, label = _components(*way, 2 * size)
+    if np.any(label[:size] == label[size:]):
+        surface.notes.append("a surface has one side only, like a Moebius strip; it cannot be oriented")
+        return
+    # The component of the first triangle of a patch is the one whose way round the patch keeps, unless most would turn.
+    numPatches = int(patch.max()) + 1 if size else 0
+    _, example = np.unique(patch, return_index=True)
+    isTurned = label[:size] != label[:size][example][patch]
+    most = np.bincount(patch, isTurned, numPatches) > np.bincount(patch, minlength=numPatches) / 2
+    isTurned ^= most[patch]
+    surface.triangles = np.where(isTurned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
+    if isTurned.any():
+        surface.notes.append(f"{counted(int(isTurned.sum()), 'facet')} turned round, to agree with the neighbors")
+    if outwards:
+        _turnOutwards(surface, patch, numPatches)
+
+
+def _turnOutwards(surface, patch, numPatches):
+    """Turn surfaces whose volume is negative, or clearly so if they are open."""
+    x = surface.vertices[surface.triangles]
+    weights = np.bincount(patch, minlength=numPatches)[:, np.newaxis]
+    centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) for k in range(3)]) / np.maximum(weights, 1)
+    x = x - centers[patch][:, np.newaxis]
+    volumes = np.bincount(patch, np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2])), numPatches) / 6
+    areas = np.bincount(patch, surface.areas()[0] / 2, numPatches)
+    isOpen = np.bincount(patch, np.any(surface.facetsPerHalfedge() == 1, axis=1), numPatches) > 0
+    isInside = np.where(isOpen, volumes < -0.01 * areas**1.5, volumes < 0)
+    turned = isInside[patch]
+    surface.triangles = np.where(turned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
+    if isInside.any():
+        surface.notes.append(f"{counted(int(isInside.sum()), 'surface')} inside out and turned")
+
+
+def _part(surface):
+    """Give each sheet of a surface that touches itself, at a vertex or along an edge, vertices of its own."""
+    first, second, left = _sheets(surface)
+    if len(left):
+        where = place(surface.vertices[surface.triangles.ravel()[left[0]]])
+        surface.notes.append(f"{counted(len(left), 'edge')} left with more than two facets, one of them at {where}")
+    corner = np.arange(surface.triangles.size)
+    following = _next(corner)
+    _, fan = _components(np.r_[first, following[first]], np.r_[following[second], second], len(corner))
+    vertex = surface.triangles.ravel()
+    _, example, member = np.unique(fan, return_index=True, return_inverse=True)
+    owner = vertex[example]  # of each fan
+    order = np.argsort(example, kind="stable")
+    isOwn = np.zeros(len(example), dtype=bool)
+    isOwn[order[np.unique(owner[order], return_index=True)[1]]] = True
+    if isOwn.all():
+        return
+    numbers = owner.copy()
+    numbers[~isOwn] = len(surface.vertices) + np.arange(np.sum(~isOwn))
+    isParted = np.isin(owner, owner[~isOwn])
+    vertices = np.concatenate((surface.vertices, surface.vertices[owner[~isOwn]]))
+    ends = surface.vertices[vertex[following]] + surface.vertices[vertex[following[following]]]
+    means = np.column_stack([np.bincount(member, ends[:, k]) for k in range(3)])
+    means /= 2 * np.bincount(member)[:, np.newaxis]
+    moved = numbers[isParted]
+    vertices[moved] += _PARTING * (means[isParted] - vertices[moved])
+    surface.vertices, surface.triangles = vertices, numbers[member].reshape(-1, 3)
+    surface.notes.append(
+        f"{counted(len(np.unique(owner[~isOwn])), 'vertex', 'vertices')} parted where the surface touched itself, and "
+        f"moved by {_PARTING:g} of an edge"
+    )
+
+
+def _sheets(surface):
+    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet, and a halfedge of
+    each edge where that is not certain.
+    """
+    order, start, counts = surface.edges()
+    origin, _ = connectivity.halfedges(surface.triangles)
+    two = start[counts == 2]
+    first, second = order[two], order[two + 1]
+    agree = origin[first] != origin[second]
+    pairs, left = [(first[agree], second[agree])], []
+    for e in np.flatnonzero(counts > 2).tolist():
+        some = order[start[e] : start[e] + counts[e]]
+        paired = _pairAround(surface, some, origin)
+        if paired is None:
+            left.append(some[0])
+        else:
+            pairs.append(paired)
+    return np.concatenate([p for p, _ in pairs]), np.concatenate([q for _, q in pairs]), np.array(left, dtype=int)
+
+
+def _pairAround(surface, some, origin):
+    """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside; None if they are not as many
+    in one direction as in the other.
+    """
+    i = origin[some].min()
+    forward = origin[some] == i
+    if 2 * forward.sum() != len(some):
+        return None
+    j = surface.triangles.ravel()[_next(some[forward][0])]
+    axis = surface.vertices[j] - surface.vertices[i]
+    apexes = surface.vertices[surface.triangles.ravel()[_next(_next(some))]] - surface.vertices[i]
+    u = np.cross(axis, apexes[0])
+    v = np.cross(axis, u)
+    angles = np.arctan2(apexes @ u * np.linalg.norm(axis), apexes @ v)
+    around = some[np.argsort(angles, kind="stable")]
+    isForward = origin[around] == i
+    # With the outside in front of each facet, the inside is between one that runs backward and the next that runs
+    # forward.
+    begin = np.flatnonzero(~isForward & np.roll(isForward, -1))
+    if 2 * len(begin) != len(around):
+        return None
+    return np.roll(around, -1)[begin], around[begin]
+
+
+def _keepSurfaces(surface, wanted):
+    """Leave out surfaces that are not to be kept, and specks."""
+    count, label = surfaces(surface.triangles, len(surface.vertices))
+    areas = np.bincount(label, surface.areas()[0] / 2, count)
+    if wanted.keep is not None:
+        wrong = [k for k in wanted.keep if not 0 <= k < count]
+        if wrong or not wanted.keep:
+            numbers = "surface 0" if count == 1 else f"surfaces from 0 to {count - 1}"
+            raise ValueError(f"surface {wrong[0] if wrong else 'none'} is to be kept; there are {numbers}")
+        isKept, word = np.isin(np.arange(count), wanted.keep), "surface"
+    else:
+        isKept, word = areas >= wanted.smallest * areas.max(initial=0.0), "speck"
+    gone = np.flatnonzero(~isKept)
+    for k in gone[:_NAMED]:
+        mine = surface.triangles[label == k]
+        surface.notes.append(
+            f"a {word} of {len(mine)} facets and area {areas[k]:.3g} was left out, at "
+            f"{place(surface.vertices[np.unique(mine)].mean(axis=0))}"
+        )
+    if len(gone) > _NAMED:
+        surface.notes.append(f"{counted(len(gone) - _NAMED, f'more {word}')} left out, of area {areas[gone].max():.3g} at most")
+    surface.triangles = surface.triangles[isKept[label]]
+
+
+def surfaces(triangles: NDArray[np.integer], numVertices: int) -> tuple[int, NDArray[np.int64]]:
+    """Return the number of connected surfaces and that of each triangle, in the order of their first triangles."""
+    _, label = connectivity.labelComponents(triangles, numVertices)
+    _, first, mine = np.unique(label[triangles[:, 0]], return_index=True, return_inverse=True)
+    return len(first), np.argsort(np.argsort(first))[mine]
+
+
+# --- holes
+
+
+def _holes(surface, close):
+    """Note the holes, with their length and place, or close them."""
+    loops = _loops(surface)
+    x = surface.vertices
+    lengths = [float(np.linalg.norm(x[loop] - x[np.roll(loop, -1)], axis=1).sum()) for loop in loops]
+    byLength = sorted(zip(lengths, loops), key=lambda item: -item[0])
+    fate = "was closed" if close else "is left open"
+    for length, loop in byLength[:_NAMED]:
+        surface.notes.append(
+            f"a hole of {len(loop)} edges, {length:.4g} long in all, around {place(x[loop].mean(axis=0))}, {fate}"
+        )
+    if len(loops) > _NAMED:
+        surface.notes.append(f"{counted(len(loops) - _NAMED, 'smaller hole')} {'closed' if close else 'left open'}")
+    if close and loops:
+        _close(surface, loops)
+
+
+def _loops(surface):
+    """Return the vertices around each hole, in the direction in which the triangles run along it."""
+    order, start, counts = surface.edges()
+    origin, target = connectivity.halfedges(surface.triangles)
+    single = order[start[counts == 1]]
+    after = dict(zip(origin[single].tolist(), target[single].tolist()))
+    loops = []
+    while after:
+        first, v = after.popitem()
+        loop = [first]
+        while v != first and v in after:
+            loop.append(v)
+            v = after.pop(v)
+        loops.append(np.array(loop))
+    return loops
+
+
+def _close(surface, loops):
+    """Close holes: those of three edges with a triangle, others with triangles around a vertex in their middle."""
+    middles, triangles = [], []
+    for loop in loops:
+        if len(loop) == 3:
+            triangles.append(loop[[1, 0, 2]][np.newaxis])
+            continue
+        middle = np.full(len(loop), len(surface.vertices) + len(middles))
+        middles.append(surface.vertices[loop].mean(axis=0))
+        triangles.append(np.column_stack((np.roll(loop, -1), loop, middle)))
+    surface.vertices = np.concatenate((surface.vertices, np.reshape(middles, (-1, 3))))
+    surface.triangles = np.concatenate((surface.triangles, *triangles))
