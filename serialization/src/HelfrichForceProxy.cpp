@@ -10,9 +10,9 @@ using namespace std;
 
 /**
  * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and
- * the pressure.
+ * the pressure, version 5 the length scale of the repulsion.
  */
-static const int VERSION = 4, OLDEST_VERSION = 1;
+static const int VERSION = 5, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -36,12 +36,15 @@ static void storeRepulsion(const HelfrichParameters& p, SerializationNode& node)
     node.setDoubleProperty("modulus", p.moduli[Term::Repulsion])
             .setDoubleProperty("onset", p.repulsionOnset)
             .setIntProperty("exponent", p.repulsionExponent)
-            .setIntProperty("exclusionLevel", p.repulsionExclusionLevel);
+            .setIntProperty("exclusionLevel", p.repulsionExclusionLevel)
+            .setDoubleProperty("lengthScale", p.repulsionLengthScale);
 }
 
-static void loadRepulsion(HelfrichForce& force, const SerializationNode& node) {
+static void loadRepulsion(HelfrichForce& force, const SerializationNode& node, int version) {
     force.setRepulsion(node.getDoubleProperty("modulus"), node.getDoubleProperty("onset"),
                        node.getIntProperty("exponent"), node.getIntProperty("exclusionLevel"));
+    if (version > 4)
+        force.setRepulsionLengthScale(node.getDoubleProperty("lengthScale"));
 }
 
 static void storeFixedEdges(const HelfrichForce& force, SerializationNode& node) {
@@ -99,7 +102,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     force->setLeafletSeparation(node.getDoubleProperty("leafletSeparation"));
     int version = node.getIntProperty("version");
     loadTether(*force, node.getChildNode("Tether"), version);
-    loadRepulsion(*force, node.getChildNode("Repulsion"));
+    loadRepulsion(*force, node.getChildNode("Repulsion"), version);
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
     if (version > 1)
         loadFixedEdges(*force, node.getChildNode("FixedEdges"));

@@ -1,5 +1,6 @@
 """Commands that look at meshes and at the results of runs."""
 
+import contextlib
 import warnings
 from pathlib import Path
 from typing import Annotated
@@ -25,25 +26,39 @@ def check(
     scale: Annotated[
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,
-    length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm",
+    length_unit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The unit of lengths, as in the configuration: nm, angstrom, um, '100 nm' ..."
+        ),
+    ] = None,
 ) -> None:
-    """Describe a mesh, and say what to simulate it with.
+    """Describe a mesh, and say whether a run would sample it.
 
     Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes
-    through itself, area and volume, and the tether's bounds and the step size that a run takes by default.  Ends with
-    exit code 1 if the mesh cannot be simulated, and says why.
+    through itself, area and volume, of each surface if there are several, and the tether's bounds and the step size
+    that a run takes by default.  The verdict is "ready", or the commands after which it is; then the exit code is 1.
 
-    Example: openmm-helfrich check cell.stl --scale 0.001
+    Example: openmm-helfrich check cell.stl --length-unit angstrom
     """
     from ..geometry.mesh import Mesh
     from ..geometry.quality import assess
+    from ..runs.readiness import judge
 
-    surface = Mesh.read(mesh, unit=scale)
-    try:
-        quality = assess(surface)
-    except ValueError as error:
-        raise ValueError(f"{mesh}: {error}") from None
-    _print(quality.lines(length_unit) + _suggestions(surface, scale, length_unit))
+    section = _meshSection(mesh, scale, length_unit)
+    surface = Mesh.read(mesh, unit=section.scale)
+    verdict = judge(surface, mesh)
+    with contextlib.suppress(ValueError):  # the verdict says it
+        _print(assess(surface).lines(section.length_unit) + _suggestions(surface))
+    _print([("note", note) for note in surface.notes])
+    if verdict.reason is None:
+        _print([("verdict", "ready")])
+        return
+    if not verdict.commands:
+        raise ValueError(f"{mesh}: {verdict.reason}")
+    _print([("reason", verdict.reason), *(("repair", note) for note in verdict.notes), ("verdict", "ready after")])
+    print("\n".join(verdict.commands))
+    raise typer.Exit(1)
 
 
 @app.command()
@@ -231,15 +246,19 @@ def report(
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 
-def _suggestions(mesh, scale, unit):
-    """Return what a run does with a mesh by default, or that it needs another scale first."""
+def _meshSection(mesh, scale, lengthUnit):
+    """Return the section of a configuration that has these values, and the same rules for them."""
     from ..runs.config import parseConfig
-    from ..runs.scene import GREATEST_EDGE, LEAST_EDGE, Scene, betterScale
 
-    length = mesh.edgeLengths.mean()
-    if not LEAST_EDGE <= length <= GREATEST_EDGE:
-        needed = f"runs take {LEAST_EDGE:g} to {GREATEST_EDGE:g}, so give them scale = {betterScale(scale, length):g}"
-        return [("warning", f"the mean edge length is {length:.3g} {unit}; {needed} in [mesh]")]
+    given = {"file": str(mesh), "scale": scale} | ({} if lengthUnit is None else {"length_unit": lengthUnit})
+    return parseConfig({"mesh": given}, "check").mesh
+
+
+def _suggestions(mesh):
+    """Return what a run does with a mesh by default."""
+    from ..runs.config import parseConfig
+    from ..runs.scene import Scene
+
     scene = Scene.of(parseConfig({"mesh": {"file": "mesh"}}), mesh)
     bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
     energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"

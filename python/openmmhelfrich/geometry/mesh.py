@@ -159,7 +159,9 @@ class Mesh:
             mesh = cls(content.points, content.triangles(), content.box)
             used = len(np.unique(mesh.triangles))
             if used < len(mesh.vertices):
-                content.notes.append(f"{mending.counted(len(mesh.vertices) - used, 'vertex', 'vertices')} of no face left out")
+                content.notes.append(
+                    f"{mending.counted(len(mesh.vertices) - used, 'vertex', 'vertices')} of no face left out"
+                )
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:

@@ -1,15 +1,19 @@
 """Whether trajectories from a mesh will be accepted, found out before a run rather than after it."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from openmm import OpenMMException, app, unit
 
+from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..geometry.quality import dihedralAngles, triangleAngles
 from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
 from ..units import valueIn
+from .config import parseConfig
 from .scene import Scene, currentMesh
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -32,29 +36,87 @@ def obstacle(
         return None
     tether, lengths = scene.tether, mesh.edgeLengths
     return (
-        f"trajectories from this mesh are not accepted: its edges are {lengths.min():.3g} to {lengths.max():.3g} {scene.lengthUnit} "
-        f"long, where the tether keeps them from {tether.minLength:.3g} to {tether.maxLength:.3g}, and its triangles "
-        f"have angles down to {triangleAngles(mesh).min():.2g} degrees"
+        f"trajectories from this mesh are not accepted: its edges are {lengths.min():.3g} to {lengths.max():.3g} "
+        f"{scene.lengthUnit} long, where the tether keeps them from {tether.minLength:.3g} to {tether.maxLength:.3g}, "
+        f"and its triangles have angles down to {triangleAngles(mesh).min():.2g} degrees"
     )
 
 
-def remedy(scene: Scene, mesh: Mesh, file: str | None) -> str:
-    """Return the command that makes a mesh ready."""
-    source = Path(file or "mesh.ply")
-    return f"openmm-helfrich remesh {source} {source.with_name(source.stem + '_even.ply')} --vertices {_number(scene, mesh)}"
-
-
-def requireReady(
-    scene: Scene, simulation: app.Simulation, force: HelfrichForce, stepSize: float | None = None
-) -> None:
+def requireReady(scene: Scene, simulation: app.Simulation, force: HelfrichForce, stepSize: float | None = None) -> None:
     """Raise a ValueError if a run from the present shape would sample nothing."""
     sentence = obstacle(scene, simulation, force, stepSize)
     if sentence is not None:
         file = scene.config.mesh.file
         raise ValueError(
-            f"{file or '[mesh] icosphere'}: {sentence}; it is ready after\n{remedy(scene, scene.mesh, file)}\n"
-            f"or with remesh = {_number(scene, scene.mesh)} in [mesh]"
+            f"{file or '[mesh] icosphere'}: {sentence}; it is ready after\n"
+            f"{remeshing(file or 'mesh.ply', scene, scene.mesh)}\n"
+            f"or with remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
         )
+
+
+class Verdict(NamedTuple):
+    """Whether a mesh is ready for a run.
+
+    Attributes
+    ----------
+    reason : str or None
+        why it is not
+    commands : sequence of str
+        what makes it ready; none if it is, or if nothing is known that does
+    notes : sequence of str
+        what the first of them would do
+    """
+
+    reason: str | None = None
+    commands: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+def judge(mesh: Mesh, file: PathLike) -> Verdict:
+    """Return the Verdict on a mesh that was read from a file, for a run with default settings."""
+    reason, repair, notes = _obstacleOf(mesh), [], []
+    if reason is None:
+        return Verdict()
+    try:
+        repaired = mesh.repaired()
+    except ValueError:
+        repaired = mesh
+    if repaired.notes != mesh.notes:
+        target = _named(file, "repaired")
+        repair, notes = [f"openmm-helfrich repair {file} {target}"], repaired.notes
+        mesh, file = repaired, target
+    left = _obstacleOf(mesh)
+    if left is None:
+        return Verdict(reason, repair, notes)
+    try:
+        mesh.check()
+    except ValueError:
+        return Verdict(reason)
+    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
+
+
+def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
+    """Return the command that makes the mesh of a file anew."""
+    return f"openmm-helfrich remesh {file} {_named(file, 'even')} --vertices {_numVertices(scene, mesh)}"
+
+
+def _named(file, word):
+    path = Path(file)
+    return path.with_name(f"{path.stem}_{word}.ply")
+
+
+def _obstacleOf(mesh):
+    try:
+        mesh.check()
+    except ValueError as error:
+        return str(error)
+    scene = _defaultScene(mesh)
+    force = scene.createForce()
+    return obstacle(scene, scene.createSimulation(force), force)
+
+
+def _defaultScene(mesh):
+    return Scene.of(parseConfig({"mesh": {"file": "mesh"}, "sampling": {"seed": 1}}), mesh)
 
 
 def _isEven(scene, simulation, force, mesh):
@@ -93,7 +155,7 @@ def _withOwnTargets(config):
     return config
 
 
-def _number(scene, mesh):
+def _numVertices(scene, mesh):
     """Return the number of vertices with which edges are where the tether wants them."""
     if scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength:
         return max(len(mesh.vertices), 162)

@@ -18,9 +18,6 @@ from .config import Config, stagesOf, valueOf
 from .sections import MODULI
 from .stagesettings import StageSettings
 
-# Where the power laws of tether and repulsion are meant to be used.
-LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
-
 
 class Tether(NamedTuple):
     """A tether: its modulus, in kT, the least and greatest length of an edge, and the length scale of its energy."""
@@ -140,6 +137,7 @@ class Scene:
         force.setPressure(moduli["pressure"])
         if moduli["repulsion"] > 0:
             force.setRepulsion(moduli["repulsion"], self.repulsionOnset, repulsion.exponent, repulsion.exclusion_level)
+            force.setRepulsionLengthScale(repulsion.length_scale or 1.0)
         return force
 
     def createIntegrator(self) -> HybridMonteCarloIntegrator:
@@ -200,19 +198,7 @@ def loadMesh(config: Config) -> Mesh:
                 mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
-    length = mesh.edgeLengths.mean()
-    if not LEAST_EDGE <= length <= GREATEST_EDGE:
-        raise ValueError(
-            f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between "
-            f"{LEAST_EDGE:g} and {GREATEST_EDGE:g}, where the tether's power laws are meant to be used: "
-            f"try scale = {betterScale(config.mesh.scale, length):g} in [mesh]"
-        )
     return mesh
-
-
-def betterScale(scale: float, edgeLength: float) -> float:
-    """Return the power of ten times a scale of a mesh that brings the mean length of its edges to about 1/4."""
-    return scale * 10 ** -round(math.log10(4 * edgeLength))
 
 
 def currentMesh(simulation: app.Simulation, force: HelfrichForce) -> Mesh:

@@ -29,6 +29,7 @@ from .checkpoint import RunState, loadRunState, loadSimulation, saveCheckpoint
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .readiness import requireReady
 from .scene import Scene, currentMesh, platformOf
 from .stages import Stage, averagesOf, createStage
 from .summary import Summary
@@ -57,6 +58,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.notes += scene.mesh.notes
+    study.requireReady()
     outputs.prepare(config.mesh.file, config.output.overwrite)
     study.save()  # with all files empty: whatever happens from now on, the run can go on
     return study.finish(progress)
@@ -187,6 +189,13 @@ class Study:
         """Whether nothing is left to do."""
         return self.index == len(self.config.stages) - 1 and self.stage.isDone
 
+    def requireReady(self) -> None:
+        """Raise a ValueError if the present stage would sample nothing from the present shape."""
+        settings = self.scene.stages[self.index]
+        if settings.isMonteCarlo:
+            stepSize = getattr(settings, "step_size", None)
+            requireReady(self.scene, self.simulation, self.force, None if stepSize == "auto" else stepSize)
+
     def save(self) -> None:
         """Write a checkpoint."""
         if self._recorder:
@@ -242,7 +251,10 @@ class Study:
             self._note()
             if self.isComplete or isInterrupted or stop.signal is not None:
                 return
+            hasSampled = self.scene.stages[self.index].isMonteCarlo
             self.index += 1
+            if not hasSampled:
+                self.requireReady()
             self.stage = self._createStage()
 
     def _createStage(self) -> Stage:

@@ -99,7 +99,7 @@ struct HelfrichParameters {
     double targetAreaDifference = 0, leafletSeparation = 1;
     double tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
     int tetherExponent = 2;
-    double repulsionOnset = 0;
+    double repulsionOnset = 0, repulsionLengthScale = 1;
     int repulsionExponent = 2, repulsionExclusionLevel = 1;
     /**
      * Get whether a term is on.
