@@ -183,9 +183,9 @@ private:
             for (size_t j = 0; j < x.size(); j++) {
                 Real r = i == j ? Real(0) : length(subtract(x[j], x[i]));
                 if (i != j && r < Real(p.repulsionOnset) && excluded[i].count(j) == 0)
-                    energy(Term::Repulsion) +=
-                            Real(p.moduli[Term::Repulsion]) * contact(r, p.repulsionOnset, p.repulsionExponent) *
-                            pow(Real(p.repulsionLengthScale), p.repulsionExponent);
+                    energy(Term::Repulsion) += Real(p.moduli[Term::Repulsion]) *
+                                               contact(r, p.repulsionOnset, p.repulsionExponent) *
+                                               pow(Real(p.repulsionLengthScale), p.repulsionExponent);
             }
     }
     const std::vector<std::array<int, 3>>& triangles;

@@ -356,8 +356,8 @@ void testPotentialsHaveNoUnit() {
         for (auto& x : scaled.positions)
             x *= factor;
         HelfrichParameters q = p;
-        for (double* length : {&q.tetherMinLength, &q.tetherMaxLength, &q.tetherLengthScale, &q.repulsionOnset,
-                               &q.repulsionLengthScale})
+        for (double* length :
+             {&q.tetherMinLength, &q.tetherMaxLength, &q.tetherLengthScale, &q.repulsionOnset, &q.repulsionLengthScale})
             *length *= factor;
         MembraneContext other(scaled, q);
         assertEqualRelative(context.getEnergy(), other.getEnergy(), 1e-12);

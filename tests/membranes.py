@@ -108,3 +108,23 @@ def flipped(mesh, count, seed):
         mesh.vertices * (1 + 0.01 * np.random.default_rng(seed).random((len(mesh.vertices), 1))),
         force.getTrianglesInContext(context),
     )
+
+
+def uvSphere(segments, rings):
+    """Return a sphere of radius 1 by degrees of longitude and latitude, as programs for drawing make it."""
+    polar, around = np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(segments) / segments
+    theta, phi = (grid.ravel() for grid in np.meshgrid(polar, around, indexing="ij"))
+    body = np.column_stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)))
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings - 2), np.arange(segments), indexing="ij"))
+    a, b = i * segments + j, i * segments + (j + 1) % segments
+    north, south, first, last = len(body), len(body) + 1, np.arange(segments), (rings - 2) * segments
+    beside = (first + 1) % segments
+    triangles = np.concatenate(
+        (
+            np.column_stack((a, a + segments, b)),
+            np.column_stack((b, a + segments, b + segments)),
+            np.column_stack((np.full(segments, north), first, beside)),
+            np.column_stack((np.full(segments, south), last + beside, last + first)),
+        )
+    )
+    return mh.Mesh(np.concatenate((body, [[0, 0, 1], [0, 0, -1]])), triangles)

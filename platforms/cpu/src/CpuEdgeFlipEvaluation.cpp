@@ -106,7 +106,7 @@ inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& a
     area = after - before;
     Point edge = diamond.corner[3] - diamond.corner[2];
     Simd least = FLAT_TRIANGLE * dot(edge, edge);
-    energy = choose((areas[2] < least) | (areas[3] < least), broadcast(INFINITY), Simd{});
+    energy = choose((areas[2] < least) | (areas[3] < least), broadcast<double>(INFINITY), Simd{});
 }
 
 /**

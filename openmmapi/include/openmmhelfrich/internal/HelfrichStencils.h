@@ -233,18 +233,25 @@ inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
 const double FLAT_TRIANGLE = 5e-13;
 
 /**
- * The potential of a pair of vertices at distance r, which the modulus of the repulsion multiplies: contactPotential()
- * below the onset, 0 above it.
+ * The potential of a pair of vertices at distance r: contactPotential() below the onset, 0 above it.
+ *
+ * @param[out] slope  its derivative by r
+ */
+template <class Real>
+inline Real repulsionPotential(Real r, Real onset, int exponent, Real& slope) {
+    slope = 0;
+    return r < onset ? contactPotential(r, onset, exponent, slope) : Real(0);
+}
+
+/**
+ * The repulsion's potential of a pair of vertices at distance r, which its modulus multiplies.
  *
  * @param[out] slope  its derivative by r
  */
 template <class Real>
 inline Real repulsionPotential(const HelfrichParameters& p, Real r, Real& slope) {
-    slope = 0;
-    if (!(r < Real(p.repulsionOnset)))
-        return Real(0);
     Real scale = p.repulsionLengthScale;
-    Real potential = contactPotential<Real>(r / scale, p.repulsionOnset / scale, p.repulsionExponent, slope);
+    Real potential = repulsionPotential<Real>(r / scale, p.repulsionOnset / scale, p.repulsionExponent, slope);
     slope = slope / scale;
     return potential;
 }
