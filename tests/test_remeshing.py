@@ -189,7 +189,9 @@ def test_torus_of_quantities():
     np.testing.assert_allclose(mesh.vertices, other.vertices, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("arguments", [(1, 1, 0.1), (1, 0, 0.1), (1, 2, 0.1), (np.inf, 1, 0.1), (1, 0.5, 0), (3, 1, 1.1)])
+@pytest.mark.parametrize(
+    "arguments", [(1, 1, 0.1), (1, 0, 0.1), (1, 2, 0.1), (np.inf, 1, 0.1), (1, 0.5, 0), (3, 1, 1.1)]
+)
 def test_torus_out_of_range(arguments):
     with pytest.raises(ValueError, match="torus: "):
         mh.Mesh.torus(*arguments)
