@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from membranes import uvSphere
+from membranes import cube, uvSphere
 from openmmhelfrich.cli import app
 from openmmhelfrich.geometry.predicates import orientations
 from openmmhelfrich.geometry.quality import assess, crossings, dihedralAngles, triangleAngles
@@ -20,14 +20,6 @@ from openmmhelfrich.sampling.observables import readObservables
 
 def invoke(*arguments):
     return CliRunner().invoke(app, list(map(str, arguments)))
-
-
-def cube(side=1.0, corner=(0, 0, 0)):
-    return mh.Mesh(
-        side * np.array(list(product((0, 1), repeat=3)), dtype=float) + corner,
-        [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
-        + [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)],
-    )
 
 
 def shifted(mesh, *shift):

@@ -1,4 +1,4 @@
-"""Meshes made anew: the same surface and genus, as many vertices as asked for, and even triangles; tori; merged meshes."""
+"""Meshes made anew: the same surface and genus, as many vertices as asked for, even triangles; tori; merged meshes."""
 
 import sys
 
@@ -8,7 +8,7 @@ from openmm import unit
 from typer.testing import CliRunner
 
 import openmmhelfrich as mh
-from membranes import uvSphere
+from membranes import cube, uvSphere
 from openmmhelfrich.cli import app
 from openmmhelfrich.geometry.quality import genus
 from openmmhelfrich.geometry.shapes import invaginatedSphere, spheroid, surfaceOfRevolution
@@ -83,7 +83,7 @@ def test_size_does_not_matter(scale):
 
 def test_place_does_not_matter():
     mesh = mh.Mesh.icosphere(3)
-    made = mh.Mesh(mesh.vertices + [300, -200, 500], mesh.triangles).remeshed(200)
+    made = mh.Mesh(mesh.vertices + np.array([300, -200, 500]), mesh.triangles).remeshed(200)
     assert made.volume == pytest.approx(mesh.volume, rel=0.01) and made.vertices.mean(axis=0) == pytest.approx(
         [300, -200, 500], abs=0.01
     )
@@ -92,7 +92,7 @@ def test_place_does_not_matter():
 
 def test_every_surface_stays():
     one, other = uvSphere(24, 12), mh.Mesh.torus(1.0, 0.4, 0.15)
-    mesh = mh.Mesh.merged([one, mh.Mesh(other.vertices + [4, 0, 0], other.triangles)])
+    mesh = mh.Mesh.merged([one, mh.Mesh(other.vertices + np.array([4, 0, 0]), other.triangles)])
     parts = mesh.remeshed(900).components()
     assert [genus(part) for part in parts] == [0, 1]
     for part, given in zip(parts, (one, other)):
@@ -101,13 +101,8 @@ def test_every_surface_stays():
 
 
 def test_what_corners_do_not_let_be_is_said():
-    cube = mh.Mesh(
-        np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float),
-        [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
-        + [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)],
-    )
     with pytest.warns(UserWarning, match=r"the surface is up to 0\.\d+ mean edge lengths from the input"):
-        made = cube.remeshed(300)
+        made = cube().remeshed(300)
     made.check()
     assert made.volume == pytest.approx(1, rel=0.01)
     assert made.notes[0].startswith("remeshed: 300 vertices, 596 triangles; area ")

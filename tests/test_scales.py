@@ -33,7 +33,7 @@ def study(folder, factor, stages=None, **sections):
         "mesh": {"file": str(folder / "mesh.ply"), "length_unit": "R0"},
         "membrane": {"reduced_volume": 0.97},
         "repulsion": {"modulus": 5.0, "onset": 2.2 * length, "length_scale": length},
-        "sampling": {"steps": 30, "seed": 3, "steps_per_trajectory": 20},
+        "sampling": {"steps": 30, "seed": 3, "steps_per_trajectory": 20, "shear_wave_amplitude": 0.1 * factor},
         "platform": {"threads": 1},
         "output": {"prefix": str(folder / "a"), "observables_interval": 1, "overwrite": True},
     }
@@ -79,7 +79,7 @@ def test_runs_at_powers_of_ten_are_the_same_to_rounding(tmp_path, factor):
 
 @pytest.mark.parametrize("factor", [2.0**-22, 2.0**22])
 def test_automatic_step_sizes_and_amplitudes_scale(tmp_path, factor):
-    automatic = {"step_size": "auto", "steps": 60, "burn_in": 40, **MIXTURE}
+    automatic = {"step_size": "auto", "shear_wave_amplitude": "auto", "steps": 60, "burn_in": 40, **MIXTURE}
     table, other = (study(tmp_path, f, sampling=automatic) for f in (1.0, factor))
     # Adapters hold logarithms, whose rounding is not that of powers of two.
     assertSame(table.where(table["step"] < 5), other.where(other["step"] < 5), rtol=1e-12, atol=1e-12)
