@@ -10,6 +10,7 @@ import json
 import struct
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -141,69 +142,65 @@ def simplePLY(kind, x, t, vertexProperties=XYZ, faceProperties=(INDICES,), more=
     )
 
 
+def propertiesBeforeCoordinates(kind, x, t):
+    vertices = [(i % 100, [1, 2], *row) for i, row in enumerate(x.tolist())]
+    faces = [(i % 100, f) for i, f in enumerate(t.tolist())]
+    return ply(
+        kind,
+        [
+            ("vertex", ["uchar quality", "list uchar short near", *XYZ], vertices),
+            ("face", ["uchar quality", INDICES], faces),
+        ],
+    )
+
+
+def otherElements(kind, x, t):
+    return ply(
+        kind,
+        [
+            ("camera", ["float view_px", "list uchar float m"], [(1.5, [1.0, 2.0, 3.0])]),
+            ("vertex", XYZ, x.tolist()),
+            ("edge", ["int vertex1", "int vertex2"], [(0, 1), (1, 2)]),
+            ("face", [INDICES], [(f,) for f in t.tolist()]),
+            ("material", ["list uchar uchar name"], [([97, 98],), ([99],)]),
+        ],
+        head=("comment made for a test", "obj_info made for a test"),
+    )
+
+
+def facesFirst(kind, x, t):
+    return ply(kind, [("face", [INDICES], [(f,) for f in t.tolist()]), ("vertex", XYZ, x.tolist())])
+
+
+def faceColors(kind, x, t):
+    properties = [INDICES, "uchar red", "uchar green", "uchar blue", "int flags"]
+    return simplePLY(kind, x, t, faceProperties=properties, beyond=lambda i: (255, i % 256, 0, 7))
+
+
+def textureCoordinates(kind, x, t):
+    properties = [INDICES, "list uchar float texcoord"]
+    return simplePLY(kind, x, t, faceProperties=properties, beyond=lambda i: ([0.25 * (i % 4)] * 6,))
+
+
+def vertexColors(kind, x, t):
+    colors = ["uchar red", "uchar green", "uchar blue", "uchar alpha"]
+    properties = [*XYZ, "float nx", "float ny", "float nz", *colors]
+    return simplePLY(kind, x, t, properties, more=lambda i: (0, 0.5, 1, 10, 20, 30, 255))
+
+
+def vertexIndex(kind, x, t):
+    return simplePLY(kind, x, t, faceProperties=["list int uint vertex_index"])
+
+
 for kind in ("ascii", "binary_little_endian", "binary_big_endian"):
-    dialect("ply", kind)(lambda x, t, kind=kind: simplePLY(kind, x, t))
-    dialect("ply", f"{kind}, vertex_index")(
-        lambda x, t, kind=kind: simplePLY(kind, x, t, faceProperties=["list int uint vertex_index"])
-    )
-    dialect("ply", f"{kind}, colors and flags of faces")(
-        lambda x, t, kind=kind: simplePLY(
-            kind,
-            x,
-            t,
-            faceProperties=[INDICES, "uchar red", "uchar green", "uchar blue", "int flags"],
-            beyond=lambda i: (255, i % 256, 0, 7),
-        )
-    )
-    dialect("ply", f"{kind}, texture coordinates of faces")(
-        lambda x, t, kind=kind: simplePLY(
-            kind,
-            x,
-            t,
-            faceProperties=[INDICES, "list uchar float texcoord"],
-            beyond=lambda i: ([0.25 * (i % 4)] * 6,),
-        )
-    )
-    dialect("ply", f"{kind}, normals and colors of vertices")(
-        lambda x, t, kind=kind: simplePLY(
-            kind,
-            x,
-            t,
-            [*XYZ, "float nx", "float ny", "float nz", "uchar red", "uchar green", "uchar blue", "uchar alpha"],
-            more=lambda i: (0, 0.5, 1, 10, 20, 30, 255),
-        )
-    )
-
-    @dialect("ply", f"{kind}, properties before the coordinates")
-    def _(x, t, kind=kind):
-        vertices = [(i % 100, [1, 2], *row) for i, row in enumerate(x.tolist())]
-        faces = [(i % 100, f) for i, f in enumerate(t.tolist())]
-        return ply(
-            kind,
-            [
-                ("vertex", ["uchar quality", "list uchar short near", *XYZ], vertices),
-                ("face", ["uchar quality", INDICES], faces),
-            ],
-        )
-
-    @dialect("ply", f"{kind}, other elements before, between and after")
-    def _(x, t, kind=kind):
-        edges = [(0, 1), (1, 2)]
-        return ply(
-            kind,
-            [
-                ("camera", ["float view_px", "list uchar float m"], [(1.5, [1.0, 2.0, 3.0])]),
-                ("vertex", XYZ, x.tolist()),
-                ("edge", ["int vertex1", "int vertex2"], edges),
-                ("face", [INDICES], [(f,) for f in t.tolist()]),
-                ("material", ["list uchar uchar name"], [([97, 98],), ([99],)]),
-            ],
-            head=("comment made for a test", "obj_info made for a test"),
-        )
-
-    @dialect("ply", f"{kind}, faces before vertices")
-    def _(x, t, kind=kind):
-        return ply(kind, [("face", [INDICES], [(f,) for f in t.tolist()]), ("vertex", XYZ, x.tolist())])
+    dialect("ply", kind)(partial(simplePLY, kind))
+    dialect("ply", f"{kind}, vertex_index")(partial(vertexIndex, kind))
+    dialect("ply", f"{kind}, colors and flags of faces")(partial(faceColors, kind))
+    dialect("ply", f"{kind}, texture coordinates of faces")(partial(textureCoordinates, kind))
+    dialect("ply", f"{kind}, normals and colors of vertices")(partial(vertexColors, kind))
+    dialect("ply", f"{kind}, properties before the coordinates")(partial(propertiesBeforeCoordinates, kind))
+    dialect("ply", f"{kind}, other elements before, between and after")(partial(otherElements, kind))
+    dialect("ply", f"{kind}, faces before vertices")(partial(facesFirst, kind))
 
 
 @dialect("ply", "ascii, lines of Windows")
@@ -355,10 +352,12 @@ def _(x, t):
     return off(x, t, face=lambda f: [" 255 0 0", " 0.5 0.5 0.5 1.0", " 3", ""][f % 4])
 
 
+def offWithColumns(head, columns, x, t):
+    return off(x, t, head=(head,), vertex=lambda row: columns * " 0.5")
+
+
 for head, columns in {"COFF": 4, "NOFF": 3, "STOFF": 2, "CNOFF": 7, "STCNOFF": 9}.items():
-    dialect("off", head)(
-        lambda x, t, head=head, columns=columns: off(x, t, head=(head,), vertex=lambda row: columns * " 0.5")
-    )
+    dialect("off", head)(partial(offWithColumns, head, columns))
 
 
 @dialect("off", "tabs and lines of Windows")
@@ -417,7 +416,7 @@ dialect("glb", "binary")(lambda x, t: gltf(x, t, True))
 def _(x, t):
     rows = [f"{i:5d}{a:25.17g}{b:25.17g}{c:25.17g}" for i, (a, b, c) in enumerate(x)]
     faces = [f"{f:5d} {a:5d} {b:5d} {c:5d}" for f, (a, b, c) in enumerate(t)]
-    return text("version 1.1", "box   50.0   50.0   50.0", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces)
+    return text("version 1.1", "box   5e4   5e4   5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces)
 
 
 @dialect("tsi", "domains, inclusions and exclusions")
@@ -425,29 +424,26 @@ def _(x, t):
     rows = [f"{i} {numbers(row)} {i % 2}" for i, row in enumerate(x)]
     faces = [f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t)]
     more = ["inclusion 1", "0 1 0 0 1", "exclusion 1", "0 1 0.5"]
-    return text("version 1.1", "box 50 50 50", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *more)
+    return text("version 1.1", "box 5e4 5e4 5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *more)
 
 
 @dialect("q", "plain")
 def _(x, t):
     rows = [f"{i} {numbers(row)} 0" for i, row in enumerate(x)]
-    return text("50 50 50", str(len(x)), *rows, str(len(t)), *(f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t)))
+    return text(
+        "5e4 5e4 5e4", str(len(x)), *rows, str(len(t)), *(f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t))
+    )
 
 
 # --- VTK
 
 
-def polyData(x, t, others=False, strips=False):
+def polyData(x, t, others=False):
     import pyvista
 
-    data = pyvista.PolyData(x.astype(float), np.column_stack((np.full(len(t), 3), t)).ravel())
-    if others:
-        data = pyvista.PolyData(
-            x.astype(float),
-            faces=np.column_stack((np.full(len(t), 3), t)).ravel(),
-            lines=[2, 0, 1],
-            verts=[1, 0],
-        )
+    faces = np.column_stack((np.full(len(t), 3), t)).ravel()
+    more = {"lines": [2, 0, 1], "verts": [1, 0]} if others else {}
+    data = pyvista.PolyData(x.astype(float), faces=faces, **more)
     data.point_data["curvature"] = x[:, 0]
     data.cell_data["color"] = np.arange(data.n_cells)
     return data
@@ -464,66 +460,36 @@ def grid(x, t, others=False):
     return data
 
 
-def byVTK(writer, data, suffix, **settings):
-    """Return what a writer of VTK makes of data, with its settings."""
+def byVTK(make, suffix, settings, x, t, others=False):
+    """Return what VTK's writer makes of a mesh, with its settings."""
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    kind = "PolyData" if make is polyData else "UnstructuredGrid"
+    writer = getattr(vtkIOLegacy if suffix == "vtk" else vtkIOXML, f"vtk{'XML' * (suffix != 'vtk')}{kind}Writer")()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"a.{suffix}"
         writer.SetFileName(str(file))
-        writer.SetInputData(data)
+        writer.SetInputData(make(x, t, others))
         for name, value in settings.items():
-            getattr(writer, f"Set{name}")(*(value if isinstance(value, tuple) else (value,)))
+            getattr(writer, f"Set{name}")(value)
         assert writer.Write() == 1
         return file.read_bytes()
 
 
-def vtkLegacy(data, **settings):
-    from vtkmodules import vtkIOLegacy
-
-    kind = "PolyData" if data.GetDataObjectType() == 0 else "UnstructuredGrid"
-    return byVTK(getattr(vtkIOLegacy, f"vtk{kind}Writer")(), data, "vtk", **settings)
-
-
-def vtkXML(data, **settings):
-    from vtkmodules import vtkIOXML
-
-    kind, suffix = ("PolyData", "vtp") if data.GetDataObjectType() == 0 else ("UnstructuredGrid", "vtu")
-    return byVTK(getattr(vtkIOXML, f"vtkXML{kind}Writer")(), data, suffix, **settings)
-
-
-for make in (polyData, grid):
+for make, suffix in ((polyData, "vtp"), (grid, "vtu")):
     for fileType, word in enumerate(("text", "binary"), start=1):
         for version in (42, 51):
-            dialect("vtk", f"{make.__name__} {word} {version / 10}")(
-                lambda x, t, make=make, **settings: vtkLegacy(make(x, t), **settings)
-            )
-            name, (suffix, function) = list(DIALECTS.items())[-1]
-            DIALECTS[name] = (
-                suffix,
-                lambda x, t, f=function, s={"FileType": fileType, "FileVersion": version}: f(x, t, **s),
-            )
-    dialect("vtk", f"{make.__name__} with points and lines")(lambda x, t, make=make: vtkLegacy(make(x, t, True)))
-    suffix = "vtp" if make is polyData else "vtu"
-    dialect(suffix, "with points and lines")(lambda x, t, make=make: vtkXML(make(x, t, True)))
-    for mode, word in enumerate(("text", "binary", "appended")):
-        for order in (0, 1):
-            for compressor in (0, 1, 2, 3):
-                if mode > 0 or compressor == 0:
-                    dialect(
-                        suffix,
-                        f"{word}, {('big', 'little')[order]} endian, "
-                        f"compressor {('none', 'zlib', 'lz4', 'lzma')[compressor]}",
-                    )(
-                        lambda x, t, make=make, s={
-                            "DataMode": mode,
-                            "ByteOrder": order,
-                            "CompressorType": compressor,
-                        }: vtkXML(make(x, t), **s)
-                    )
-    dialect(suffix, "appended raw, 64-bit heads")(
-        lambda x, t, make=make: vtkXML(
-            make(x, t), DataMode=2, EncodeAppendedData=0, HeaderType=64, CompressorType=0
-        )
-    )
+            found = {"FileType": fileType, "FileVersion": version}
+            dialect("vtk", f"{make.__name__} {word} {version / 10}")(partial(byVTK, make, "vtk", found))
+    dialect("vtk", f"{make.__name__} with points and lines")(partial(byVTK, make, "vtk", {}, others=True))
+    dialect(suffix, "with points and lines")(partial(byVTK, make, suffix, {}, others=True))
+    for mode, order, compressor in ((0, 1, 0), (0, 0, 0), (1, 1, 1), (1, 0, 2), (2, 1, 3), (2, 0, 0), (2, 1, 2)):
+        words = ("text", "binary", "appended")[mode], ("big", "little")[order]
+        found = {"DataMode": mode, "ByteOrder": order, "CompressorType": compressor}
+        name = f"{words[0]}, {words[1]} endian, compressor {('none', 'zlib', 'lz4', 'lzma')[compressor]}"
+        dialect(suffix, name)(partial(byVTK, make, suffix, found))
+    raw = {"DataMode": 2, "EncodeAppendedData": 0, "HeaderType": 64, "CompressorType": 0}
+    dialect(suffix, "appended raw, 64-bit heads")(partial(byVTK, make, suffix, raw))
 
 
 def ownVTU(x, t, head=""):
@@ -556,21 +522,21 @@ dialect("vtu", "sections of its own")(lambda x, t: ownVTU(x, t, "<programversion
 # --- GMSH
 
 
-def gmsh(x, t, fileFormat, binary, others=False):
+def gmsh(fileFormat, binary, others, x, t):
     import meshio
 
     cells = [("vertex", [[0]]), ("line", [[0, 1]])] if others else []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "a.msh"
         mesh = meshio.Mesh(x, [*cells, ("triangle", t)])
+        if fileFormat == "gmsh22":
+            mesh.cell_data = {f"gmsh:{key}": [np.ones(len(c.data), int) for c in mesh.cells] for key in TAGS}
         meshio.write(file, mesh, file_format=fileFormat, binary=binary)
         return file.read_bytes()
 
 
-for version, fileFormat in {"2.2": "gmsh22", "4.1": "gmsh"}.items():
-    for binary in (False, True):
-        word = "binary" if binary else "text"
-        dialect("msh", f"{version} {word}")(lambda x, t, f=fileFormat, b=binary: gmsh(x, t, f, b))
-        dialect("msh", f"{version} {word} with points and lines")(
-            lambda x, t, f=fileFormat, b=binary: gmsh(x, t, f, b, True)
-        )
+TAGS = ("physical", "geometrical")
+for binary, word in enumerate(("text", "binary")):
+    dialect("msh", f"2.2 {word}")(partial(gmsh, "gmsh22", bool(binary), False))
+    dialect("msh", f"2.2 {word} with points and lines")(partial(gmsh, "gmsh22", bool(binary), True))
+    dialect("msh", f"4.1 {word}")(partial(gmsh, "gmsh", bool(binary), False))

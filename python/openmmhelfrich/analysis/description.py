@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry import measures
+from ..geometry import connectivity, measures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
 from .frames import checkedFrames, trianglesOfEach
@@ -37,7 +37,7 @@ class ShapeDescription:
     relativeShapeAnisotropy : float
         1-3 (l_1 l_2+l_2 l_3+l_3 l_1)/(tr S)^2: 0 for a sphere, 1 for points on a line (the same source)
     shapeClass : str
-        "sphere", "prolate", "oblate", "stomatocyte" or "budded": see :func:`classifyShape`
+        "sphere", "prolate", "oblate", "stomatocyte", "budded" or "genus 1" and so on: see :func:`classifyShape`
     """
 
     area: float
@@ -112,6 +112,7 @@ def classifyShape(mesh: Mesh) -> str:
 
     With the square roots a >= b >= c of the gyration tensor's eigenvalues, the first of these that applies:
 
+    - "genus 1", "genus 2" ...: the surface has handles, as a torus has one
     - "stomatocyte": the reduced area difference is below 0.8.  Along the axisymmetric branches it is at most 0.51 for
       stomatocytes, and above 1.02 for oblates and prolates
     - "budded": along the longest axis there is a neck, a place at which the mean distance of the surface from the axis
@@ -120,6 +121,9 @@ def classifyShape(mesh: Mesh) -> str:
     - "prolate": a-b > b-c
     - "oblate": otherwise
     """
+    genus = connectivity.genus(mesh.triangles, len(mesh.vertices))
+    if genus != 0:
+        return f"genus {genus}"
     if reducedAreaDifference(mesh) < 0.8:
         return "stomatocyte"
     values, axes = np.linalg.eigh(gyrationTensor(mesh))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..version import __version__
-from . import minima, runs, shapes, sweeps, tradeoff
+from . import meshes, minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -19,6 +19,7 @@ app = typer.Typer(
 )
 app.add_typer(runs.app)
 app.add_typer(sweeps.app)
+app.add_typer(meshes.app)
 app.add_typer(shapes.app)
 app.add_typer(minima.app)
 app.add_typer(tradeoff.app)

@@ -22,7 +22,9 @@ Topology = Annotated[
 @app.command()
 @friendly
 def check(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH ...")],
+    mesh: Annotated[
+        Path, typer.Argument(metavar="MESH", help="A mesh file: STL, PLY, OBJ, OFF, VTU, VTK, GMSH, glTF, TSI ...")
+    ],
     scale: Annotated[
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,

@@ -80,6 +80,14 @@ def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexA
     return count, np.argsort(np.argsort(first))[labels]
 
 
+def genus(triangles: NDArray[np.integer], numVertices: int) -> int:
+    """Return the number of handles of all closed membranes together: 0 for spheres, 1 for a torus."""
+    count, _ = labelComponents(triangles, numVertices)
+    numLoose = numVertices - len(np.unique(triangles))
+    numEdges = len(groupHalfedges(triangles, numVertices)[1])
+    return count - numLoose - (numVertices - numLoose - numEdges + len(triangles)) // 2
+
+
 def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]) -> IndexArray:
     """Return the triangles of a set of closed membranes of which only the edges are known.
 

@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 def reducedVolume(area: float, volume: float) -> float:
     """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape."""
@@ -19,3 +22,10 @@ def reducedAreaDifference(area: float, meanCurvature: float) -> float:
     It is 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991).
     """
     return meanCurvature / math.sqrt(4 * math.pi * area)
+
+
+def localMeanCurvatures(meanCurvatures: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean curvature at each vertex from its integral there and the vertex's area; 0 where there is no area,
+    as in the force.
+    """
+    return np.divide(meanCurvatures, areas, out=np.zeros_like(areas), where=areas > 0)

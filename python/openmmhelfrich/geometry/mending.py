@@ -73,7 +73,7 @@ def repair(
     if box is not None:
         _unfold(surface, box)
     elif (sentence := foldedEdges(vertices, triangles)) is not None:
-        raise ValueError(f"{sentence}; say how long the box is to have the surface unfolded")
+        raise ValueError(f"{sentence}; the lengths of the box must be given (--box) to unfold it")
     _weld(surface, wanted.tolerance)
     if wanted.reverse:
         surface.triangles = surface.triangles[:, ::-1].copy()
@@ -101,24 +101,36 @@ def place(point: Points) -> str:
 # --- periodic boxes
 
 
-def foldedEdges(vertices: Points, triangles: NDArray[np.integer]) -> str | None:
-    """Return a sentence on edges that are as long as the mesh, as those of a surface are that was folded into a periodic
-    box, or None if there are none.
+def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | None = None) -> str | None:
+    """Return a sentence on edges that lead through the sides of a box, as those of a surface do that was folded into
+    it, or None if there are none.
 
-    Such edges are few, span nearly all of the mesh along an axis, are much longer than the others, and differ in length
-    as the others do, unlike those between the two ends of a long body.
+    Where the box is not known, they are nearly as long as the mesh.  Such edges are few, much longer than the others,
+    and lead from some vertices among the lowest to some among the highest along an axis, unlike those of spikes and of
+    long bodies with round ends; those of bodies with flat ends are all as long.
     """
+    origin, target = connectivity.halfedges(triangles)
+    steps = vertices[target] - vertices[origin]
+    if box is not None:
+        count = int(np.sum(np.any(_images(steps, box) != 0, axis=1)) // 2)
+        return (
+            f"{count} edges are longer than half of the periodic box, into which the surface is folded"
+            if count
+            else None
+        )
     if len(triangles) < 20:
         return None
-    origin, target = connectivity.halfedges(triangles)
-    steps, extents = np.abs(vertices[target] - vertices[origin]), np.ptp(vertices, axis=0)
-    usual = np.median(np.linalg.norm(steps, axis=1))
+    extents, usual = np.ptp(vertices, axis=0), np.median(np.linalg.norm(steps, axis=1))
     for axis, name in enumerate("xyz"):
-        long = steps[steps[:, axis] > max(0.7 * extents[axis], 2 * usual), axis]
-        if 0 < len(long) < 0.25 * len(steps) and long.std() > 0.05 * usual:
+        x, isLong = vertices[:, axis], steps[:, axis] > max(0.7 * extents[axis], 2 * usual)
+        long, low, high = steps[isLong, axis], np.unique(origin[isLong]), np.unique(target[isLong])
+        if not (len(long) < 0.12 * len(steps) and min(len(low), len(high)) > 2):
+            continue
+        isOutermost = x[low].max() < x.min() + 2 * usual and x[high].min() > x.max() - 2 * usual
+        if isOutermost and long.std() > 0.05 * usual:
             return (
-                f"{len(long) // 2} edges are nearly as long as the mesh along {name}, up to {long.max():.4g} of "
-                f"{extents[axis]:.4g}, so that it seems to be folded into a periodic box"
+                f"{len(long)} edges are nearly as long as the mesh along {name}, up to {long.max():.4g} of "
+                f"{extents[axis]:.4g}, so that the surface seems to be folded into a periodic box"
             )
     return None
 
@@ -127,7 +139,7 @@ def _unfold(surface, box):
     """Put the vertices of each surface beside their neighbors where edges lead through the sides of a box."""
     origin, target = connectivity.halfedges(surface.triangles)
     steps = surface.vertices[target] - surface.vertices[origin]
-    images = -np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
+    images = -_images(steps, box)
     crossing = np.any(images != 0, axis=1)
     if not crossing.any():
         return
@@ -141,6 +153,11 @@ def _unfold(surface, box):
         f"{counted(int(crossing.sum()) // 2, 'edge')} as long as the periodic box: the surface was unfolded, by moving "
         f"{moved} vertices by the box"
     )
+
+
+def _images(steps, box):
+    """Return how many boxes each step leads through, in each direction."""
+    return np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
 
 
 def _shifts(count, first, second, images):
@@ -177,7 +194,7 @@ def weldRims(vertices: Points, triangles: Triangles, distance: float) -> tuple[T
     pairs = cKDTree(vertices[rim]).query_pairs(distance, output_type="ndarray") if len(rim) else np.zeros((0, 2), int)
     if not len(pairs):
         return triangles, 0
-    count, label = _components(*pairs.T, len(rim))
+    count, label = _components(pairs[:, 0], pairs[:, 1], len(rim))
     _, first = np.unique(label, return_index=True)
     places = np.arange(len(vertices))
     places[rim] = rim[first[label]]
@@ -219,7 +236,7 @@ def _dropRepeated(surface):
         surface.triangles = surface.triangles[~isFin]
     if before > len(surface.triangles):
         surface.notes.append(
-            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck to the surface"
+            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck out"
         )
 
 
@@ -279,8 +296,8 @@ def _flip(surface, flat, sides):
         if o < 0 or origin[h] != target[o]:
             continue
         a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
-        place_ = np.searchsorted(keys, min(m, c) * n + max(m, c))
-        isBond = place_ < len(keys) and keys[place_] == min(m, c) * n + max(m, c)
+        spot = np.searchsorted(keys, min(m, c) * n + max(m, c))
+        isBond = spot < len(keys) and keys[spot] == min(m, c) * n + max(m, c)
         if m == c or isBond or isTouched[[a, b, m, c]].any():
             continue
         isTouched[[a, b, m, c]] = True
@@ -350,10 +367,27 @@ def _turnOutwards(surface, patch, numPatches):
 
 def _part(surface):
     """Give each sheet of a surface that touches itself, at a vertex or along an edge, vertices of its own."""
-    first, second, left = _sheets(surface)
+    parted = _partVertices(surface)
+    for _ in range(_ROUNDS):
+        divided = _divideEdges(surface)
+        if divided == 0:
+            break
+        parted += divided
+    if parted:
+        surface.notes.append(
+            f"{counted(parted, 'vertex', 'vertices')} added where the surface touched itself, whose sheets were moved "
+            f"apart by {_PARTING:g} of an edge"
+        )
+    order, start, counts = surface.edges()
+    left = order[start[counts > 2]]
     if len(left):
         where = place(surface.vertices[surface.triangles.ravel()[left[0]]])
         surface.notes.append(f"{counted(len(left), 'edge')} left with more than two facets, one of them at {where}")
+
+
+def _partVertices(surface):
+    """Give each fan of triangles around a vertex a vertex of its own, and return how many that added."""
+    first, second = (np.concatenate(halves) for halves in zip(*_sheets(surface)))
     corner = np.arange(surface.triangles.size)
     following = _next(corner)
     _, fan = _components(np.r_[first, following[first]], np.r_[following[second], second], len(corner))
@@ -361,68 +395,80 @@ def _part(surface):
     _, example, member = np.unique(fan, return_index=True, return_inverse=True)
     owner = vertex[example]  # of each fan
     order = np.argsort(example, kind="stable")
-    isOwn = np.zeros(len(example), dtype=bool)
-    isOwn[order[np.unique(owner[order], return_index=True)[1]]] = True
-    if isOwn.all():
-        return
+    isFirst = np.zeros(len(example), dtype=bool)
+    isFirst[order[np.unique(owner[order], return_index=True)[1]]] = True
+    if isFirst.all():
+        return 0
     numbers = owner.copy()
-    numbers[~isOwn] = len(surface.vertices) + np.arange(np.sum(~isOwn))
-    isParted = np.isin(owner, owner[~isOwn])
-    vertices = np.concatenate((surface.vertices, surface.vertices[owner[~isOwn]]))
+    numbers[~isFirst] = len(surface.vertices) + np.arange(np.sum(~isFirst))
+    vertices = np.concatenate((surface.vertices, surface.vertices[owner[~isFirst]]))
+    isParted = np.isin(owner, owner[~isFirst])
     ends = surface.vertices[vertex[following]] + surface.vertices[vertex[following[following]]]
-    means = np.column_stack([np.bincount(member, ends[:, k]) for k in range(3)])
-    means /= 2 * np.bincount(member)[:, np.newaxis]
-    moved = numbers[isParted]
-    vertices[moved] += _PARTING * (means[isParted] - vertices[moved])
+    sums = np.column_stack([np.bincount(member, ends[:, k]) for k in range(3)])
+    means = sums / (2 * np.bincount(member)[:, np.newaxis])
+    vertices[numbers[isParted]] += _PARTING * (means[isParted] - vertices[numbers[isParted]])
     surface.vertices, surface.triangles = vertices, numbers[member].reshape(-1, 3)
-    surface.notes.append(
-        f"{counted(len(np.unique(owner[~isOwn])), 'vertex', 'vertices')} parted where the surface touched itself, and "
-        f"moved by {_PARTING:g} of an edge"
-    )
+    return int(np.sum(~isFirst))
+
+
+def _divideEdges(surface):
+    """Divide edges at which sheets touch that share their ends, with a vertex in the middle for each sheet; return how
+    many vertices that added.
+    """
+    (_, _), (first, second) = _sheets(surface)
+    vertices: list[Points] = []
+    triangles, isTouched = [surface.triangles], np.zeros(len(surface.triangles), dtype=bool)
+    for h, o in zip(first.tolist(), second.tolist()):
+        if isTouched[[h // 3, o // 3]].any():
+            continue
+        isTouched[[h // 3, o // 3]] = True
+        (i, j, a), b = np.roll(surface.triangles[h // 3], -(h % 3)), surface.triangles.ravel()[_next(_next(o))]
+        x, m = surface.vertices, len(surface.vertices) + len(vertices)
+        middle = (x[i] + x[j]) / 2
+        vertices.append(middle + _PARTING * ((x[a] + x[b]) / 2 - middle))
+        surface.triangles[h // 3], surface.triangles[o // 3] = (m, j, a), (m, i, b)
+        triangles.append(np.array([(i, m, a), (j, m, b)]))
+    surface.vertices = np.concatenate((surface.vertices, np.reshape(vertices, (-1, 3))))
+    surface.triangles = np.concatenate(triangles)
+    return len(vertices)
 
 
 def _sheets(surface):
-    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet, and a halfedge of
-    each edge where that is not certain.
+    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet: those of edges
+    with two triangles, and those of edges with more, where they can be told.
     """
     order, start, counts = surface.edges()
     origin, _ = connectivity.halfedges(surface.triangles)
     two = start[counts == 2]
     first, second = order[two], order[two + 1]
     agree = origin[first] != origin[second]
-    pairs, left = [(first[agree], second[agree])], []
+    crowded = [np.zeros((2, 0), dtype=np.int64)]
     for e in np.flatnonzero(counts > 2).tolist():
-        some = order[start[e] : start[e] + counts[e]]
-        paired = _pairAround(surface, some, origin)
-        if paired is None:
-            left.append(some[0])
-        else:
-            pairs.append(paired)
-    return np.concatenate([p for p, _ in pairs]), np.concatenate([q for _, q in pairs]), np.array(left, dtype=int)
+        crowded.append(_pairAround(surface, order[start[e] : start[e] + counts[e]], origin))
+    return (first[agree], second[agree]), np.concatenate(crowded, axis=1)
 
 
 def _pairAround(surface, some, origin):
-    """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside; None if they are not as many
-    in one direction as in the other.
+    """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside, as two rows; none if they
+    are not as many in one direction as in the other.
     """
+    none = np.zeros((2, 0), dtype=np.int64)
     i = origin[some].min()
     forward = origin[some] == i
     if 2 * forward.sum() != len(some):
-        return None
+        return none
     j = surface.triangles.ravel()[_next(some[forward][0])]
     axis = surface.vertices[j] - surface.vertices[i]
     apexes = surface.vertices[surface.triangles.ravel()[_next(_next(some))]] - surface.vertices[i]
     u = np.cross(axis, apexes[0])
     v = np.cross(axis, u)
-    angles = np.arctan2(apexes @ u * np.linalg.norm(axis), apexes @ v)
+    angles = np.arctan2(apexes @ u * np.linalg.norm(axis), -apexes @ v)
     around = some[np.argsort(angles, kind="stable")]
     isForward = origin[around] == i
     # With the outside in front of each facet, the inside is between one that runs backward and the next that runs
     # forward.
     begin = np.flatnonzero(~isForward & np.roll(isForward, -1))
-    if 2 * len(begin) != len(around):
-        return None
-    return np.roll(around, -1)[begin], around[begin]
+    return none if 2 * len(begin) != len(around) else np.stack((np.roll(around, -1)[begin], around[begin]))
 
 
 def _keepSurfaces(surface, wanted):
@@ -445,7 +491,9 @@ def _keepSurfaces(surface, wanted):
             f"{place(surface.vertices[np.unique(mine)].mean(axis=0))}"
         )
     if len(gone) > _NAMED:
-        surface.notes.append(f"{counted(len(gone) - _NAMED, f'more {word}')} left out, of area {areas[gone].max():.3g} at most")
+        surface.notes.append(
+            f"{counted(len(gone) - _NAMED, f'more {word}')} left out, of area {areas[gone].max():.3g} at most"
+        )
     surface.triangles = surface.triangles[isKept[label]]
 
 
@@ -495,7 +543,8 @@ def _loops(surface):
 
 def _close(surface, loops):
     """Close holes: those of three edges with a triangle, others with triangles around a vertex in their middle."""
-    middles, triangles = [], []
+    middles: list[Points] = []
+    triangles: list[Triangles] = []
     for loop in loops:
         if len(loop) == 3:
             triangles.append(loop[[1, 0, 2]][np.newaxis])

@@ -13,7 +13,7 @@ from openmm import app, unit
 
 from ..files import PathLike
 from ..units import valueIn
-from . import connectivity, mending, meshfiles
+from . import atomnames, connectivity, mending, meshfiles
 from .measures import reducedVolume
 from .relaxation import TorusSurface, Triangulation, relax, torusTriangulation
 from .remeshing import remesh
@@ -157,11 +157,7 @@ class Mesh:
         try:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
-            used = len(np.unique(mesh.triangles))
-            if used < len(mesh.vertices):
-                content.notes.append(
-                    f"{mending.counted(len(mesh.vertices) - used, 'vertex', 'vertices')} of no face left out"
-                )
+            content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:
@@ -203,8 +199,8 @@ class Mesh:
         closeHoles: bool = False,
         reverse: bool = False,
     ) -> "Mesh":
-        """Return a mesh with the faults mended that files of meshes have; its :attr:`notes` say each thing that was done
-        in a sentence.
+        """Return a mesh with the faults mended that files of meshes have; its :attr:`notes` say each thing that was
+        done in a sentence.
 
         A surface that is folded into a periodic box is unfolded.  Corners along open edges that are close to each other
         are welded.  Facets that have no area, lie on another one or stick to the surface by an edge are taken away.
@@ -260,7 +256,23 @@ class Mesh:
         """
         if not np.all(np.isfinite(self.vertices)):
             raise ValueError(_notFinite(self.vertices))
-        connectivity.check(self.vertices, self.triangles)
+        if (sentence := mending.foldedEdges(self.vertices, self.triangles, self.box)) is not None:
+            raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
+        try:
+            connectivity.check(self.vertices, self.triangles)
+        except ValueError as error:
+            raise ValueError(f"{error}{self._remedy()}") from None
+
+    def _remedy(self):
+        """Return what to do about a fault, to go on a sentence."""
+        if not len(self.triangles):
+            return ""
+        try:
+            mended = self.repaired()
+            connectivity.check(mended.vertices, mended.triangles)
+        except ValueError as error:
+            return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {error}"
+        return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
 
     def remeshed(self, numVertices: int | None = None, edgeLength: float | unit.Quantity | None = None) -> "Mesh":
         """Return a mesh of even triangles on the same surface, of the same genus.
@@ -295,17 +307,19 @@ class Mesh:
         each edge.
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
-        their ids.
+        their ids.  Names of atoms and the order of bonds are such that files of OpenMM (PDB, PDBx/mmCIF) keep all of
+        them.
         """
         topology = app.Topology()
         chain = topology.addChain("M")
         _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
-        atoms, residue, current = [], None, None
+        atoms: list[app.topology.Atom] = []
+        residue, current = None, None
         for membrane in label.tolist():
             if membrane != current:
                 residue, current = topology.addResidue("MEM", chain, id=str(membrane + 1)), membrane
-            atoms.append(topology.addAtom("V", None, residue))
-        for i, j in self.edges.tolist():
+            atoms.append(topology.addAtom(atomnames.nameOf(len(atoms)), None, residue))
+        for i, j in atomnames.orderOfBonds(self.edges, len(self.vertices)).tolist():
             topology.addBond(atoms[i], atoms[j])
         return topology
 
@@ -364,16 +378,18 @@ class Mesh:
         edges, in nm.
 
         They add up to 4 pi R on a sphere; divided by :attr:`vertexAreas` they are the local mean curvature, 1/R.  The
-        surface must be closed.
+        surface must be closed.  The dihedral angle beside a triangle without area is 0, as in the force.
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
         edge = self.vertices[target] - self.vertices[origin]
         length = np.linalg.norm(edge, axis=1)
         normals = self._normals()
-        normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
+        sizes = np.linalg.norm(normals, axis=1)
+        normals /= np.where(sizes > 0, sizes, 1)[:, np.newaxis]
         nf, ng = normals[first // 3], normals[second // 3]
-        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
+        # 0 is added so that it is never -0: two triangles folded onto each other have the angle pi, as in the force.
+        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / np.where(length > 0, length, 1) + 0.0
         curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
         return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 

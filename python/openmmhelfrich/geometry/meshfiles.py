@@ -44,7 +44,7 @@ def read(path: Path) -> Content:
         if suffix in _OF_BYTES:
             return _OF_BYTES[suffix](path.read_bytes())
         return _OF_FILES.get(suffix, meshiofiles.read)(path)
-    except (ValueError, OSError):
+    except (ValueError, PermissionError):
         raise
     except Exception as error:  # what a library raises at a damaged file may be anything
         raise ValueError(f"it cannot be read as {suffix[1:].upper()}: {type(error).__name__} {error}") from None

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
+from ..geometry.measures import localMeanCurvatures
 from ..geometry.mesh import Mesh
 
 VERSION = (2, 0)
@@ -54,7 +55,7 @@ class MeshFrame(NamedTuple):
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
     """Return a MeshFrame of a closed mesh with the mean curvature and the area of its vertices."""
     area = mesh.vertexAreas
-    return MeshFrame(step, mesh, {"MeanCurvature": mesh.vertexMeanCurvatures / area, "Area": area})
+    return MeshFrame(step, mesh, {"MeanCurvature": localMeanCurvatures(mesh.vertexMeanCurvatures, area), "Area": area})
 
 
 def writeMeshTrajectory(

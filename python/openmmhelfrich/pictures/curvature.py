@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.measures import localMeanCurvatures
 from ..geometry.mesh import Mesh
 
 
@@ -15,4 +16,4 @@ def smoothMeanCurvature(mesh: Mesh, rounds: int = 2) -> NDArray[np.float64]:
     curvature, area = mesh.vertexMeanCurvatures, mesh.vertexAreas
     for _ in range(rounds):
         curvature, area = (x + np.bincount(a, x[b], len(x)) + np.bincount(b, x[a], len(x)) for x in (curvature, area))
-    return curvature / area
+    return localMeanCurvatures(curvature, area)

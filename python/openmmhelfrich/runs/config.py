@@ -96,7 +96,7 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     if not path.exists():
         raise FileNotFoundError(f"there is no configuration file {path}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not TOML: {error}") from None
 

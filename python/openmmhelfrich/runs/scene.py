@@ -190,7 +190,7 @@ def loadMesh(config: Config) -> Mesh:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
     else:
         source = str(config.mesh.file)
-        mesh = Mesh.read(source, unit=config.mesh.scale)
+        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair)
     try:
         mesh.check()
         if config.mesh.remesh is not None:

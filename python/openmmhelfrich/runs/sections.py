@@ -89,7 +89,7 @@ class MeshSection(Section):
     file: str | None = Field(
         None,
         min_length=1,
-        description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH ...), relative to the configuration's folder",
+        description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH, glTF, TSI ...), relative to the configuration's folder",
     )
     icosphere: int | None = Field(
         None,
@@ -108,6 +108,11 @@ class MeshSection(Section):
         ge=12,
         description="make the mesh anew, of so many vertices and even triangles on the same surface; takes the extra "
         "openmm-helfrich[remesh]",
+    )
+    repair: bool = Field(
+        False,
+        description="mend the mesh as the command repair does, and say what was done: weld corners, take away facets "
+        "without area and specks, turn surfaces outwards",
     )
     length_unit: str = Field(
         "nm",

@@ -12,6 +12,7 @@ import openmm as mm
 from openmm import app, unit
 
 from ..files import PathLike
+from ..geometry.measures import localMeanCurvatures
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
@@ -197,7 +198,7 @@ class MeshReporter:
             MeshFrame(
                 simulation.currentStep,
                 mesh,
-                {"MeanCurvature": np.float32(curvatures / areas), "Area": np.float32(areas)},
+                {"MeanCurvature": np.float32(localMeanCurvatures(curvatures, areas)), "Area": np.float32(areas)},
             )
         )
 

@@ -55,7 +55,9 @@ def _cells(data):
         types = [np.full(group.GetNumberOfCells(), kind) for group, kind in zip(groups, (2, 4, 7, 6))]
     sizes = [np.diff(_array(group.GetOffsetsArray())) for group in groups]
     corners = [_array(group.GetConnectivityArray()) for group in groups]
-    return tuple(np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64) for parts in (types, sizes, corners))
+    return tuple(
+        np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64) for parts in (types, sizes, corners)
+    )
 
 
 def _array(data):

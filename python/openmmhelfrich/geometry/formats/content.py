@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mending import counted, weldRims
+
 
 @dataclass
 class Content:
@@ -51,10 +53,23 @@ class Content:
         points, places = mergeEqual(corners.reshape(-1, 3))
         return cls.ofTriangles(points, places.reshape(-1, 3), *notes)
 
-    def note(self, count: int, what: str, fate: str) -> None:
-        """Note how many of something there were and what became of them, if there were any."""
+    def noteLeftOut(self, count: int, what: str) -> None:
+        """Note how many of something were left out, if there were any."""
         if count:
-            self.notes.append(f"{count} {what} {'was' if count == 1 else 'were'} {fate}")
+            self.notes.append(f"{what} were left out: {count}")
+
+    def welded(self, distance: float) -> "Content":
+        """Return the faces as triangles, with vertices of open edges that are closer than a distance made one."""
+        triangles, points = self.triangles(), self.points.astype(np.float64)
+        if not np.all(np.isfinite(points)):
+            return self
+        triangles, count = weldRims(points, triangles, distance)
+        if count == 0:
+            return self
+        used = np.zeros(len(points), dtype=bool)
+        used[triangles] = True
+        note = f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}"
+        return Content.ofTriangles(self.points[used], (np.cumsum(used) - 1)[triangles], *self.notes, note)
 
     def triangles(self) -> NDArray[np.int64]:
         """Return the faces as triangles, (T, 3); those of more corners are divided, which is noted.
@@ -77,7 +92,7 @@ class Content:
             raise ValueError("the mesh has no triangles")
         if np.all(sizes == 3):
             return corners.reshape(-1, 3)
-        self.note(int(np.sum(sizes < 3)), "faces of less than three corners", "left out")
+        self.noteLeftOut(int(np.sum(sizes < 3)), "faces of less than three corners")
         result = self._divided(corners, sizes)
         wide = sizes[sizes > 3]
         if len(wide):

@@ -29,7 +29,7 @@ def readTSI(content: bytes) -> Content:
         *(x for name in ("vertex", "triangle") for x in (sections[name] + 1, _count(lines, sections[name]))),
     )
     for name in sections.keys() - {"version", "box", "vertex", "triangle"}:
-        result.note(_count(lines, sections[name]), f"lines of the section '{name}'", "left out")
+        result.noteLeftOut(_count(lines, sections[name]), f"lines of the section '{name}'")
     return result
 
 
@@ -42,7 +42,7 @@ def readQ(content: bytes) -> Content:
     lines.require(2, numVertices + 1, "lines of vertices and the number of triangles")
     numTriangles = lines.integers(2 + numVertices, 1, "the number of triangles")[0]
     result = _content(lines, box, 2, numVertices, 3 + numVertices, numTriangles)
-    result.note(len(lines) - 3 - numVertices - numTriangles, "lines after the last triangle", "left out")
+    result.noteLeftOut(len(lines) - 3 - numVertices - numTriangles, "lines after the last triangle")
     return result
 
 
@@ -81,7 +81,7 @@ def _byPlace(numbers, triangles):
 def textOf(
     suffix: str, points: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None
 ) -> str:
-    """Return the text of a .tsi or .q file; without a box, one twice as long as the mesh in each direction is made up."""
+    """Return the text of a .tsi or .q file; without a box, it has one of twice the mesh's extent."""
     lengths = 2 * np.ptp(points, axis=0) if box is None else np.diag(box)
     if box is not None and np.any(box != np.diag(lengths)):
         raise ValueError("the box is not rectangular; FreeDTS has rectangular boxes only")

@@ -22,5 +22,5 @@ def read(path: Path) -> Content:
         raise ValueError("the mesh has no triangles")
     mesh = scene.to_mesh()
     result = Content.ofLooseTriangles(np.asarray(mesh.vertices)[mesh.faces])
-    result.note(len(others), "parts without triangles (points or lines)", "left out")
+    result.noteLeftOut(len(others), "parts of points or lines")
     return result

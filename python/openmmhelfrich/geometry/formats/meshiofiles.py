@@ -28,9 +28,7 @@ def read(path: Path) -> Content:
     except (PermissionError, MemoryError):
         raise
     except (Exception, SystemExit) as error:  # a damaged file raises anything from IndexError to an exit
-        reason = " ".join(str(error).split()) if isinstance(error, ValueError | meshio.ReadError) else ""
-        reason = reason or " ".join(said.getvalue().split()) or f"{type(error).__name__} {error}"
-        raise ValueError(f"meshio cannot read it as {suffix[1:].upper()}: {reason[:300]}") from None
+        raise ValueError(f"meshio cannot read it as {suffix[1:].upper()}: {_reason(error, said.getvalue())}") from None
     return _content(mesh)
 
 
@@ -60,6 +58,15 @@ def suffixes() -> set[str]:
     return set(meshio.extension_to_filetypes)
 
 
+def _reason(error, said):
+    """Return why the library failed: what it printed or raised."""
+    lines = [" ".join(line.split()) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
+    if isinstance(error, SystemExit) or not str(error):
+        return lines[0] if lines else "it is damaged, or of another format"
+    words = " ".join(str(error).split())[:300]
+    return words if isinstance(error, (ValueError, OSError)) else f"{type(error).__name__} {words}"
+
+
 def _content(mesh):
     others = sorted({block.type for block in mesh.cells} - {*_CORNERS, *_LEFT_OUT})
     if others:
@@ -73,12 +80,12 @@ def _content(mesh):
         np.concatenate([np.full(len(block.data), _CORNERS[block.type]) for block in faces]),
     )
     for kind, what in _LEFT_OUT.items():
-        result.note(sum(len(block.data) for block in mesh.cells if block.type == kind), what, "left out")
+        result.noteLeftOut(sum(len(block.data) for block in mesh.cells if block.type == kind), what)
     return result
 
 
 def _refuseNumbersOfNodes(above):
-    """Keep meshio from a table up to the greatest number of a node, which in a damaged MSH file may be any of 64 bits."""
+    """Keep meshio from a table up to the greatest number of a node, which may be anything in a damaged MSH file."""
     from meshio.gmsh import _gmsh41
 
     read = _gmsh41._read_nodes

@@ -38,21 +38,29 @@ def read(content: bytes) -> Content:
     _checkCorners(lines, faces, corners, sizes, start, len(vertices))
     result = Content(points, np.where(corners < 0, corners + start, corners - 1), sizes)
     for what, count in others.items():
-        result.note(count, what, "left out")
+        result.noteLeftOut(count, what)
     return result
 
 
 def _readCorners(lines, faces):
     """Return the corners of the faces, as their numbers in the file, and how many each face has."""
-    words = [re.sub(r"/\S*", "", lines.texts[i]).split()[1:] for i in faces]
-    sizes = np.array([len(row) for row in words], dtype=np.int64)
+    rows = re.sub(r"(?m)^f\s*|/\S*", "", "\n".join(lines.texts[i] for i in faces)).split("\n") if faces else []
     try:
-        return np.array([int(word) for row in words for word in row], dtype=np.int64), sizes
-    except (ValueError, OverflowError):
-        for i, row in zip(faces, words):
-            if not all(re.fullmatch(r"[+-]?\d{1,18}", word) for word in row):
-                raise lines.fault(i, "f and the number of each corner's vertex") from None
-        raise
+        table = (
+            np.loadtxt(rows, dtype=np.int64, ndmin=2, comments=None) if any(rows) else np.zeros((0, 3), dtype=np.int64)
+        )
+        if len(table) == len(rows):  # no face is empty
+            return table.ravel(), np.full(len(rows), table.shape[1])
+    except ValueError:  # faces of different sizes, or words that are no numbers
+        pass
+    return _readDifferentCorners(lines, faces, [row.split() for row in rows])
+
+
+def _readDifferentCorners(lines, faces, rows):
+    for i, row in zip(faces, rows):
+        if not all(re.fullmatch(r"[+-]?\d{1,18}", word) for word in row):
+            raise lines.fault(i, "f and the number of each corner's vertex")
+    return np.array([int(word) for row in rows for word in row], dtype=np.int64), np.array([len(row) for row in rows])
 
 
 def _checkCorners(lines, faces, corners, sizes, start, numVertices):

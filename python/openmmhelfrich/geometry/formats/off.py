@@ -26,7 +26,7 @@ def read(content: bytes) -> Content:
     points = lines.table(start + 1, numVertices, 3, float, "the coordinates of a vertex")
     faces = _readFaces(lines, start + 1 + numVertices, numFaces)
     faces.points = points
-    faces.note(len(lines) - (start + 1 + numVertices + numFaces), "lines after the last face", "left out")
+    faces.noteLeftOut(len(lines) - (start + 1 + numVertices + numFaces), "lines after the last face")
     return faces
 
 

@@ -47,9 +47,8 @@ def read(content: bytes) -> Content:
     points = np.column_stack([values["vertex"][name] for name in "xyz"])
     result = _faces(points, values)
     for name, count in ((e.name, e.count) for e in elements if e.name not in ("vertex", "face", "tristrips")):
-        result.note(count, f"elements '{name}'", "left out")
-    beyond = source.beyond()
-    result.note(beyond, "bytes" if order else "lines", "left out after the last element")
+        result.noteLeftOut(count, f"elements '{name}'")
+    result.noteLeftOut(source.beyond(), f"{'bytes' if order else 'lines'} after the last element")
     return result
 
 

@@ -4,7 +4,6 @@ import struct
 
 import numpy as np
 
-from ..mending import counted, weldRims
 from .content import Content
 from .text import Lines
 
@@ -30,7 +29,7 @@ def _readBinary(content, count):
         raise ValueError(f"it is not complete: it ends after {there} of {count} facets")
     corners = np.frombuffer(content, dtype=_FACET, count=count, offset=_HEAD)["corners"]
     beyond = len(content) - _HEAD - _FACET.itemsize * count
-    return _welded(corners, [f"{beyond} bytes after the last facet were left out"] * (beyond > 0))
+    return _welded(corners, [f"bytes after the last facet were left out: {beyond}"] * (beyond > 0))
 
 
 def _readText(content):
@@ -62,12 +61,4 @@ def _welded(corners, notes):
     rounding.
     """
     result = Content.ofLooseTriangles(corners, *notes)
-    points = result.points.astype(np.float64)
-    if len(points) == 0 or not np.all(np.isfinite(points)):
-        return result
-    distance = _ROUNDING * np.abs(points).max()
-    triangles, count = weldRims(points, result.corners.reshape(-1, 3), distance)
-    if count:
-        result.corners = triangles.ravel()
-        result.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
-    return result
+    return result.welded(_ROUNDING * float(np.abs(result.points).max())) if len(corners) else result

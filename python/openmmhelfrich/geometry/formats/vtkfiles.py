@@ -31,13 +31,23 @@ _LEFT_OUT = {0: "empty cells", 1: "points", 2: "points", 3: "lines", 4: "lines"}
 
 def read(path: Path) -> Content:
     """Read the triangles, strips and polygons of a file."""
-    if importlib.util.find_spec("vtkmodules") is None:
+    with path.open("rb") as file:
+        start = file.read(1000)
+    if not re.match(rb"# vtk DataFile|\s*(<\?xml|<VTKFile|<!--)", start):
+        raise ValueError("it begins neither with '# vtk DataFile' nor with the element VTKFile of XML")
+    if not _hasVTK():
         return _readWithoutVTK(path)
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "cells.npz"
         _readElsewhere(path, output)
         with np.load(output) as found:
-            return _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+            result = _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+    # Pieces of one surface have vertices of their own along their seams, at the same positions.
+    return result.welded(0.0) if path.read_bytes().count(b"<Piece") > 1 and len(result.sizes) else result
+
+
+def _hasVTK():
+    return importlib.util.find_spec("vtkmodules") is not None
 
 
 def _readWithoutVTK(path):
@@ -67,6 +77,7 @@ def _readElsewhere(path, output):
 
 def _reason(text):
     """Return what VTK said was wrong."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     found = re.findall(r"\((?:0x)?[0-9a-f]+\): (.*)", text) or [line for line in text.splitlines() if line.strip()][-1:]
     return found[0].strip() if found else "it is damaged"
 
@@ -85,7 +96,8 @@ def _content(points, types, sizes, corners):
     else:
         result = Content(points, corners[np.repeat(isFace, sizes)], sizes[isFace])
     for what in dict.fromkeys(_LEFT_OUT.values()):
-        result.note(int(np.sum(np.isin(types, [t for t, w in _LEFT_OUT.items() if w == what]))), what, "left out")
+        kinds = [kind for kind, name in _LEFT_OUT.items() if name == what]
+        result.noteLeftOut(int(np.sum(np.isin(types, kinds))), what)
     return result
 
 
