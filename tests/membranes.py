@@ -133,5 +133,5 @@ def uvSphere(segments, rings):
 def cube(side=1.0, corner=(0, 0, 0)):
     """Return a cube of twelve triangles."""
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    faces = "013 032 467 475 045 051 237 276 026 064 157 173".split()
+    faces = ["013", "032", "467", "475", "045", "051", "237", "276", "026", "064", "157", "173"]
     return mh.Mesh(np.multiply(side, corners) + corner, [[int(c) for c in face] for face in faces])

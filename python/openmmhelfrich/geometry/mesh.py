@@ -279,7 +279,8 @@ class Mesh:
 
         Area and volume change by less than 1%, the surface by less than a tenth of an edge, and edges are from 0.6 to
         1.5 of their mean.  Where the surface has features that are finer than the edges, and so does not let that be,
-        a warning says by how much.  The new mesh has the figures in its notes.  Takes mmgpy and libigl, which come with pip install 'openmm-helfrich[remesh]'.
+        a warning says by how much.  The new mesh has the figures in its notes.  Takes mmgpy and libigl, which come with
+        pip install 'openmm-helfrich[remesh]'.
 
         Parameters
         ----------

@@ -8,17 +8,16 @@ from numpy.typing import NDArray
 _BOUND = (7 + 56 * 2.0**-53) * 2.0**-53
 
 
-def orientations(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
-) -> NDArray[np.int8]:
-    """Return 1 where d is on the side of the plane (a, b, c) from which these are clockwise, -1 where it is on the
-    other side, and 0 where the four are in a plane, exactly.
+def orientations(*points: NDArray[np.float64]) -> NDArray[np.int8]:
+    """Return 1 where the last of four points is on the side of the plane of the others from which these are clockwise,
+    -1 where it is on the other side, and 0 where the four are in a plane, exactly.
 
     Parameters
     ----------
-    a, b, c, d : (n, 3) arrays
-        points
+    points : four (n, 3) arrays
+        positions
     """
+    a, b, c, d = points
     u, v, w = (a - d).T, (b - d).T, (c - d).T
     terms = [(u[i] * v[j], u[j] * v[i], w[k]) for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))]
     determinant = sum((first - second) * third for first, second, third in terms)
@@ -26,7 +25,7 @@ def orientations(
     signs = np.sign(determinant).astype(np.int8)
     unsure = np.flatnonzero(np.abs(determinant) <= _BOUND * size)
     if len(unsure):
-        signs[unsure] = _exactly(*(points[unsure] for points in (a, b, c, d)))
+        signs[unsure] = _exactly(*(each[unsure] for each in points))
     return signs
 
 

@@ -11,7 +11,6 @@ from . import connectivity
 from .mesh import Mesh
 from .predicates import orientations
 
-
 # What is called a speck: a surface with less than this part of the area of the largest.
 _SPECK = 0.01
 # Angles between the normals of neighbors, in degrees, from which on a facet lies on another.
