@@ -208,6 +208,7 @@ private:
                                     pow((l - Real(p.tetherMaxLength)) / scale, p.tetherExponent);
     }
     void addRepulsion(const HelfrichParameters& p) {
+        using std::pow;
         std::vector<std::set<int>> bonded(x.size()), excluded(x.size());
         for (auto& edge : apexes)
             bonded[edge.first.first].insert(edge.first.second);
@@ -222,8 +223,9 @@ private:
             for (size_t j = 0; j < x.size(); j++) {
                 Real r = i == j ? Real(0) : length(subtract(x[j], x[i]));
                 if (i != j && r < Real(p.repulsionOnset) && excluded[i].count(j) == 0)
-                    energy(Term::Repulsion) +=
-                            Real(p.moduli[Term::Repulsion]) * contact(r, p.repulsionOnset, p.repulsionExponent);
+                    energy(Term::Repulsion) += Real(p.moduli[Term::Repulsion]) *
+                                               contact(r, p.repulsionOnset, p.repulsionExponent) *
+                                               pow(Real(p.repulsionLengthScale), p.repulsionExponent);
             }
     }
     const std::vector<std::array<int, 3>>& triangles;

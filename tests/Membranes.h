@@ -216,6 +216,7 @@ inline HelfrichParameters createParameters(const Membrane& membrane, TermMask te
     p.tetherExponent = 3;
     p.moduli[Term::Repulsion] = 0.5;
     p.repulsionOnset = 2.6 * edge;
+    p.repulsionLengthScale = 1.3 * edge;
     p.repulsionExponent = 2;
     p.repulsionExclusionLevel = exclusionLevel;
     p.moduli[Term::Tension] = 9;
@@ -271,6 +272,7 @@ inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParame
     force->setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force->setTetherLengthScale(p.tetherLengthScale);
     force->setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    force->setRepulsionLengthScale(p.repulsionLengthScale);
     force->setTension(p.moduli[Term::Tension]);
     force->setPressure(p.moduli[Term::Pressure]);
     return force;

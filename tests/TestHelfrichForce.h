@@ -344,19 +344,20 @@ void testInvariance() {
     assertEqualVectors(forces, inOldOrder, 1e-11);
 }
 
-void testTetherHasNoUnit() {
-    // In another unit of length, which is the tether's and the bounds' too, a tether has the same energy, though its
-    // two branches go as opposite powers of the length.
+void testPotentialsHaveNoUnit() {
+    // In another unit of length, which is that of tether, repulsion and bounds too, these have the same energy, though
+    // the two branches of a tether go as opposite powers of the length.
 
     Membrane blob = createBlob(2);
-    HelfrichParameters p = createParameters(blob, Tether);
+    HelfrichParameters p = createParameters(blob, Tether | Repulsion);
     MembraneContext context(blob, p);
-    for (double factor : {1e-3, 0.25, 700.0}) {
+    for (double factor : {1e-6, 0.25, 700.0, 1e6}) {
         Membrane scaled = blob;
         for (auto& x : scaled.positions)
             x *= factor;
         HelfrichParameters q = p;
-        for (double* length : {&q.tetherMinLength, &q.tetherMaxLength, &q.tetherLengthScale})
+        for (double* length :
+             {&q.tetherMinLength, &q.tetherMaxLength, &q.tetherLengthScale, &q.repulsionOnset, &q.repulsionLengthScale})
             *length *= factor;
         MembraneContext other(scaled, q);
         assertEqualRelative(context.getEnergy(), other.getEnergy(), 1e-12);
@@ -650,6 +651,7 @@ void testUpdateParameters() {
     p.tetherMinLength *= 0.9;
     p.tetherLengthScale *= 1.7;
     p.repulsionOnset *= 1.2;
+    p.repulsionLengthScale *= 0.8;
     p.repulsionExclusionLevel = 2;
     force.setBendingModulus(p.moduli[Term::Bending]);
     force.setAreaModulus(p.moduli[Term::Area]);
@@ -657,6 +659,7 @@ void testUpdateParameters() {
     force.setTether(p.moduli[Term::Tether], p.tetherMinLength, p.tetherMaxLength, p.tetherExponent);
     force.setTetherLengthScale(p.tetherLengthScale);
     force.setRepulsion(p.moduli[Term::Repulsion], p.repulsionOnset, p.repulsionExponent, p.repulsionExclusionLevel);
+    force.setRepulsionLengthScale(p.repulsionLengthScale);
     ASSERT_EQUAL(before, context.getEnergy());
     force.updateParametersInContext(*context.context);
     MembraneContext fresh(blob, p);
@@ -783,7 +786,7 @@ int main() {
         testNoNetForceOrTorque();
         testTermsAddUp();
         testInvariance();
-        testTetherHasNoUnit();
+        testPotentialsHaveNoUnit();
         testSphere();
         testTwoMembranesAndOtherParticles();
         testSeveralSurfacesAgainstEquations();

@@ -108,3 +108,30 @@ def flipped(mesh, count, seed):
         mesh.vertices * (1 + 0.01 * np.random.default_rng(seed).random((len(mesh.vertices), 1))),
         force.getTrianglesInContext(context),
     )
+
+
+def uvSphere(segments, rings):
+    """Return a sphere of radius 1 by degrees of longitude and latitude, as programs for drawing make it."""
+    polar, around = np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(segments) / segments
+    theta, phi = (grid.ravel() for grid in np.meshgrid(polar, around, indexing="ij"))
+    body = np.column_stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)))
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings - 2), np.arange(segments), indexing="ij"))
+    a, b = i * segments + j, i * segments + (j + 1) % segments
+    north, south, first, last = len(body), len(body) + 1, np.arange(segments), (rings - 2) * segments
+    beside = (first + 1) % segments
+    triangles = np.concatenate(
+        (
+            np.column_stack((a, a + segments, b)),
+            np.column_stack((b, a + segments, b + segments)),
+            np.column_stack((np.full(segments, north), first, beside)),
+            np.column_stack((np.full(segments, south), last + beside, last + first)),
+        )
+    )
+    return mh.Mesh(np.concatenate((body, [[0, 0, 1], [0, 0, -1]])), triangles)
+
+
+def cube(side=1.0, corner=(0, 0, 0)):
+    """Return a cube of twelve triangles."""
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    faces = ["013", "032", "467", "475", "045", "051", "237", "276", "026", "064", "157", "173"]
+    return mh.Mesh(np.multiply(side, corners) + corner, [[int(c) for c in face] for face in faces])

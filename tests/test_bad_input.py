@@ -47,7 +47,8 @@ SETTERS = [
     ("setTether", (1, 3, 2, 2), ["setTether: the minimum length 3 must be less than the maximum length 2"]),
     *[("setTether", (1, 1, 2, value), [f"setTether: the exponent is {value}", "from 1 to 100"]) for value in (0, 101)],
     *[
-        ("setTetherLengthScale", (value,), ["setTetherLengthScale: the length is", str(value), "finite and positive"])
+        (name, (value,), [f"{name}: the length is", str(value), "finite and positive"])
+        for name in ("setTetherLengthScale", "setRepulsionLengthScale")
         for value in (0, -1, NAN, INF)
     ],
     *[

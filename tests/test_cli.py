@@ -189,7 +189,7 @@ def testMeshIsRelativeToTheConfiguration(folder):
         ({"sampling": "steps = = 3"}, "run.toml is not TOML"),
         ({"mesh": 'file = "nothing.stl"'}, "there is no mesh file nothing.stl"),
         ({"mesh": 'file = "run.toml"'}, "no mesh format has the suffix '.toml'"),
-        ({"mesh": 'file = "sphere.ply"\nscale = 1000'}, "the mean edge length is 2"),
+        ({"mesh": 'file = "sphere.ply"\nlength_unit = "two words"'}, "[mesh] length_unit is 'two words'"),
         ({"other": '[platform]\nname = "GPU"'}, "[platform] name is 'GPU'; it must be one of Reference, CPU"),
         (
             {"other": '[platform]\nname = "Reference"\nthreads = 2'},

@@ -28,6 +28,7 @@ def completeForce():
     force.setTether(0.4, 0.5, 1.5, 3)
     force.setTetherLengthScale(0.7)
     force.setRepulsion(0.6, 0.35, 4, 2)
+    force.setRepulsionLengthScale(0.9)
     force.setTension(-0.8)
     force.setPressure(0.9)
     force.addFixedEdge(2, 0)

@@ -24,6 +24,7 @@ LENGTHS = {
     "pm": u.picometer,
     "A": u.angstrom,
     "Å": u.angstrom,
+    "angstrom": u.angstrom,
     "nm": u.nanometer,
     "um": u.micrometer,
     "µm": u.micrometer,
@@ -39,6 +40,7 @@ TENSIONS = {
     "uN/m": u.micronewton / u.meter * PER_MOLECULE,
     "pN/nm": u.piconewton / u.nanometer * PER_MOLECULE,
 }
+FORCES = {"pN": u.piconewton * PER_MOLECULE, "nN": u.nanonewton * PER_MOLECULE}
 PRESSURES = {
     "Pa": u.pascal * PER_MOLECULE,
     "kPa": u.kilopascal * PER_MOLECULE,
@@ -50,7 +52,8 @@ PRESSURES = {
 
 def test_no_unit_is_forgotten():
     tables = (units._ENERGIES, ENERGIES), (units._LENGTHS, LENGTHS), (units._TIMES, TIMES), (units._MASSES, MASSES)
-    named = [(units._OTHER_NAMES[f"energy per {kind}"], t) for kind, t in (("area", TENSIONS), ("volume", PRESSURES))]
+    quotients = (("length", FORCES), ("area", TENSIONS), ("volume", PRESSURES))
+    named = [(units._OTHER_NAMES[f"energy per {kind}"], t) for kind, t in quotients]
     for own, openmms in (*tables, *named):
         assert set(own) == set(openmms)
 
@@ -63,6 +66,7 @@ def test_no_unit_is_forgotten():
         ("area", {f"{name}^2": unit**2 for name, unit in LENGTHS.items()}, u.nanometer**2),
         ("volume", {f"{name}^3": unit**3 for name, unit in LENGTHS.items()}, u.nanometer**3),
         ("volume", {"fL": u.femtoliter, "aL": u.attoliter}, u.nanometer**3),
+        ("energy per length", FORCES, u.kilojoule_per_mole / u.nanometer),
         ("energy per area", TENSIONS, u.kilojoule_per_mole / u.nanometer**2),
         (
             "energy per area",

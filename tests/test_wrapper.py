@@ -44,6 +44,7 @@ SCALARS = [
     ("TargetAreaDifference", nm**2),
     ("LeafletSeparation", nm),
     ("TetherLengthScale", nm),
+    ("RepulsionLengthScale", nm),
     ("Tension", kJ / nm**2),
     ("Pressure", kJ / nm**3),
 ]

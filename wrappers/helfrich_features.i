@@ -72,6 +72,7 @@ HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
 HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
+HELFRICH_UNIT(HelfrichForce::getRepulsionLengthScale, unit.nanometer)
 HELFRICH_UNIT(HelfrichForce::getTension, unit.kilojoule_per_mole/unit.nanometer**2)
 HELFRICH_UNIT(HelfrichForce::getPressure, unit.kilojoule_per_mole/unit.nanometer**3)
 HELFRICH_UNIT(MonteCarloMove::getTemperature, unit.kelvin)
@@ -160,8 +161,8 @@ same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
 :param length: the unit of length l_0, measured in nm
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsion "
-Set the parameters of the repulsion term: R(r) = exp(r/(r-onset)) r^(-n) below the onset and 0 above it.
-The sum runs over both orders of a pair.  By default the term is off.
+Set the parameters of the repulsion term: R(r) = exp(r/(r-onset)) r^(-n) below the onset and 0 above it,
+where lengths are in units of that of setRepulsionLengthScale().  The sum runs over both orders of a pair.  By default the term is off.
 
 :type modulus: float
 :param modulus: the modulus kappa_R, measured in kJ/mol; 0 turns the term off
@@ -172,6 +173,13 @@ The sum runs over both orders of a pair.  By default the term is off.
 :type exclusionLevel: int, optional
 :param exclusionLevel: which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1, the
     default), or bonded vertices and those that share a bonded vertex (2)
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsionLengthScale "
+Set the unit of the lengths in the repulsion term, measured in nm.  With the mean length of the edges, a repulsion is the same whatever the unit of
+a mesh; with the default of 1 nm, lengths are in nm.
+
+:type length: float
+:param length: the unit of length, measured in nm
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getTriangleParameters "
 Get the particles of a triangle.

@@ -205,6 +205,11 @@ void HelfrichForce::setRepulsion(double modulus, double onset, int exponent, int
     parameters.repulsionExclusionLevel = exclusionLevel;
 }
 
+void HelfrichForce::setRepulsionLengthScale(double length) {
+    requirePositive("setRepulsionLengthScale: the length", length);
+    parameters.repulsionLengthScale = length;
+}
+
 void HelfrichForce::setTension(double tension) {
     checkFinite("setTension: the tension", tension);
     parameters.moduli[Term::Tension] = tension;

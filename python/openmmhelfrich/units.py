@@ -29,11 +29,23 @@ _ENERGIES = {
     "erg": 1e-7 * _JOULE,
 }
 _THERMAL_ENERGY = ("kT", "kBT", "k_BT")
-_LENGTHS = {"pm": 1e-3, "A": 0.1, "Å": 0.1, "nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9}
+_LENGTHS = {
+    "pm": 1e-3,
+    "A": 0.1,
+    "Å": 0.1,
+    "angstrom": 0.1,
+    "nm": 1.0,
+    "um": 1e3,
+    "µm": 1e3,
+    "μm": 1e3,
+    "mm": 1e6,
+    "m": 1e9,
+}
 # The powers of energy and length in what these make up.
 _DIMENSIONS = {
     "energy": (1, 0),
     "length": (0, 1),
+    "energy per length": (1, -1),
     "area": (0, 2),
     "volume": (0, 3),
     "energy per area": (1, -2),
@@ -42,6 +54,7 @@ _DIMENSIONS = {
 # Of these, names other than products of units of energy and length.
 _OTHER_NAMES = {
     "volume": {"fL": 1e9, "aL": 1e6},
+    "energy per length": {"pN": 1e-21 * _JOULE, "nN": 1e-18 * _JOULE},
     "energy per area": {"N/m": 1e-18 * _JOULE, "mN/m": 1e-21 * _JOULE, "uN/m": 1e-24 * _JOULE, "pN/nm": 1e-21 * _JOULE},
     "energy per volume": {
         "Pa": 1e-27 * _JOULE,
@@ -56,6 +69,7 @@ _MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
 _EXAMPLES = {
     "energy": "'80 kJ/mol', '20 kT' or '1e-19 J'",
     "length": "'100 nm' or '0.5 um'",
+    "energy per length": "'0.1 kT/nm' or '0.2 pN'",
     "area": "'12 um^2'",
     "volume": "'90 um^3' or '90 fL'",
     "energy per area": "'0.1 mN/m', '2 kT/nm^2' or '5 kJ/mol/nm^2'",
@@ -78,11 +92,14 @@ class Scales:
         the unit of length, in nm; None if its name says nothing about its size
     lengthName : str
         the name of the unit of length
+    multiple : float
+        how many of these units of length a plain 1 means
     """
 
     kT: float
     length: float | None = 1.0
     lengthName: str = "nm"
+    multiple: float = 1.0
 
 
 def isQuantity(value: Any) -> bool:
@@ -109,16 +126,24 @@ def lengthUnit(name: str) -> float | None:
     return _LENGTHS.get(name)
 
 
+def multipleOfUnit(name: str) -> tuple[float, str]:
+    """Return the factor and the name of a unit like "100 nm"; without a factor it is 1."""
+    match = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?)\s+(\S+)\s*", name)
+    factor = float(match[1]) if match else 0.0
+    return (factor, match[2]) if match and factor > 0 and math.isfinite(factor) else (1.0, name)
+
+
 def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
-    """Return a value with a unit as the plain number that a configuration would have in its place.
+    """Return a value as a plain number, in the named unit of length where it has one.
 
     Parameters
     ----------
     value : str, Quantity or anything else
-        what to convert; what is neither a string nor a Quantity is returned as it is
+        what to convert; a number is one of the scales' multiples, and anything else is returned as it is
     kind : str
         "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "energy per
-        area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or "temperature" (K)
+        length", "energy per area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or
+        "temperature" (K)
     scales : Scales
         the units of plain numbers
 
@@ -132,7 +157,9 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
             raise ValueError(f"it must be {_article(kind)}")
         return _inPlainUnits(value.value_in_unit(_openmmUnit(kind)), kind, scales)
     if not isinstance(value, str):
-        return value
+        _, length = _DIMENSIONS.get(kind, (0, 0))
+        isScaled = length and scales.multiple != 1 and isinstance(value, (int, float)) and not isinstance(value, bool)
+        return value * scales.multiple**length if isScaled else value
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
     if match is None:
         raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
@@ -156,6 +183,7 @@ def _openmmUnit(kind: str) -> Any:
     return {
         "energy": unit.kilojoules_per_mole,
         "length": unit.nanometer,
+        "energy per length": unit.kilojoules_per_mole / unit.nanometer,
         "area": unit.nanometer**2,
         "volume": unit.nanometer**3,
         "energy per area": unit.kilojoules_per_mole / unit.nanometer**2,

@@ -10,9 +10,10 @@ using namespace std;
 
 /**
  * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and the pressure,
- * version 5 the targets of single surfaces.  A force without these is written as version 4, which older releases read.
+ * version 5 the length scale of the repulsion and the targets of single surfaces.  A force without these two is written
+ * as version 4, which older releases read.
  */
-static const int VERSION = 5, VERSION_WITHOUT_SURFACES = 4, OLDEST_VERSION = 1;
+static const int VERSION = 5, VERSION_OF_OLDER_RELEASES = 4, OLDEST_VERSION = 1;
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -32,16 +33,20 @@ static void loadTether(HelfrichForce& force, const SerializationNode& node, int 
         force.setTetherLengthScale(node.getDoubleProperty("lengthScale"));
 }
 
-static void storeRepulsion(const HelfrichParameters& p, SerializationNode& node) {
+static void storeRepulsion(const HelfrichParameters& p, SerializationNode& node, int version) {
     node.setDoubleProperty("modulus", p.moduli[Term::Repulsion])
             .setDoubleProperty("onset", p.repulsionOnset)
             .setIntProperty("exponent", p.repulsionExponent)
             .setIntProperty("exclusionLevel", p.repulsionExclusionLevel);
+    if (version > 4)
+        node.setDoubleProperty("lengthScale", p.repulsionLengthScale);
 }
 
-static void loadRepulsion(HelfrichForce& force, const SerializationNode& node) {
+static void loadRepulsion(HelfrichForce& force, const SerializationNode& node, int version) {
     force.setRepulsion(node.getDoubleProperty("modulus"), node.getDoubleProperty("onset"),
                        node.getIntProperty("exponent"), node.getIntProperty("exclusionLevel"));
+    if (version > 4)
+        force.setRepulsionLengthScale(node.getDoubleProperty("lengthScale"));
 }
 
 static void storeFixedEdges(const HelfrichForce& force, SerializationNode& node) {
@@ -90,11 +95,12 @@ static void loadSurfaceTarget(HelfrichForce& force, const SerializationNode& nod
 
 void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) const {
     const HelfrichForce& force = *reinterpret_cast<const HelfrichForce*>(object);
-    bool hasSurfaceTargets = !force.getParameters().surfaceTargets.empty();
-    node.setIntProperty("version", hasSurfaceTargets ? VERSION : VERSION_WITHOUT_SURFACES);
+    const HelfrichParameters& p = force.getParameters();
+    bool isNew = p.repulsionLengthScale != 1 || !p.surfaceTargets.empty();
+    int version = isNew ? VERSION : VERSION_OF_OLDER_RELEASES;
+    node.setIntProperty("version", version);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
-    const HelfrichParameters& p = force.getParameters();
     node.setDoubleProperty("bendingModulus", p.moduli[Term::Bending]);
     node.setDoubleProperty("areaModulus", p.moduli[Term::Area]);
     node.setDoubleProperty("targetArea", p.targetArea);
@@ -106,10 +112,10 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("tension", p.moduli[Term::Tension]);
     node.setDoubleProperty("pressure", p.moduli[Term::Pressure]);
     storeTether(p, node.createChildNode("Tether"));
-    storeRepulsion(p, node.createChildNode("Repulsion"));
+    storeRepulsion(p, node.createChildNode("Repulsion"), version);
     storeTriangles(force.getTriangles(), node.createChildNode("Triangles"));
     storeFixedEdges(force, node.createChildNode("FixedEdges"));
-    if (hasSurfaceTargets)
+    if (version > 4)
         storeSurfaceTargets(p, node.createChildNode("SurfaceTargets"));
 }
 
@@ -128,7 +134,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     force->setLeafletSeparation(node.getDoubleProperty("leafletSeparation"));
     int version = node.getIntProperty("version");
     loadTether(*force, node.getChildNode("Tether"), version);
-    loadRepulsion(*force, node.getChildNode("Repulsion"));
+    loadRepulsion(*force, node.getChildNode("Repulsion"), version);
     force->setTriangles(loadTriangles(node.getChildNode("Triangles")));
     if (version > 1)
         loadFixedEdges(*force, node.getChildNode("FixedEdges"));

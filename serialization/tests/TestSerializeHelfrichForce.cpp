@@ -42,6 +42,7 @@ static void makeForce(HelfrichForce& force) {
     force.setTether(1.1, 0.25, 0.75, 5);
     force.setTetherLengthScale(0.3);
     force.setRepulsion(1.2, 0.35, 4, 2);
+    force.setRepulsionLengthScale(0.6);
     force.setTension(-0.7);
     force.setPressure(0.9);
 }
@@ -81,6 +82,7 @@ void testRoundTrip() {
     ASSERT_EQUAL(0.35, onset);
     ASSERT_EQUAL(4, exponent);
     ASSERT_EQUAL(2, exclusionLevel);
+    ASSERT_EQUAL(0.6, copy->getRepulsionLengthScale());
 }
 
 void testDefaults() {
@@ -89,10 +91,12 @@ void testDefaults() {
 }
 
 void testSurfaceTargets() {
-    // Only a force that has targets of single surfaces is written as version 5.
+    // Only a force that has these, or a length scale of the repulsion, is written as version 5.
 
     HelfrichForce force;
     makeForce(force);
+    ASSERT(toXml(force).find("version=\"5\"") != string::npos);
+    force.setRepulsionLengthScale(1);
     ASSERT(toXml(force).find("version=\"4\"") != string::npos);
     force.setTargetArea(0.1, 7);
     force.setTargetVolume(1.0 / 3, 0);
@@ -115,10 +119,19 @@ static string replaced(string text, const string& old, const string& with) {
     return text.replace(position, old.size(), with);
 }
 
+void testVersionWithoutLengthScaleOfRepulsion() {
+    HelfrichForce force;
+    makeForce(force);
+    string xml = replaced(toXml(force), "version=\"5\"", "version=\"4\"");
+    unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, " lengthScale=\".6\"", ""));
+    ASSERT_EQUAL(1.0, copy->getRepulsionLengthScale());
+    ASSERT_EQUAL(0.9, copy->getPressure());
+}
+
 void testVersionWithoutTensionAndPressure() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"4\"", "version=\"3\"");
+    string xml = replaced(toXml(force), "version=\"5\"", "version=\"3\"");
     xml = replaced(xml, " pressure=\".9\"", "");
     unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, " tension=\"-.7\"", ""));
     ASSERT_EQUAL(0.0, copy->getTension());
@@ -129,7 +142,7 @@ void testVersionWithoutTensionAndPressure() {
 void testVersionWithoutLengthScale() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"4\"", "version=\"2\"");
+    string xml = replaced(toXml(force), "version=\"5\"", "version=\"2\"");
     unique_ptr<HelfrichForce> copy = fromXml(replaced(xml, "lengthScale=\".3\" ", ""));
     ASSERT_EQUAL(1.0, copy->getTetherLengthScale());
     ASSERT_EQUAL(2, copy->getNumFixedEdges());
@@ -138,7 +151,7 @@ void testVersionWithoutLengthScale() {
 void testVersionWithoutFixedEdges() {
     HelfrichForce force;
     makeForce(force);
-    string xml = replaced(toXml(force), "version=\"4\"", "version=\"1\"");
+    string xml = replaced(toXml(force), "version=\"5\"", "version=\"1\"");
     size_t start = xml.find("<FixedEdges"), end = xml.find("/>", start);
     unique_ptr<HelfrichForce> copy = fromXml(xml.erase(start, end + 2 - start));
     ASSERT_EQUAL(0, copy->getNumFixedEdges());
@@ -173,9 +186,10 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"4\"", "version=\"6\""), "unsupported version 6");
-    assertRejected(replaced(xml, "version=\"4\"", "version=\"0\""), "unsupported version 0");
+    assertRejected(replaced(xml, "version=\"5\"", "version=\"6\""), "unsupported version 6");
+    assertRejected(replaced(xml, "version=\"5\"", "version=\"0\""), "unsupported version 0");
     assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
+    assertRejected(replaced(xml, "lengthScale=\".6\"", "lengthScale=\"0\""), "setRepulsionLengthScale");
     assertRejected(replaced(xml, "lengthScale", "unit"), "lengthScale");
     assertRejected(replaced(xml, "tension=\"-.7\"", "tension=\"inf\""), "setTension");
     assertRejected(replaced(xml, "tension", "sigma"), "tension");
@@ -200,6 +214,7 @@ int main() {
         testRoundTrip();
         testDefaults();
         testSurfaceTargets();
+        testVersionWithoutLengthScaleOfRepulsion();
         testVersionWithoutTensionAndPressure();
         testVersionWithoutLengthScale();
         testVersionWithoutFixedEdges();

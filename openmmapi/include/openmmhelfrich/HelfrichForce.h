@@ -307,7 +307,8 @@ public:
     void getRepulsion(double& modulus, double& onset, int& exponent, int& exclusionLevel) const;
     /**
      * Set the parameters of the repulsion term: \f$R(r)=\exp(r/(r-r_o))\,r^{-n}\f$ below the onset \f$r_o\f$ and 0
-     * above it. The sum runs over both orders of a pair.  By default the term is off.
+     * above it, where lengths are in units of that of setRepulsionLengthScale(). The sum runs over both orders of a
+     * pair.  By default the term is off.
      *
      * @param modulus         the modulus kappa_R, measured in kJ/mol; 0 turns the term off
      * @param onset           the distance, measured in nm, below which two vertices repel each other
@@ -316,6 +317,17 @@ public:
      * or bonded vertices and those that share a bonded vertex (2)
      */
     void setRepulsion(double modulus, double onset, int exponent, int exclusionLevel = 1);
+    /**
+     * Get the unit of the lengths in the repulsion term, measured in nm.
+     */
+    double getRepulsionLengthScale() const {
+        return parameters.repulsionLengthScale;
+    }
+    /**
+     * Set the unit of the lengths in the repulsion term, measured in nm.  With the mean length of the edges, a
+     * repulsion is the same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
+     */
+    void setRepulsionLengthScale(double length);
     /**
      * Get the tension sigma, measured in kJ/mol/nm^2.
      */
@@ -421,9 +433,9 @@ public:
      */
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
-     * Copy the moduli, the leaflet separation, and the tether's (its length scale too) and repulsion's parameters from
-     * this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the targets,
-     * the tension and the pressure, do not change: see setTrianglesInContext() and Context::setParameter().
+     * Copy the moduli, the leaflet separation, and the tether's and repulsion's parameters, with their length scales,
+     * from this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the
+     * targets, the tension and the pressure, do not change: see setTrianglesInContext() and Context::setParameter().
      *
      * @param context  the Context to change
      */

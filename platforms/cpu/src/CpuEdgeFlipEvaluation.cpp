@@ -87,7 +87,13 @@ struct VertexChanges {
     Simd area[4], curvature[4];
 };
 
-inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& area) {
+/**
+ * Compute the changes of areas.
+ *
+ * @param[out] area    the change of the area of all
+ * @param[out] energy  0, or infinity where the flip would make a triangle without area
+ */
+inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& area, Simd& energy) {
     Simd areas[4];
     for (int n = 0; n < 4; n++)
         areas[n] = 0.5 * rootOf(dot(diamond.normal[n], diamond.normal[n]));
@@ -98,6 +104,9 @@ inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& a
     changes.area[2] = third * (after - areas[0]);
     changes.area[3] = third * (after - areas[1]);
     area = after - before;
+    Point edge = diamond.corner[3] - diamond.corner[2];
+    Simd least = FLAT_TRIANGLE * dot(edge, edge);
+    energy = choose((areas[2] < least) | (areas[3] < least), broadcast<double>(INFINITY), Simd{});
 }
 
 /**
@@ -167,8 +176,8 @@ void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, Cp
         Attempts attempts(vertices, batch, group);
         Diamond diamond(attempts);
         VertexChanges changes;
-        Simd area, curvature = {}, energy = {};
-        computeAreas(diamond, changes, area);
+        Simd area, curvature = {}, energy;
+        computeAreas(diamond, changes, area, energy);
         if (HasCurvature) {
             computeCurvatures(attempts, diamond, changes, curvature);
             if (p.has(Term::Bending))

@@ -345,5 +345,5 @@ double CpuEdgeFlipState::pairEnergy(int vertex1, int vertex2) const {
     double r2 = distance2(vertex1, vertex2), slope;
     if (r2 >= p.repulsionOnset * p.repulsionOnset)
         return 0;
-    return 2 * p.moduli[Term::Repulsion] * repulsionPotential(sqrt(r2), p.repulsionOnset, p.repulsionExponent, slope);
+    return 2 * p.moduli[Term::Repulsion] * repulsionPotential(p, sqrt(r2), slope);
 }

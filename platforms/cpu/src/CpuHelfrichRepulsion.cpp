@@ -182,7 +182,7 @@ double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichPara
             if (r2 >= onset2)
                 continue;
             double r = sqrt(r2), slope;
-            energy += p.moduli[Term::Repulsion] * repulsionPotential(r, p.repulsionOnset, p.repulsionExponent, slope);
+            energy += p.moduli[Term::Repulsion] * repulsionPotential(p, r, slope);
             if (gradients != NULL) {
                 double* gradient = gradients + 4 * (slot - firstSlot);
                 double scale = 2 * p.moduli[Term::Repulsion] * slope / r;

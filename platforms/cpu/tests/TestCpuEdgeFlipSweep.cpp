@@ -633,6 +633,7 @@ HelfrichParameters createSoftParameters(const Membrane& membrane, double scale, 
     p.moduli[Term::Tension] = scale;
     p.moduli[Term::Pressure] = 2 * scale;
     p.repulsionOnset = 3 * getMeanEdge(membrane);
+    p.repulsionLengthScale = 1;
     return p;
 }
 

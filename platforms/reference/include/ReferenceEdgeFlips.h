@@ -42,6 +42,10 @@ private:
     };
     bool attempt(int h, double uniform, double kT);
     Part compute(int h, const Corners& corners) const;
+    /**
+     * Get whether the two triangles have area that a flip of halfedge h has made.
+     */
+    bool hasArea(int h) const;
     Real edgeCurvature(int h) const;
     Real bending(int vertex) const;
     Real repulsion(const Corners& corners) const;

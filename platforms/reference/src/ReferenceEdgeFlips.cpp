@@ -53,12 +53,17 @@ bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
     totalsAfter.curvature += after.totals.curvature - before.totals.curvature;
     Real change = after.energy - before.energy + energyOfTotals(p, surface, totalsAfter) -
                   energyOfTotals(p, surface, totalsBefore);
-    bool isAccepted = (change <= 0 || uniform < exp(-change / kT));
+    bool isAccepted = hasArea(h) && (change <= 0 || uniform < exp(-change / kT));
     if (isAccepted)
         totals[surface] = totalsAfter;
     else
         flipped.unflip(h);
     return isAccepted;
+}
+
+bool ReferenceEdgeFlips::hasArea(int h) const {
+    Real least = FLAT_TRIANGLE * edge(mesh.previous(h)).squaredNorm();
+    return area(h / 3) >= least && area(mesh.opposite(mesh.previous(h)) / 3) >= least;
 }
 
 ReferenceEdgeFlips::Part ReferenceEdgeFlips::compute(int h, const Corners& corners) const {
@@ -103,8 +108,7 @@ Real ReferenceEdgeFlips::repulsion(const Corners& corners) const {
     for (auto v = corners.begin(); v != corners.end(); v++)
         for (int w : close[*v])
             if (find(corners.begin(), v, w) == v && !mesh.areExcluded(*v, w, p.repulsionExclusionLevel))
-                energy += 2 * p.moduli[Term::Repulsion] *
-                          repulsionPotential<Real>(displacement(*v, w).norm(), p.repulsionOnset, p.repulsionExponent,
-                                                   slope);
+                energy +=
+                        2 * p.moduli[Term::Repulsion] * repulsionPotential<Real>(p, displacement(*v, w).norm(), slope);
     return energy;
 }

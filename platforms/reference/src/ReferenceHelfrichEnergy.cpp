@@ -79,8 +79,7 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
         forEachEdge(
                 [&](int h, int i, int j) { tether += p.moduli[Term::Tether] * tetherPotential(p, length(h), slope); });
     forEachRepellingPair(p, [&](int i, int j, Real r) {
-        repulsion += 2 * p.moduli[Term::Repulsion] *
-                     repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
+        repulsion += 2 * p.moduli[Term::Repulsion] * repulsionPotential<Real>(p, r, slope);
     });
     terms[Term::Bending] = bending;
     terms[Term::Tether] = tether;
@@ -168,7 +167,7 @@ void ReferenceHelfrichEnergy::addTetherGradient(const HelfrichParameters& p, Vec
 void ReferenceHelfrichEnergy::addRepulsionGradient(const HelfrichParameters& p, Vectors& gradient) const {
     forEachRepellingPair(p, [&](int i, int j, Real r) {
         Real slope;
-        repulsionPotential<Real>(r, p.repulsionOnset, p.repulsionExponent, slope);
+        repulsionPotential<Real>(p, r, slope);
         Vector push = 2 * p.moduli[Term::Repulsion] * slope * displacement(i, j) / r;
         gradient[j] += push;
         gradient[i] -= push;

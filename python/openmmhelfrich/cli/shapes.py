@@ -1,5 +1,7 @@
 """Commands that look at meshes and at the results of runs."""
 
+import contextlib
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +12,7 @@ from .errors import friendly
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..geometry.mesh import Mesh
+    from ..runs.sections import MeshSection
 
 app = typer.Typer()
 
@@ -30,30 +33,78 @@ def check(
     scale: Annotated[
         float, typer.Option(min=0, metavar="X", help="Factor on the file's coordinates, as in the configuration.")
     ] = 1.0,
-    length_unit: Annotated[str, typer.Option(metavar="NAME", help="What one unit of length is called.")] = "nm",
+    length_unit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The unit of lengths, as in the configuration: nm, angstrom, um, '100 nm' ..."
+        ),
+    ] = None,
 ) -> None:
-    """Describe a mesh, and say what to simulate it with.
+    """Describe a mesh, and say whether a run would sample it.
 
     Prints its topology, the statistics of edges, angles and aspect ratios, where it comes close to itself or passes
-    through itself, area and volume, and the tether's bounds and the step size that a run takes by default.  Ends with
-    exit code 1 if the mesh cannot be simulated, and says why.
+    through itself, area and volume, of each surface if there are several, and the tether's bounds and the step size
+    that a run takes by default.  The verdict is "ready", or the commands after which it is; then the exit code is 1.
 
-    Example: openmm-helfrich check cell.stl --scale 0.001
+    Example: openmm-helfrich check cell.stl --length-unit angstrom
     """
     from ..geometry.mesh import Mesh
     from ..geometry.quality import assess
+    from ..runs.readiness import judge
 
-    surface = Mesh.read(mesh, unit=scale)
-    try:
-        quality = assess(surface)
-    except ValueError as error:
-        raise ValueError(f"{mesh}: {error}") from None
-    _print(
-        [("note", note) for note in surface.notes]
-        + quality.lines(length_unit)
-        + _shapes(surface)
-        + _suggestions(surface, scale, length_unit)
-    )
+    section = _meshSection(mesh, scale, length_unit)
+    surface = Mesh.read(mesh, unit=section.scale)
+    verdict = judge(surface, mesh)
+    with contextlib.suppress(ValueError):  # the verdict says it
+        _print(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
+    _print([("note", note) for note in surface.notes])
+    if verdict.reason is None:
+        _print([("verdict", "ready")])
+        return
+    if not verdict.commands:
+        raise ValueError(f"{mesh}: {verdict.reason}")
+    _print([("reason", verdict.reason), *(("repair", note) for note in verdict.notes), ("verdict", "ready after")])
+    print("\n".join(verdict.commands))
+    raise typer.Exit(1)
+
+
+@app.command()
+@friendly
+def remesh(
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help="A mesh file.")],
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The mesh file to write, in any format.")],
+    vertices: Annotated[int | None, typer.Option(metavar="N", help="The number of vertices.")] = None,
+    edge_length: Annotated[
+        float | None, typer.Option(metavar="L", help="Instead: the mean edge length, in the file's unit.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a mesh anew, with even triangles on the same surface.
+
+    Prints by how much area, volume and surface have changed, and how even the edges are.  A warning says where the
+    surface has features that are finer than the edges, which are then not kept.  Takes mmgpy and libigl, which come
+    with pip install 'openmm-helfrich\\[remesh]'.
+
+    Example: openmm-helfrich remesh cell.stl even.ply --vertices 2500
+    """
+    from ..geometry.mesh import Mesh
+    from ..geometry.meshfiles import requireFormat
+    from ..io.conversion import requireNew
+
+    requireFormat(output)
+    requireNew([output], source, overwrite)
+    if (vertices is None) == (edge_length is None):
+        raise ValueError("remesh: give one of --vertices and --edge-length")
+    mesh = Mesh.read(source)
+    with warnings.catch_warnings(record=True):  # they are among the notes
+        try:
+            mesh = mesh.remeshed(vertices, edge_length)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from None
+    mesh.write(output)
+    for note in mesh.notes:
+        print(note)
+    print(output)
 
 
 @app.command()
@@ -211,15 +262,19 @@ def _shapes(mesh: "Mesh") -> list[tuple[str, str]]:
     return [("shapes", shapes)] if len(surfaces) > 1 else []
 
 
-def _suggestions(mesh: "Mesh", scale: float, unit: str) -> list[tuple[str, str]]:
-    """Return what a run does with a mesh by default, or that it needs another scale first."""
+def _meshSection(mesh: Path, scale: float, lengthUnit: str | None) -> "MeshSection":
+    """Return the section of a configuration that has these values, and the same rules for them."""
     from ..runs.config import parseConfig
-    from ..runs.scene import GREATEST_EDGE, LEAST_EDGE, Scene, betterScale
 
-    length = mesh.edgeLengths.mean()
-    if not LEAST_EDGE <= length <= GREATEST_EDGE:
-        needed = f"runs take {LEAST_EDGE:g} to {GREATEST_EDGE:g}, so give them scale = {betterScale(scale, length):g}"
-        return [("warning", f"the mean edge length is {length:.3g} {unit}; {needed} in [mesh]")]
+    given = {"file": str(mesh), "scale": scale} | ({} if lengthUnit is None else {"length_unit": lengthUnit})
+    return parseConfig({"mesh": given}, "check").mesh
+
+
+def _suggestions(mesh: "Mesh") -> list[tuple[str, str]]:
+    """Return what a run does with a mesh by default."""
+    from ..runs.config import parseConfig
+    from ..runs.scene import Scene
+
     scene = Scene.of(parseConfig({"mesh": {"file": "mesh"}}), mesh)
     bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
     energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"

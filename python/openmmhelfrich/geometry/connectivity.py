@@ -27,14 +27,6 @@ def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
     return triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
 
 
-def edges(triangles: ArrayLike, numVertices: int) -> IndexArray:
-    """Return the vertices of each edge, smaller index first, in ascending order: an (E, 2) array."""
-    key = np.sort(_edgeKeys(triangles, numVertices))
-    isFirst = np.ones(len(key), dtype=bool)
-    np.not_equal(key[1:], key[:-1], out=isFirst[1:])
-    return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1)))
-
-
 def _edgeKeys(triangles: ArrayLike, numVertices: int) -> IndexArray:
     """Return a number for each halfedge, the same for those of an edge and in the order of edges."""
     origin, target = halfedges(triangles)
@@ -67,6 +59,42 @@ def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, I
     if len(order) != 2 * len(start) or np.any(start != 2 * np.arange(len(start))):
         raise ValueError("the surface is not closed: not every edge belongs to exactly two triangles")
     return order[0::2], order[1::2]
+
+
+def edgesOf(triangles: ArrayLike, numVertices: int) -> NDArray[np.int32]:
+    """Return the vertices of each edge, smaller index first, in ascending order: an (E, 2) array."""
+    key = np.sort(_edgeKeys(triangles, numVertices))
+    isFirst = np.ones(len(key), dtype=bool)
+    np.not_equal(key[1:], key[:-1], out=isFirst[1:])
+    return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1))).astype(np.int32)
+
+
+def edgeLengthsOf(vertices: NDArray[np.float64], edges: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the length of each edge."""
+    lengths = np.empty(len(edges))
+    for block in blocks(len(edges)):
+        a, b = edges[block].T
+        lengths[block] = np.linalg.norm(vertices[b] - vertices[a], axis=1)
+    return lengths
+
+
+def triangleAreas(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the area of each triangle."""
+    areas = np.empty(len(triangles))
+    for block in blocks(len(areas)):
+        areas[block] = np.linalg.norm(triangleNormals(vertices, triangles[block]), axis=1) / 2
+    return areas
+
+
+def triangleNormals(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the normal of each triangle, outwards and of twice its area: a (T, 3) array."""
+    x = vertices[triangles]
+    return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+
+
+def areaOf(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
+    """Return the area of all triangles."""
+    return float(triangleAreas(vertices, triangles).sum())
 
 
 def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:

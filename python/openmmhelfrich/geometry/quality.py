@@ -7,8 +7,19 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
+from ..units import lengthUnit as lengthInNm
 from . import connectivity
 from .mesh import Mesh
+from .predicates import orientations
+
+# What is called a speck: a surface with less than this part of the area of the largest.
+_SPECK = 0.01
+# Angles between the normals of neighbors, in degrees, from which on a facet lies on another.
+_DOUBLED = 170.0
+# The sizes of what membranes enclose, in nm: less than a bilayer is thick, and more than the largest cell measures.
+_SMALLEST, _LARGEST = 10.0, 1e6
+# Of so many surfaces each has a column.
+_COLUMNS = 8
 
 BLOCK = 1 << 17  # points that a search has at a time, which bounds the memory of large meshes
 SLACK = 1 + 1e-6  # for rounding, where a search is to miss nothing
@@ -22,14 +33,18 @@ class MeshQuality:
     ----------
     mesh : Mesh
         the mesh
+    surfaces : list of Mesh
+        each connected membrane, in the order of first triangles
     genera : list of int
-        the genus of each connected membrane: 0 for a sphere, 1 for a torus
+        the genus of each: 0 for a sphere, 1 for a torus
     valences : (N,) array
         the number of neighbors of each vertex
     angles : (T, 3) array
         the angles of each triangle, in degrees
     aspectRatios : (T,) array
         circumradius over twice the inradius of each triangle: 1 if it is equilateral, more if not
+    dihedrals : (E,) array
+        the angle between the normals at each edge, in degrees: 0 where it is flat, 180 where facets lie on each other
     closestPair : tuple or None
         two vertices that are close in space, though at least three edges apart on the surface, and their distance in
         nm.  None if there are none within two mean edge lengths
@@ -38,54 +53,80 @@ class MeshQuality:
     """
 
     mesh: Mesh
+    surfaces: list[Mesh]
     genera: list[int]
     valences: np.ndarray
     angles: np.ndarray
     aspectRatios: np.ndarray
+    dihedrals: np.ndarray
     closestPair: tuple[int, int, float] | None
     crossings: np.ndarray
 
     def lines(self, lengthUnit: str = "nm") -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
         mesh, u = self.mesh, lengthUnit
-        lengths = mesh.edgeLengths
-        mean = lengths.mean()
-        lines = [
+        lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
+        return [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
             ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
-            *self._sizes(u),
+            *self._measures(u),
             ("edges", f"{_range(lengths)} {u} long, standard deviation {lengths.std() / mean:.1%} of the mean"),
-            ("angles", f"{_range(self.angles)} degrees"),
+            ("angles", f"{_range(self.angles)} degrees; between facets at most {np.abs(self.dihedrals).max():.4g}"),
             ("aspect ratios", f"{_range(self.aspectRatios)} (circumradius over twice the inradius)"),
             ("neighbors", f"{self.valences.min()} to {self.valences.max()} of a vertex"),
             ("contact", self._contact(mean, u)),
+            *(("warning", text) for text in self.warnings(u)),
         ]
+
+    def warnings(self, lengthUnit: str = "nm") -> list[str]:
+        """Return a sentence for each thing that is likely to be a mistake."""
+        found, areas = [], [surface.area for surface in self.surfaces]
+        for k, (surface, area) in enumerate(zip(self.surfaces, areas)):
+            if area < _SPECK * max(areas):
+                found.append(
+                    f"surface {k}, of {len(surface.triangles)} triangles, has {area / max(areas):.2%} of the area of "
+                    "the largest: a speck"
+                )
+        doubled = int(np.sum(np.abs(self.dihedrals) > _DOUBLED))
+        if doubled:
+            found.append(f"at {doubled} edge{'s' if doubled > 1 else ''} one facet lies on another, folded back")
         if len(self.crossings):
             a, b, t = self.crossings[0]
-            lines.append(
-                (
-                    "warning",
-                    f"the surface passes through itself {len(self.crossings)} times, "
-                    f"first where edge ({a}, {b}) passes through triangle {t}",
-                )
+            found.append(
+                f"the surface passes through itself {len(self.crossings)} times, "
+                f"first where edge ({a}, {b}) passes through triangle {t}"
             )
-        return lines
+        size, nm = float(np.ptp(self.mesh.vertices, axis=0).max()), lengthInNm(lengthUnit)
+        if nm is not None and not _SMALLEST <= size * nm <= _LARGEST:
+            found.append(
+                f"it is {size:.3g} {lengthUnit} across, {'smaller' if size * nm < _SMALLEST else 'larger'} than cells "
+                "and vesicles are: is that the unit of the file?  --length-unit tells it; shapes do not depend on it"
+            )
+        return found
 
-    def _sizes(self, u: str) -> list[tuple[str, str]]:
-        surfaces = self.mesh.components()
-        if len(surfaces) == 1:
-            return [
-                ("area", f"{self.mesh.area:.6g} {u}^2"),
-                ("volume", f"{self.mesh.volume:.6g} {u}^3"),
-                ("reduced volume", f"{self.mesh.reducedVolume:.4f}"),
-            ]
+    def _measures(self, u: str) -> list[tuple[str, str]]:
+        """Return area, volume and reduced volume, of each surface in a column of its own if there are several."""
+        rows = (
+            ("area", lambda surface: f"{surface.area:.6g}", f" {u}^2"),
+            ("volume", lambda surface: f"{surface.volume:.6g}", f" {u}^3"),
+            ("reduced volume", lambda surface: f"{surface.reducedVolume:.4f}", ""),
+        )
+        if len(self.surfaces) == 1:
+            return [(label, text(self.mesh) + suffix) for label, text, suffix in rows]
+        shown = self.surfaces[:_COLUMNS]
+        head = [
+            ("surface", [str(k) for k in range(len(shown))]),
+            ("vertices", [str(len(surface.vertices)) for surface in shown]),
+            ("genus", [str(genus) for genus in self.genera[:_COLUMNS]]),
+        ]
+        table = head + [(label + suffix.replace(" ", ", "), [text(s) for s in shown]) for label, text, suffix in rows]
+        more = len(self.surfaces) - len(shown)
         return [
             (
-                f"surface {k}",
-                f"{len(surface.vertices)} vertices, area {surface.area:.6g} {u}^2, volume {surface.volume:.6g} {u}^3, "
-                f"reduced volume {surface.reducedVolume:.4f}",
+                label,
+                "".join(f"{cell:>14}" for cell in cells) + (f"  and {more} more" * (more > 0 and label == "surface")),
             )
-            for k, surface in enumerate(surfaces)
+            for label, cells in table
         ]
 
     def _contact(self, mean: float, u: str) -> str:
@@ -113,7 +154,45 @@ def assess(mesh: Mesh) -> MeshQuality:
     mesh.check()
     angles, aspectRatios = _shapes(mesh)
     valences = np.bincount(mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
-    return MeshQuality(mesh, _genera(mesh), valences, angles, aspectRatios, closestPair(mesh), crossings(mesh))
+    surfaces = mesh.components()
+    return MeshQuality(
+        mesh,
+        surfaces,
+        [genus(surface) for surface in surfaces],
+        valences,
+        angles,
+        aspectRatios,
+        dihedralAngles(mesh),
+        closestPair(mesh),
+        crossings(mesh),
+    )
+
+
+def genus(surface: Mesh) -> int:
+    """Return the genus of a connected closed membrane, from its Euler characteristic V-E+F = 2-2g."""
+    return (2 - (len(surface.vertices) - len(surface.triangles) // 2)) // 2
+
+
+def triangleAngles(mesh: Mesh) -> np.ndarray:
+    """Return the angles of each triangle, in degrees: a (T, 3) array; those of one without area are 0 and 180."""
+    return _shapes(mesh)[0]
+
+
+def dihedralAngles(mesh: Mesh) -> np.ndarray:
+    """Return the angle between the normals of the two triangles at each edge, in degrees: 0 where the surface is flat,
+    positive where it is convex, 180 where facets lie on each other.
+    """
+    first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
+    origin, target = (end[first] for end in connectivity.halfedges(mesh.triangles))
+    angles = np.empty(len(first))
+    for block in connectivity.blocks(len(angles)):
+        f, g = (
+            connectivity.triangleNormals(mesh.vertices, mesh.triangles[side[block] // 3]) for side in (first, second)
+        )
+        edge = mesh.vertices[target[block]] - mesh.vertices[origin[block]]
+        sine = _dot(np.cross(f, g), edge) / np.linalg.norm(edge, axis=1)
+        angles[block] = np.degrees(np.arctan2(sine, _dot(f, g)))
+    return angles
 
 
 def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
@@ -140,8 +219,8 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     """Return the vertices of an edge and the number of a triangle for each edge that passes through a triangle, as a
     (K, 3) array.
 
-    Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch
-    without passing through are not found.
+    Signs are exact: what touches without passing through, or lies in the same plane, is not found.  An edge may pass
+    through a side of the triangle, but where it passes exactly through a corner it is not found.
     """
     middles, radii = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
     for some in connectivity.blocks(len(radii)):
@@ -214,28 +293,61 @@ def _near(
 
 def _passing(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
-    # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
-    # (1997)).
-    a, d = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
-    x = mesh.vertices[mesh.triangles[triangles]]
-    side, other, offset = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], a - x[:, 0]
-    p, q = np.cross(d, other), np.cross(offset, side)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = 1 / _dot(side, p)
-        u, v, s = _dot(offset, p) * scale, _dot(d, q) * scale, _dot(other, q) * scale
-        passes = (u >= 0) & (v >= 0) & (u + v <= 1) & (s >= 0) & (s <= 1)
-    return np.column_stack((edges, triangles))[passes]
+    for isLeft in (_boxesOverlap, _hasEndsOnBothSides, _goesThrough):
+        left = isLeft(mesh, edges, triangles)
+        edges, triangles = edges[left], triangles[left]
+    return np.column_stack((edges, triangles))
+
+
+def _points(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of edges and the corners of triangles, (2, n, 3) and (3, n, 3)."""
+    return mesh.vertices[edges.T], mesh.vertices[mesh.triangles[triangles].T]
+
+
+def _boxesOverlap(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    ends, corners = _points(mesh, edges, triangles)
+    return np.all((ends.min(axis=0) <= corners.max(axis=0)) & (corners.min(axis=0) <= ends.max(axis=0)), axis=1)
+
+
+def _hasEndsOnBothSides(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    ends, corners = _points(mesh, edges, triangles)
+    return orientations(*corners, ends[0]) * orientations(*corners, ends[1]) < 0
+
+
+def _goesThrough(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return where edges whose ends are on both sides of the plane of a triangle pass through it, or, through one of
+    its sides, from one side of the surface to the other.
+    """
+    ends, corners = _points(mesh, edges, triangles)
+    hands = np.array([orientations(*ends, corners[i], corners[(i + 1) % 3]) for i in range(3)])
+    positive, negative = (hands > 0).sum(axis=0), (hands < 0).sum(axis=0)
+    through = (positive == 3) | (negative == 3)
+    atSide = np.flatnonzero((positive == 2) & (negative == 0) | (negative == 2) & (positive == 0))
+    if len(atSide):
+        sides = (hands[:, atSide] == 0).argmax(axis=0)
+        through[atSide] = _crossesAtSide(mesh, edges[atSide], triangles[atSide], sides)
+    return through
+
+
+def _crossesAtSide(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """Return where edges through the given side of a triangle have their ends on both sides of its two facets."""
+    first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
+    opposite = np.empty(3 * len(mesh.triangles), dtype=np.int64)
+    opposite[first], opposite[second] = second, first
+    across = opposite[3 * triangles + sides] // 3
+    apex = mesh.triangles[across, (opposite[3 * triangles + sides] + 2) % 3]
+    ends, corners = _points(mesh, edges, triangles)
+    isConvex = orientations(*corners, mesh.vertices[apex]) > 0
+    others = mesh.vertices[mesh.triangles[across].T]
+    place = []
+    for end in ends:  # 1 outside, -1 inside, 0 on the surface; d is inside where the determinant is positive
+        here, there = -orientations(*corners, end), -orientations(*others, end)
+        place.append(np.where(isConvex, np.maximum(here, there), np.minimum(here, there)))
+    return place[0] * place[1] < 0
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", a, b)
-
-
-def _genera(mesh: Mesh) -> list[int]:
-    """Return the genus g of each membrane, from its Euler characteristic V-E+F = 2-2g, where E = 3F/2."""
-    count, label = connectivity.labelComponents(mesh.triangles, len(mesh.vertices))
-    vertices, triangles = (np.bincount(l, minlength=count) for l in (label, label[mesh.triangles[:, 0]]))
-    return ((2 - (vertices - triangles // 2)) // 2).tolist()
 
 
 def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -248,8 +360,8 @@ def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
         lengths = np.linalg.norm(sides, axis=2)
         cosine = -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
         angles[block] = np.degrees(np.arctan2(doubleArea[:, np.newaxis], cosine))
-        circumradius, inradius = lengths.prod(axis=1) / (2 * doubleArea), doubleArea / lengths.sum(axis=1)
-        aspectRatios[block] = circumradius / (2 * inradius)
+        with np.errstate(divide="ignore"):
+            aspectRatios[block] = lengths.prod(axis=1) * lengths.sum(axis=1) / (4 * doubleArea**2)
     return angles, aspectRatios
 
 

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-import openmm as mm
 from numpy.typing import ArrayLike, NDArray
-from openmm import unit
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
-from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from .measures import reducedVolume
 from .mesh import Mesh
+from .relaxation import EdgeShortener
 
 
 def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100) -> Mesh:
@@ -48,7 +46,7 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
     if numVertices < 12:
         raise ValueError(f"surfaceOfRevolution: numVertices is {numVertices}; it must be at least 12")
     outline[[0, -1], 0] = 0
-    surface, flip = _Revolution(outline, numVertices), _EdgeShortener(numVertices)
+    surface, flip = _Revolution(outline, numVertices), EdgeShortener(_goldenTriangles(numVertices), numVertices)
     triangles = flip(surface.points(), sweeps=20)
     for done in range(rounds):
         surface.evenOut(Mesh(surface.points(), triangles).edges)
@@ -167,30 +165,13 @@ class _Revolution:
         return np.array([np.interp(self._s, self._length, column) for column in columns.T])
 
 
-class _EdgeShortener:
-    """Keeps the triangles of a sphere's golden spiral, and flips edges where that makes them shorter."""
-
-    def __init__(self, numVertices: int) -> None:
-        height = 1 - 2 * (np.arange(numVertices) + 0.5) / numVertices
-        r, angle = np.sqrt(1 - height**2), _goldenAngles(numVertices)
-        points = np.column_stack((r * np.cos(angle), r * np.sin(angle), height))
-        triangles = ConvexHull(points).simplices
-        a, b, c = (points[triangles[:, i]] for i in range(3))
-        inwards = np.einsum("ti,ti->t", np.cross(b - a, c - a), a) < 0
-        triangles[inwards] = triangles[inwards][:, ::-1]
-        self._force = HelfrichForce()
-        self._force.setTriangles(triangles)
-        self._force.setTether(1, 1e-12, 2e-12, 2)  # in effect the sum of squares of the edges' lengths
-        system = Mesh(points, triangles).createSystem()
-        system.addForce(self._force)
-        self._flips = EdgeFlipIntegrator(0, 1)
-        self._flips.setRandomNumberSeed(1)
-        self._context = mm.Context(system, self._flips, mm.Platform.getPlatform("Reference"))
-
-    def __call__(self, x: np.ndarray, sweeps: int, heat: float = 0.0) -> np.ndarray:
-        """Return the triangles after some sweeps; heat is kT over the mean energy of an edge."""
-        self._context.setPositions(x)
-        energy = self._context.getState(energy=True).getPotentialEnergy() / (3 * len(x) - 6)
-        self._flips.setTemperature(heat * energy / unit.MOLAR_GAS_CONSTANT_R)
-        self._flips.step(sweeps)
-        return self._force.getTrianglesInContext(self._context)
+def _goldenTriangles(numVertices: int) -> np.ndarray:
+    """Return the triangles of the golden spiral on a sphere."""
+    height = 1 - 2 * (np.arange(numVertices) + 0.5) / numVertices
+    r, angle = np.sqrt(1 - height**2), _goldenAngles(numVertices)
+    points = np.column_stack((r * np.cos(angle), r * np.sin(angle), height))
+    triangles = ConvexHull(points).simplices
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    inwards = np.einsum("ti,ti->t", np.cross(b - a, c - a), a) < 0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    return triangles

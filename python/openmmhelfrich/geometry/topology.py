@@ -43,6 +43,6 @@ class MeshTopology(app.Topology):
             if membrane != current:
                 residue, current = self.addResidue("MEM", chain, id=str(membrane + 1)), membrane
             atoms.append(self.addAtom(atomnames.nameOf(len(atoms)), None, residue))
-        edges = connectivity.edges(self._triangles, self._numVertices)
+        edges = connectivity.edgesOf(self._triangles, self._numVertices)
         for i, j in atomnames.orderOfBonds(edges, self._numVertices).tolist():
             self.addBond(atoms[i], atoms[j])

@@ -12,8 +12,10 @@ from pydantic_core import ErrorDetails
 
 from ..files import PathLike
 from ..messages import quoted, shortened
-from ..units import Scales, lengthUnit, plainNumber, thermalEnergy
+from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEnergy
 from .sections import (
+    GREATEST,
+    LEAST,
     MembraneSection,
     MeshSection,
     OutputSection,
@@ -29,6 +31,14 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+
+# Keys whose default is a length of 1, and the key that brings them into use.
+_DEFAULT_LENGTHS = (
+    ("membrane", "leaflet_separation", None),
+    ("tether", "length_scale", "modulus"),
+    ("repulsion", "length_scale", "modulus"),
+)
 
 
 class Config(Section):
@@ -109,8 +119,9 @@ def readTOML(file: PathLike) -> dict[str, Any]:
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
     """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
+    data, multiple = _inNamedUnit(data)
     try:
-        config = Config.model_validate(data, context=_scales(data))
+        config = Config.model_validate(data, context=_scales(data, multiple))
         config._source = source
         return config
     except ValidationError as error:
@@ -138,7 +149,33 @@ def sections() -> dict[str, type[Section]]:
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
 
 
-def _scales(data: Any) -> Scales:
+def _inNamedUnit(data: Any) -> tuple[Any, float]:
+    """Return the nested dict of a file with lengths of the mesh in a named unit, and how many of these a plain 1 is.
+
+    That is 100 where length_unit is "100 nm".  Where a file has a scale and no length_unit, its coordinates are nm.
+    """
+    try:
+        mesh = data["mesh"]
+        scale, name = mesh.get("scale", 1.0), mesh.get("length_unit")
+        if name is None and "file" in mesh and LEAST <= scale <= GREATEST:
+            multiple, name = 1 / scale, "nm"
+        else:
+            multiple, name = multipleOfUnit(name)
+        if multiple == 1 and name == mesh.get("length_unit", "nm"):
+            return data, 1.0
+        scale = 1.0 if mesh.get("length_unit") is None else scale * multiple
+        result = {**data, "mesh": {**mesh, "scale": scale, "length_unit": name}}
+        # What is 1 by default is 1 of the file's unit.
+        for section, key, switch in _DEFAULT_LENGTHS:
+            given = data.get(section, {})
+            if key not in given and (switch is None or switch in given):
+                result[section] = {**given, key: 1.0}
+        return result, multiple
+    except (KeyError, TypeError, AttributeError):
+        return data, 1.0
+
+
+def _scales(data: Any, multiple: float) -> Scales:
     """Return the units of the plain numbers of a file, as far as they can be told before it is validated."""
     try:
         kT = thermalEnergy(plainNumber(data["sampling"]["temperature"], "temperature", Scales(1.0)))
@@ -146,7 +183,7 @@ def _scales(data: Any) -> Scales:
         kT = thermalEnergy(SamplingSection.model_fields["temperature"].default)
     try:
         name = data["mesh"].get("length_unit", "nm")
-        return Scales(kT, lengthUnit(name), name)
+        return Scales(kT, lengthUnit(name), name, multiple)
     except (KeyError, TypeError, AttributeError):
         return Scales(kT)
 

@@ -5,6 +5,7 @@ import math
 import os
 import random
 import threading
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +24,6 @@ from .config import Config, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
-# Where the power laws of tether and repulsion are meant to be used.
-LEAST_EDGE, GREATEST_EDGE = 0.01, 10.0
 # By so much a length or a target may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
@@ -159,6 +158,7 @@ class Scene:
         force.setPressure(moduli["pressure"])
         if moduli["repulsion"] > 0:
             force.setRepulsion(moduli["repulsion"], self.repulsionOnset, repulsion.exponent, repulsion.exclusion_level)
+            force.setRepulsionLengthScale(repulsion.length_scale or 1.0)
         return force
 
     def createIntegrator(self) -> HybridMonteCarloIntegrator:
@@ -206,7 +206,10 @@ class Scene:
 
 
 def loadMesh(config: Config) -> Mesh:
-    """Read or make, and check, the mesh of a Config, in its length unit."""
+    """Read or make, and check, the mesh of a Config, in its length unit.
+
+    Its notes say what has been done to it.
+    """
     if config.mesh.icosphere is not None:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
     else:
@@ -214,21 +217,12 @@ def loadMesh(config: Config) -> Mesh:
         mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair)
     try:
         mesh.check()
+        if config.mesh.remesh is not None:
+            with warnings.catch_warnings(record=True):  # they are among the notes
+                mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
-    length = mesh.edgeLengths.mean()
-    if not LEAST_EDGE <= length <= GREATEST_EDGE:
-        raise ValueError(
-            f"{source}: the mean edge length is {length:.3g} {config.mesh.length_unit}; it must be between "
-            f"{LEAST_EDGE:g} and {GREATEST_EDGE:g}, where the tether's power laws are meant to be used: "
-            f"try scale = {betterScale(config.mesh.scale, length):g} in [mesh]"
-        )
     return mesh
-
-
-def betterScale(scale: float, edgeLength: float) -> float:
-    """Return the power of ten times a scale of a mesh that brings the mean length of its edges to about 1/4."""
-    return scale * 10 ** -round(math.log10(4 * edgeLength))
 
 
 def currentMesh(simulation: app.Simulation, force: HelfrichForce) -> Mesh:
@@ -308,7 +302,6 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
     for name, value in (
         ("[tether] min_length", tether.min_length),
         ("[tether] max_length", tether.max_length),
-        ("[tether] length_scale", tether.length_scale),
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")

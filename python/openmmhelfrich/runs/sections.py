@@ -2,8 +2,8 @@
 
 Lengths are in the mesh's ``length_unit``, areas and volumes in its powers, energies in kT at the run's temperature,
 temperatures in K, masses in Da and times in ps.  The membrane's energy has no length scale of its own, so a unit of
-length is a label: OpenMM's nm stands for it.  A string with a unit, like "80 kJ/mol" or "0.5 um", may stand for a
-number; it is converted while the file is read.
+length is a label: OpenMM's nm stands for it, whatever the size of the mesh.  A string with a unit, like "80 kJ/mol" or
+"0.5 um", may stand for a number; it is converted while the file is read.
 """
 
 import math
@@ -92,6 +92,7 @@ Length: TypeAlias = Annotated[float, _quantity("length")]
 Area: TypeAlias = Annotated[float, _quantity("area")]
 Volume: TypeAlias = Annotated[float, _quantity("volume")]
 Tension: TypeAlias = Annotated[float, _quantity("energy per area")]
+Force: TypeAlias = Annotated[float, _quantity("energy per length")]
 Pressure: TypeAlias = Annotated[float, _quantity("energy per volume")]
 Time: TypeAlias = Annotated[float, _quantity("time")]
 Mass: TypeAlias = Annotated[float, _quantity("mass")]
@@ -156,8 +157,13 @@ class MeshSection(Section):
     scale: float = Field(
         1.0,
         gt=0,
-        description="factor on the coordinates, to bring the mean edge length between 0.01 and 10, where the "
-        "power laws of tether and repulsion are meant to be used; 1 leaves them as they are",
+        description="factor on the coordinates, which brings them into length_unit; for a sphere its radius",
+    )
+    remesh: int | None = Field(
+        None,
+        ge=12,
+        description="make the mesh anew, of so many vertices and even triangles on the same surface; takes the extra "
+        "openmm-helfrich[remesh]",
     )
     repair: bool = Field(
         False,
@@ -167,10 +173,17 @@ class MeshSection(Section):
     length_unit: str = Field(
         "nm",
         min_length=1,
-        pattern=r"^\S+$",
-        description="what one unit of length is called after scaling; it labels results and is the "
-        "unit of every length that is a plain number",
+        description="the unit of lengths after scaling, of results and of every length that is a plain number: nm, "
+        "angstrom, um, a name of your own, or a multiple like '100 nm', with results in nm; where a file has a scale "
+        "and no length_unit, its coordinates are nm, and so are results",
     )
+
+    @field_validator("length_unit")
+    @classmethod
+    def _oneWord(cls, name: str) -> str:
+        if len(name.split()) != 1:
+            raise ValueError("it must be the name of a unit, or a multiple of one, like 'nm', 'angstrom' or '100 nm'")
+        return name.strip()
 
     @model_validator(mode="after")
     def _oneMesh(self) -> "MeshSection":
@@ -263,6 +276,9 @@ class RepulsionSection(Section):
     modulus: Energy = Field(0.0, ge=0, description="kappa_R in kT")
     onset: Length | None = Field(
         None, gt=0, description="the distance below which vertices repel each other; the tether's min_length by default"
+    )
+    length_scale: Length | None = Field(
+        None, gt=0, description="the unit of lengths in the repulsion's energy, which goes as (r/l_0)^-r; 1 by default"
     )
     exponent: int = Field(2, ge=1, le=100, description="r, as for the tether")
     exclusion_level: Literal[0, 1, 2] = Field(

@@ -8,9 +8,10 @@ import math
 from abc import abstractmethod
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .sections import GREATEST_COUNT, StepSize, Targets, Temperature
+from ..units import plainNumber
+from .sections import GREATEST_COUNT, Force, StepSize, Targets, Temperature
 
 
 class StageSettings(Targets):
@@ -78,7 +79,7 @@ class MinimizeStage(StageSettings):
         description="of L-BFGS, at which to stop; to deflate a sphere of 2562 vertices to a reduced volume of 0.8 took "
         "50000",
     )
-    tolerance: float | None = Field(
+    tolerance: Force | None = Field(
         None,
         gt=0,
         description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
@@ -148,6 +149,19 @@ class AnnealStage(StageSettings):
         return self.steps
 
 
+def _pathInNamedUnit(path: Any, info: ValidationInfo) -> Any:
+    """Return a path whose plain numbers are in the named unit of length."""
+    kinds, scales = {"target_area": "area", "target_volume": "volume", "target_area_difference": "area"}, info.context
+    if scales is None or not isinstance(path, dict):
+        return path
+    return {
+        name: [plainNumber(value, kinds.get(name, ""), scales) for value in values]
+        if isinstance(values, list)
+        else values
+        for name, values in path.items()
+    }
+
+
 class ContinueStage(StageSettings):
     """Goes to its targets along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its start, window by
     window.
@@ -164,7 +178,7 @@ class ContinueStage(StageSettings):
     )
     steps: int = Field(100, ge=1, description="Monte Carlo steps over which each window is averaged")
     there_and_back: bool = Field(False, description="go back to lambda = 0 by the same windows, to see hysteresis")
-    path: dict[str, list[float]] = Field(
+    path: Annotated[dict[str, list[float]], BeforeValidator(_pathInNamedUnit)] = Field(
         {}, description="a lambda of its own for a target: a value for each of the windows+1 points, by name"
     )
     temperature: Temperature | None = Field(None, gt=0, description="in K; that of [sampling] by default")

@@ -32,6 +32,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .readiness import requireReady
 from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
 from .stages import Stage, averagesOf, checkStages, createStage
@@ -67,6 +68,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     study.notes += scene.mesh.notes
+    study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):
         old = outputs.prepare(config.mesh.file, config.output.overwrite)
@@ -222,6 +224,13 @@ class Study:
         """Whether nothing is left to do."""
         return self.index == len(self.config.stages) - 1 and self.stage.isDone
 
+    def requireReady(self) -> None:
+        """Raise a ValueError if the present stage would sample nothing from the present shape."""
+        settings = self.scene.stages[self.index]
+        if settings.isMonteCarlo:
+            stepSize = getattr(settings, "step_size", None)
+            requireReady(self.scene, self.simulation, self.force, None if stepSize == "auto" else stepSize)
+
     def save(self) -> None:
         """Write a checkpoint."""
         if self._recorder:
@@ -283,7 +292,10 @@ class Study:
             self._note()
             if self.isComplete or isInterrupted or stop.signal is not None:
                 return
+            hasSampled = self.scene.stages[self.index].isMonteCarlo
             self.index += 1
+            if not hasSampled:
+                self.requireReady()
             self.stage = self._createStage()
 
     def _createStage(self) -> Stage:

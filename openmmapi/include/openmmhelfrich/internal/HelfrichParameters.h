@@ -103,7 +103,7 @@ struct HelfrichParameters {
     std::map<std::pair<Term, int>, double> surfaceTargets;
     double tetherMinLength = 0, tetherMaxLength = 0, tetherLengthScale = 1;
     int tetherExponent = 2;
-    double repulsionOnset = 0;
+    double repulsionOnset = 0, repulsionLengthScale = 1;
     int repulsionExponent = 2, repulsionExclusionLevel = 1;
     /**
      * Get whether a term is on.

@@ -227,6 +227,12 @@ inline Real tetherPotential(const HelfrichParameters& p, Real l, Real& slope) {
 }
 
 /**
+ * A flip makes no triangle of less area than this part of the square of its edge.  Three points on a line, as of a
+ * surface that follows a grid, have no dihedral angle, and so no energy that would keep them from it.
+ */
+const double FLAT_TRIANGLE = 5e-13;
+
+/**
  * The potential of a pair of vertices at distance r: contactPotential() below the onset, 0 above it.
  *
  * @param[out] slope  its derivative by r
@@ -235,6 +241,19 @@ template <class Real>
 inline Real repulsionPotential(Real r, Real onset, int exponent, Real& slope) {
     slope = 0;
     return r < onset ? contactPotential(r, onset, exponent, slope) : Real(0);
+}
+
+/**
+ * The repulsion's potential of a pair of vertices at distance r, which its modulus multiplies.
+ *
+ * @param[out] slope  its derivative by r
+ */
+template <class Real>
+inline Real repulsionPotential(const HelfrichParameters& p, Real r, Real& slope) {
+    Real scale = p.repulsionLengthScale;
+    Real potential = repulsionPotential<Real>(r / scale, p.repulsionOnset / scale, p.repulsionExponent, slope);
+    slope = slope / scale;
+    return potential;
 }
 
 } // namespace HelfrichPlugin

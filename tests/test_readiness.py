@@ -1,0 +1,269 @@
+"""What check says of a mesh, and that a run whose trajectories would not be accepted stops before it begins."""
+
+import shlex
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import openmm as mm
+import pytest
+from hypothesis import given, settings, strategies as st
+from typer.testing import CliRunner
+
+import openmmhelfrich as mh
+from membranes import cube, uvSphere
+from openmmhelfrich.cli import app
+from openmmhelfrich.geometry.predicates import orientations
+from openmmhelfrich.geometry.quality import assess, crossings, dihedralAngles, triangleAngles
+from openmmhelfrich.sampling.observables import readObservables
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+def shifted(mesh, *shift):
+    return mh.Mesh(mesh.vertices + shift, mesh.triangles)
+
+
+# --- predicates
+
+
+def exactOrientation(points):
+    a, b, c, d = ([Fraction(float(x)) for x in point] for point in points)
+    u, v, w = ([p[k] - d[k] for k in range(3)] for p in (a, b, c))
+    determinant = sum(u[i] * (v[j] * w[k] - v[k] * w[j]) for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)))
+    return (determinant > 0) - (determinant < 0)
+
+
+coordinates = st.one_of(
+    st.integers(-3, 3).map(float),
+    st.sampled_from([0.1, 0.2, 0.3, 1 / 3, 1 + 2.0**-52, 1e-300, -1e15]),
+    st.floats(-1, 1),
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=4, max_size=4))
+def test_orientations_are_exact(points):
+    found = orientations(*(np.array([point]) for point in points))
+    assert found.tolist() == [exactOrientation(points)]
+
+
+def test_points_in_a_plane_to_the_last_bit():
+    """A point that is next to a plane by one unit in the last place is on its side."""
+    a, b, c = (np.array([x], dtype=float) for x in ([0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [0.1, 0.7, 0.1]))
+    for z in (np.nextafter(0.1, 0), 0.1, np.nextafter(0.1, 1)):
+        assert orientations(a, b, c, np.array([[0.2, 0.3, z]])).tolist() == [np.sign(0.1 - z)]
+
+
+# --- crossings
+
+
+@pytest.mark.parametrize(
+    "corner, side",
+    [((1, 0, 0), 1), ((1, 0.3, 0.2), 1), ((1, 0.25, 0.25), 0.5), ((1, 1, 0), 1), ((1, 1, 1), 1), ((0.2, 0.3, 1), 0.3)],
+)
+def test_what_touches_or_lies_in_a_plane_does_not_cross(corner, side):
+    assert len(crossings(mh.Mesh.merged([cube(), cube(side, corner)]))) == 0
+
+
+@pytest.mark.parametrize("shift", [(1, 0, 0), (0.7, 0, 0), (0, 0, 1.5), (0.5, 0.5, 0), (1, 0.1, 0.05)])
+def test_spheres_that_meet_cross(shift):
+    """Also where, by symmetry, edges meet edges."""
+    sphere = mh.Mesh.icosphere(2)
+    assert len(crossings(mh.Mesh.merged([sphere, shifted(sphere, *shift)]))) > 20
+    assert len(crossings(mh.Mesh.merged([sphere, shifted(sphere, *(3 * np.array(shift)))]))) == 0
+
+
+@pytest.mark.parametrize("gap, isCrossing", [(-0.01, True), (0.0, False), (0.01, False)])
+def test_ridge_across_ridge(gap, isCrossing):
+    roof = mh.Mesh([[-1, 0, 0], [1, 0, 0], [0, 1, -1], [0, -1, -1]], [(0, 1, 2), (1, 0, 3), (0, 2, 3), (1, 3, 2)])
+    other = mh.Mesh(roof.vertices[:, [1, 0, 2]] * [1, 1, -1] + [0, 0, gap], roof.triangles)
+    assert (len(crossings(mh.Mesh.merged([roof, other]))) > 0) == isCrossing
+
+
+# --- facts
+
+
+def test_angles():
+    for angle, expected in ((triangleAngles(cube()).max(), 90), (dihedralAngles(cube()).max(), 90)):
+        assert angle == pytest.approx(expected)
+    flat = dihedralAngles(cube())
+    assert np.isclose(flat, 0).sum() == 6 and np.isclose(flat, 90).sum() == 12
+
+
+def test_columns_and_specks():
+    sphere, ring = mh.Mesh.icosphere(2, 50), mh.Mesh.torus(150, 40, 20)
+    speck = mh.Mesh.icosphere(0, 2)
+    quality = assess(mh.Mesh.merged([sphere, ring, shifted(speck, 300, 0, 0)]))
+    assert quality.genera == [0, 1, 0]
+    lines = quality.lines()
+    cells = {label: text.split() for label, text in lines}
+    assert cells["surface"] == ["0", "1", "2"] and cells["genus"] == ["0", "1", "0"]
+    assert [float(x) for x in cells["area, nm^2"]] == pytest.approx([m.area for m in (sphere, ring, speck)], rel=1e-5)
+    assert [float(x) for x in cells["reduced volume"]] == pytest.approx(
+        [m.reducedVolume for m in (sphere, ring, speck)], abs=1e-4
+    )
+    assert [text for _, text in lines if "speck" in text] == [quality.warnings()[0]]
+
+
+def test_doubled_facets():
+    sphere = mh.Mesh.icosphere(1, 100)
+    x = sphere.vertices.copy()
+    a, b, c = sphere.triangles[0]
+    neighbor = next(t for t in sphere.triangles[1:] if {a, b} < set(t.tolist()))
+    (apex,) = set(neighbor.tolist()) - {a, b}
+    x[apex] = 0.999 * x[c] + 0.001 * x[a]
+    quality = assess(mh.Mesh(x, sphere.triangles))
+    assert any("one facet lies on another" in text for text in quality.warnings())
+
+
+@pytest.mark.parametrize(
+    "radius, unit, looksWrong",
+    [
+        (1, "nm", True),
+        (50, "nm", False),
+        (50, "angstrom", False),
+        (1, "um", False),
+        (1e4, "um", True),
+        (1, "R0", False),
+    ],
+)
+def test_units_that_look_wrong(radius, unit, looksWrong):
+    warnings = assess(mh.Mesh.icosphere(1, radius)).warnings(unit)
+    assert any("across" in text for text in warnings) == looksWrong
+
+
+# --- verdicts
+
+
+def commandsOf(output):
+    return [line for line in output.splitlines() if line.startswith("openmm-helfrich ")]
+
+
+def test_ready(inFolder):
+    mh.Mesh.icosphere(2, 50).write("cell.ply")
+    result = invoke("check", "cell.ply")
+    assert result.exit_code == 0 and result.output.split()[-2:] == ["verdict", "ready"]
+
+
+@pytest.fixture
+def unevenFolder(inFolder):
+    pytest.importorskip("mmgpy")
+    uvSphere(32, 16).write("cell.stl")
+    return inFolder
+
+
+def test_ready_after_remesh_as_the_command_says(unevenFolder):
+    result = invoke("check", "cell.stl")
+    assert (
+        result.exit_code == 1 and "trajectories from this mesh are not accepted: its edges are 0.0382" in result.output
+    )
+    (command,) = commandsOf(result.output)
+    assert command == "openmm-helfrich remesh cell.stl cell_even.ply --vertices 482"
+    assert invoke(*shlex.split(command)[1:]).exit_code == 0
+    assert invoke("check", "cell_even.ply").exit_code == 0
+
+
+def test_ready_after_repair_as_the_command_says(inFolder):
+    sphere = mh.Mesh.icosphere(2)
+    mh.Mesh(sphere.vertices, sphere.triangles[:, ::-1]).write("cell.ply")
+    result = invoke("check", "cell.ply")
+    assert result.exit_code == 1 and "is inside out" in result.output
+    assert commandsOf(result.output) == ["openmm-helfrich repair cell.ply cell_repaired.ply"]
+
+
+def test_ready_after_both(unevenFolder):
+    mesh = uvSphere(32, 16)
+    mh.Mesh(mesh.vertices, mesh.triangles[:, ::-1]).write("cell.stl")
+    first, second = commandsOf(invoke("check", "cell.stl").output)
+    assert first == "openmm-helfrich repair cell.stl cell_repaired.ply"
+    assert second == "openmm-helfrich remesh cell_repaired.ply cell_repaired_even.ply --vertices 482"
+
+
+def test_what_nothing_mends(inFolder):
+    sphere = mh.Mesh.icosphere(2)
+    mh.Mesh(sphere.vertices, sphere.triangles[1:]).write("cell.ply")
+    result = invoke("check", "cell.ply")
+    assert result.exit_code == 1 and "the surface is open" in result.output and not commandsOf(result.output)
+
+
+# --- runs
+
+
+def configure(stages="[sampling]\nsteps = 100\nseed = 1\n", mesh='file = "cell.stl"'):
+    with open("run.toml", "w") as file:
+        file.write(f"[mesh]\n{mesh}\n[platform]\nthreads = 1\n{stages}")
+
+
+@pytest.mark.parametrize("stepSize", ["", 'step_size = "auto"\n'])
+def test_run_says_the_same_and_leaves_no_files(unevenFolder, stepSize):
+    configure(f"[sampling]\nsteps = 100\nseed = 1\n{stepSize}")
+    before = sorted(path.name for path in unevenFolder.iterdir())
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1 and "trajectories from this mesh are not accepted" in result.output
+    assert "cell_even.ply --vertices 482" in result.output and "remesh = 482 in [mesh]" in result.output
+    assert sorted(path.name for path in unevenFolder.iterdir()) == before
+
+
+def test_remeshed_run_samples(unevenFolder):
+    configure(mesh='file = "cell.stl"\nremesh = 482')
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 0 and "remeshed: 482 vertices" in result.output
+    assert readObservables("run.csv")["acceptance"][-1] > 0.6
+
+
+def test_minimum_that_cannot_be_sampled_is_kept(unevenFolder):
+    """A minimization makes the mesh no more even; the run stops before it samples, with the minimum written."""
+    configure('[sampling]\nseed = 1\n[[stages]]\nkind = "minimize"\n[[stages]]\nkind = "sample"\nsteps = 100\n')
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1 and "trajectories from this mesh are not accepted" in result.output
+    assert (unevenFolder / "run.checkpoint").exists() and len(readObservables("run.csv")["step"]) == 2
+    again = invoke("resume", "run")
+    assert again.exit_code == 1 and "trajectories from this mesh are not accepted" in again.output
+
+
+def test_small_steps_are_left_to_the_user(unevenFolder):
+    """With a step size that an uneven mesh takes it runs."""
+    configure("[sampling]\nsteps = 20\nseed = 1\nstep_size = 1e-7\n")
+    assert invoke("run", "run.toml").exit_code == 0
+
+
+# --- flips of flat patches
+
+
+@pytest.mark.parametrize("platform", ["CPU", "Reference"])
+def test_flips_make_no_triangle_without_area(platform):
+    """On the faces of a cube of a grid many flips would give three points on a line."""
+    n = 6
+    grid = np.linspace(0, 1, n + 1)
+    side = np.array([[x, y] for x in grid for y in grid])
+    square = [
+        t
+        for i in range(n)
+        for j in range(n)
+        for a in [i * (n + 1) + j]
+        for t in [(a, a + n + 1, a + n + 2), (a, a + n + 2, a + 1)]
+    ]
+    faces = []
+    for axis, level in product(range(3), (0, 1)):
+        x = np.insert(side, axis, level, axis=1)
+        outward = (level == 1) != (axis == 1)
+        faces.append(mh.Mesh(x, np.array(square)[:, :: 1 if outward else -1]))
+    mesh = mh.Mesh.merged(faces)
+    vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    mesh = mh.Mesh(vertices, number.ravel()[mesh.triangles])
+    mesh.check()
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(1)
+    system = mesh.createSystem()
+    system.addForce(force)
+    flips = mh.EdgeFlipIntegrator(300, 1)
+    flips.setRandomNumberSeed(1)
+    context = mm.Context(system, flips, mm.Platform.getPlatformByName(platform))
+    context.setPositions(mesh.vertices)
+    flips.step(20)
+    assert flips.getNumAccepted() > 100
+    mh.Mesh(mesh.vertices, force.getTrianglesInContext(context)).check()
