@@ -68,7 +68,7 @@ def repair(
         raise ValueError(f"{output} is written, but cannot be simulated: {error}") from None
 
 
-def _lengths(text):
+def _lengths(text: str | None) -> list[float] | None:
     """Return the lengths of a box from a command's option."""
     if text is None:
         return None

@@ -31,7 +31,7 @@ def orderOfBonds(edges: NDArray[np.integer], numVertices: int) -> NDArray[np.int
         edges = np.concatenate((edges[~isLost], edges[isLost]))
 
 
-def _isLeftOut(edges, numVertices):
+def _isLeftOut(edges: NDArray[np.integer], numVertices: int) -> NDArray[np.bool_]:
     """Return for either end of each bond whether the record of that atom leaves it out: an (E, 2) array."""
     ends = edges.ravel()
     counts = np.bincount(ends, minlength=numVertices)

@@ -4,6 +4,7 @@ All functions work on arrays: vertices (N, 3) and triangles (T, 3).  :meth:`Mesh
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from . import connectivity
 
 Points = NDArray[np.float64]
 Triangles = NDArray[np.int64]
+Halfedges = NDArray[np.int64]
 
 # A triangle is flat if twice its area is less than this part of its longest side, squared.
 _FLAT = 1e-6
@@ -46,19 +48,19 @@ class _Surface:
     triangles: Triangles
     notes: list[str] = field(default_factory=list)
 
-    def edges(self):
+    def edges(self) -> tuple[Halfedges, Halfedges, Halfedges]:
         """Return the halfedges in the order of their edges, where each edge begins there, and how many it has."""
         order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
         return order, start, np.diff(start, append=len(order))
 
-    def facetsPerHalfedge(self):
+    def facetsPerHalfedge(self) -> NDArray[np.int64]:
         """Return how many triangles the edge of each halfedge has, a row for each triangle."""
         order, _, counts = self.edges()
         result = np.empty(len(order), dtype=np.int64)
         result[order] = np.repeat(counts, counts)
         return result.reshape(-1, 3)
 
-    def areas(self):
+    def areas(self) -> tuple[Points, Points]:
         """Return twice the area of each triangle, and the lengths of its sides, from each corner to the next."""
         x = self.vertices[self.triangles]
         sides = np.linalg.norm(x[:, [1, 2, 0]] - x, axis=2)
@@ -135,7 +137,7 @@ def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | 
     return None
 
 
-def _unfold(surface, box):
+def _unfold(surface: _Surface, box: Points) -> None:
     """Put the vertices of each surface beside their neighbors where edges lead through the sides of a box."""
     origin, target = connectivity.halfedges(surface.triangles)
     steps = surface.vertices[target] - surface.vertices[origin]
@@ -155,12 +157,14 @@ def _unfold(surface, box):
     )
 
 
-def _images(steps, box):
+def _images(steps: Points, box: Points) -> NDArray[np.int64]:
     """Return how many boxes each step leads through, in each direction."""
     return np.rint(steps @ np.linalg.inv(box)).astype(np.int64)
 
 
-def _shifts(count, first, second, images):
+def _shifts(
+    count: int, first: NDArray[np.int64], second: NDArray[np.int64], images: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Return by how many boxes to move each of some patches, where those of the second are the images' more than those
     of the first.
     """
@@ -201,7 +205,7 @@ def weldRims(vertices: Points, triangles: Triangles, distance: float) -> tuple[T
     return places[triangles], len(rim) - count
 
 
-def _weld(surface, tolerance):
+def _weld(surface: _Surface, tolerance: float) -> None:
     _, sides = surface.areas()
     distance = tolerance * float(np.median(sides))
     surface.triangles, count = weldRims(surface.vertices, surface.triangles, distance)
@@ -209,7 +213,7 @@ def _weld(surface, tolerance):
         surface.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
 
 
-def _dropTwice(surface):
+def _dropTwice(surface: _Surface) -> int:
     """Take away triangles that have a vertex twice, and return how many they were."""
     a, b, c = surface.triangles.T
     isWhole = (a != b) & (b != c) & (c != a)
@@ -217,7 +221,7 @@ def _dropTwice(surface):
     return int(np.sum(~isWhole))
 
 
-def _dropRepeated(surface):
+def _dropRepeated(surface: _Surface) -> None:
     """Take away all but one of the triangles with the same vertices, that one too if it sticks to a closed surface, and
     others that stick to one by an edge.
     """
@@ -240,7 +244,7 @@ def _dropRepeated(surface):
         )
 
 
-def _dropFlat(surface, found):
+def _dropFlat(surface: _Surface, found: int) -> None:
     """Take away triangles without area: needles, by making the ends of their shortest side one vertex, and others by
     flipping their longest side, which puts their middle vertex on the neighbor's side.
     """
@@ -260,7 +264,7 @@ def _dropFlat(surface, found):
         surface.notes.append(f"{counted(found, 'facet without area', 'facets without area')} taken away")
 
 
-def _collapse(surface, needles, sides):
+def _collapse(surface: _Surface, needles: NDArray[np.int64], sides: Points) -> int:
     """Make the ends of the shortest side of needles one vertex, where that leaves the surface a surface; return for how
     many that was done.
     """
@@ -281,7 +285,7 @@ def _collapse(surface, needles, sides):
     return changed
 
 
-def _flip(surface, flat, sides):
+def _flip(surface: _Surface, flat: NDArray[np.int64], sides: Points) -> int:
     """Flip the longest side of flat triangles, where that leaves the surface a surface; return how many there were."""
     order, start, counts = surface.edges()
     origin, target = connectivity.halfedges(surface.triangles)
@@ -306,7 +310,7 @@ def _flip(surface, flat, sides):
     return changed
 
 
-def _next(h):
+def _next(h: Any) -> Any:
     """Return the next halfedge of a triangle."""
     return h - h % 3 + (h + 1) % 3
 
@@ -314,12 +318,12 @@ def _next(h):
 # --- surfaces
 
 
-def _components(a, b, size):
+def _components(a: NDArray[np.int64], b: NDArray[np.int64], size: int) -> tuple[int, NDArray[np.int64]]:
     graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
     return connected_components(graph, directed=False)
 
 
-def _orient(surface, outwards):
+def _orient(surface: _Surface, outwards: bool) -> None:
     """Turn triangles that run against their neighbors, and then surfaces that are inside out.
 
     Every triangle is two nodes of a graph, one for each way round, and neighbors are joined in the ways that agree: a
@@ -349,7 +353,7 @@ def _orient(surface, outwards):
         _turnOutwards(surface, patch, numPatches)
 
 
-def _turnOutwards(surface, patch, numPatches):
+def _turnOutwards(surface: _Surface, patch: NDArray[np.int64], numPatches: int) -> None:
     """Turn surfaces whose volume is negative, or clearly so if they are open."""
     x = surface.vertices[surface.triangles]
     weights = np.bincount(patch, minlength=numPatches)[:, np.newaxis]
@@ -365,7 +369,7 @@ def _turnOutwards(surface, patch, numPatches):
         surface.notes.append(f"{counted(int(isInside.sum()), 'surface')} inside out and turned")
 
 
-def _part(surface):
+def _part(surface: _Surface) -> None:
     """Give each sheet of a surface that touches itself, at a vertex or along an edge, vertices of its own."""
     parted = _partVertices(surface)
     for _ in range(_ROUNDS):
@@ -385,7 +389,7 @@ def _part(surface):
         surface.notes.append(f"{counted(len(left), 'edge')} left with more than two facets, one of them at {where}")
 
 
-def _partVertices(surface):
+def _partVertices(surface: _Surface) -> int:
     """Give each fan of triangles around a vertex a vertex of its own, and return how many that added."""
     first, second = (np.concatenate(halves) for halves in zip(*_sheets(surface)))
     corner = np.arange(surface.triangles.size)
@@ -411,7 +415,7 @@ def _partVertices(surface):
     return int(np.sum(~isFirst))
 
 
-def _divideEdges(surface):
+def _divideEdges(surface: _Surface) -> int:
     """Divide edges at which sheets touch that share their ends, with a vertex in the middle for each sheet; return how
     many vertices that added.
     """
@@ -433,7 +437,7 @@ def _divideEdges(surface):
     return len(vertices)
 
 
-def _sheets(surface):
+def _sheets(surface: _Surface) -> tuple[tuple[Halfedges, Halfedges], Halfedges]:
     """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet: those of edges
     with two triangles, and those of edges with more, where they can be told.
     """
@@ -448,7 +452,7 @@ def _sheets(surface):
     return (first[agree], second[agree]), np.concatenate(crowded, axis=1)
 
 
-def _pairAround(surface, some, origin):
+def _pairAround(surface: _Surface, some: Halfedges, origin: NDArray[np.int64]) -> Halfedges:
     """Return pairs of the halfedges of one edge, each of which bounds a wedge of the inside, as two rows; none if they
     are not as many in one direction as in the other.
     """
@@ -471,7 +475,7 @@ def _pairAround(surface, some, origin):
     return none if 2 * len(begin) != len(around) else np.stack((np.roll(around, -1)[begin], around[begin]))
 
 
-def _keepSurfaces(surface, wanted):
+def _keepSurfaces(surface: _Surface, wanted: Wanted) -> None:
     """Leave out surfaces that are not to be kept, and specks."""
     count, label = surfaces(surface.triangles, len(surface.vertices))
     areas = np.bincount(label, surface.areas()[0] / 2, count)
@@ -507,7 +511,7 @@ def surfaces(triangles: NDArray[np.integer], numVertices: int) -> tuple[int, NDA
 # --- holes
 
 
-def _holes(surface, close):
+def _holes(surface: _Surface, close: bool) -> None:
     """Note the holes, with their length and place, or close them."""
     loops = _loops(surface)
     x = surface.vertices
@@ -524,7 +528,7 @@ def _holes(surface, close):
         _close(surface, loops)
 
 
-def _loops(surface):
+def _loops(surface: _Surface) -> list[NDArray[np.int64]]:
     """Return the vertices around each hole, in the direction in which the triangles run along it."""
     order, start, counts = surface.edges()
     origin, target = connectivity.halfedges(surface.triangles)
@@ -541,7 +545,7 @@ def _loops(surface):
     return loops
 
 
-def _close(surface, loops):
+def _close(surface: _Surface, loops: list[NDArray[np.int64]]) -> None:
     """Close holes: those of three edges with a triangle, others with triangles around a vertex in their middle."""
     middles: list[Points] = []
     triangles: list[Triangles] = []

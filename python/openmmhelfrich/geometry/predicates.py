@@ -29,7 +29,7 @@ def orientations(*points: NDArray[np.float64]) -> NDArray[np.int8]:
     return signs
 
 
-def _exactly(*points):
+def _exactly(*points: NDArray[np.float64]) -> NDArray[np.int8]:
     """Return the signs by whole numbers of any size."""
     # All coordinates as multiples of the same power of 2.
     mantissa, exponent = np.frexp(np.array(points))

@@ -137,7 +137,7 @@ def vertexNormals(x: FloatArray, triangles: IntegerArray) -> FloatArray:
     return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, np.newaxis]
 
 
-def _band(turn, otherTurn, start, otherStart):
+def _band(turn: FloatArray, otherTurn: FloatArray, start: int, otherStart: int) -> list[tuple[int, int, int]]:
     """Return the triangles between two rings of vertices, of which the other is the next counter-clockwise as seen
     along the ring.
     """
@@ -160,14 +160,14 @@ def _band(turn, otherTurn, start, otherStart):
     return triangles
 
 
-def _project(x, triangles, surface):
+def _project(x: FloatArray, triangles: IntegerArray, surface: Surface) -> FloatArray:
     """Return positions moved onto a surface, but for those whose closest point is on another sheet of it."""
     closest, normals = surface.closest(x)
     isOwn = np.einsum("vi,vi->v", normals, vertexNormals(x, triangles)) > 0
     return np.where(isOwn[:, np.newaxis], closest, x)
 
 
-def _fit(x, triangles, surface, iterations=4):
+def _fit(x: FloatArray, triangles: IntegerArray, surface: Surface, iterations: int = 4) -> FloatArray:
     """Return positions moved along normals, so that around each vertex triangles are as far outside as inside."""
     a, b = edgesOf(triangles, len(x)).T
     normals, count = vertexNormals(x, triangles), np.bincount(triangles.ravel(), minlength=len(x))
@@ -182,7 +182,7 @@ def _fit(x, triangles, surface, iterations=4):
     return x
 
 
-def _springs(x, edges):
+def _springs(x: FloatArray, edges: IntegerArray) -> FloatArray:
     """Return the moves of vertices by the pull of springs at the edges towards the mean length."""
     a, b = edges.T
     edge, length = x[b] - x[a], edgeLengthsOf(x, edges)
@@ -190,9 +190,9 @@ def _springs(x, edges):
     return _sums(a, pull, len(x)) - _sums(b, pull, len(x))
 
 
-def _alongSurface(moves, normals):
+def _alongSurface(moves: FloatArray, normals: FloatArray) -> FloatArray:
     return moves - np.einsum("vi,vi->v", moves, normals)[:, np.newaxis] * normals
 
 
-def _sums(places, vectors, count):
+def _sums(places: IntegerArray, vectors: FloatArray, count: int) -> FloatArray:
     return np.column_stack([np.bincount(places, vectors[:, i], count) for i in range(3)])

@@ -22,7 +22,7 @@ from .connectivity import (
     signedVolume,
     triangleNormals,
 )
-from .relaxation import FloatArray, Triangulation, relax
+from .relaxation import FloatArray, IntegerArray, Triangulation, relax
 
 # What is promised: the change of area and volume, the distance between the surfaces in mean edge lengths, and the least
 # and the greatest edge length over the mean.
@@ -123,7 +123,7 @@ def remesh(mesh: Triangulation, numVertices: int | None = None, edgeLength: floa
 class _TriangulatedSurface:
     """The surface of a mesh, with an index of its triangles."""
 
-    def __init__(self, mesh):
+    def __init__(self, mesh: Triangulation):
         self._x, self._triangles = np.ascontiguousarray(mesh.vertices), mesh.triangles.astype(np.int64)
         self._tree = require("igl", "remeshing", "remesh").AABB()
         self._tree.init(self._x, self._triangles)
@@ -141,14 +141,14 @@ class _TriangulatedSurface:
         return float(math.sqrt(squares.max()))
 
 
-def _numVertices(mesh, numVertices, edgeLength):
+def _numVertices(mesh: Triangulation, numVertices: int | None, edgeLength: float | None) -> int:
     """Return the number of vertices that is asked for, on a surface of area 1."""
-    if (numVertices is None) == (edgeLength is None):
-        raise ValueError("remesh: give the number of vertices or the edge length, and not both")
-    if edgeLength is None:
+    if numVertices is not None and edgeLength is None:
         if numVertices < 12 or numVertices != int(numVertices):
             raise ValueError(f"remesh: the number of vertices is {numVertices}; it must be a whole number, 12 or more")
         return int(numVertices)
+    if numVertices is not None or edgeLength is None:
+        raise ValueError("remesh: give the number of vertices or the edge length, and not both")
     if not (math.isfinite(edgeLength) and edgeLength > 0):
         raise ValueError("remesh: the edge length must be positive")
     count = round(2 / (math.sqrt(3) * edgeLength**2)) + eulerCharacteristic(mesh)
@@ -165,7 +165,7 @@ def eulerCharacteristic(mesh: Triangulation) -> int:
     return len(mesh.vertices) - len(mesh.triangles) // 2
 
 
-def _uniform(mesh, count):
+def _uniform(mesh: Triangulation, count: int) -> Triangulation:
     """Return triangles of edges about as long as each other, with a few percent less vertices than asked for."""
     wanted = 0.96 * count
     length = math.sqrt(2 / math.sqrt(3) / wanted)
@@ -184,7 +184,7 @@ def _uniform(mesh, count):
     )
 
 
-def _byMMG(mesh, lengths):
+def _byMMG(mesh: Triangulation, lengths: FloatArray) -> Triangulation:
     """Return triangles by MMG, of edges about as long as asked for at each vertex; no edge is taken for a ridge."""
     source = require("mmgpy", "remeshing", "remesh").MmgMeshS(mesh.vertices, mesh.triangles.astype(np.int32))
     source["metric"] = lengths[:, np.newaxis]
@@ -198,14 +198,14 @@ def _byMMG(mesh, lengths):
     return made
 
 
-def _splitLongest(mesh, count):
+def _splitLongest(mesh: Triangulation, count: int) -> Triangulation:
     """Return triangles of so many vertices, by new ones in the middles of the longest edges."""
     while len(mesh.vertices) < count:
         mesh = _split(mesh, _longest(mesh, count - len(mesh.vertices)))
     return mesh
 
 
-def _longest(mesh, most):
+def _longest(mesh: Triangulation, most: int) -> IntegerArray:
     """Return a halfedge of each of at most so many of the longest edges, of which no two have a common triangle."""
     first, second = pairHalfedges(mesh.triangles, len(mesh.vertices))
     origin, target = (end[first] for end in halfedges(mesh.triangles))
@@ -221,7 +221,7 @@ def _longest(mesh, most):
     return np.column_stack((first[chosen], second[chosen]))
 
 
-def _split(mesh, edges):
+def _split(mesh: Triangulation, edges: IntegerArray) -> Triangulation:
     """Split edges, of which each is given by its two halfedges."""
     (vertices, triangles), new = mesh, len(mesh.vertices) + np.arange(len(edges))
     origin, target = (end[edges[:, 0]] for end in halfedges(triangles))
@@ -234,11 +234,11 @@ def _split(mesh, edges):
     return Triangulation(np.concatenate((vertices, middles)), np.concatenate(parts))
 
 
-def _distance(made, surface, given):
+def _distance(made: Triangulation, surface: _TriangulatedSurface, given: Triangulation) -> float:
     """Return the greatest distance between two surfaces, by their vertices and the middles of edges and triangles."""
     return max(surface.distance(_samples(made)), _TriangulatedSurface(made).distance(_samples(given)))
 
 
-def _samples(mesh):
+def _samples(mesh: Triangulation) -> FloatArray:
     x, triangles = mesh
     return np.concatenate((x, x[edgesOf(triangles, len(x))].mean(axis=1), x[triangles].mean(axis=1)))

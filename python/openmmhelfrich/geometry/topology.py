@@ -38,7 +38,8 @@ class MeshTopology(app.Topology):
         self._numResidues = self._numAtoms = 0
         chain = self.addChain("M")
         _, label = connectivity.labelComponents(self._triangles, self._numVertices)
-        atoms, residue, current = [], None, None
+        atoms: list[Any] = []
+        residue, current = None, None
         for membrane in label.tolist():
             if membrane != current:
                 residue, current = self.addResidue("MEM", chain, id=str(membrane + 1)), membrane

@@ -13,7 +13,7 @@ from ..geometry.quality import dihedralAngles, triangleAngles
 from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
 from ..units import valueIn
-from .config import parseConfig
+from .config import Config, parseConfig
 from .scene import Scene, currentMesh
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -100,12 +100,12 @@ def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
     return f"openmm-helfrich remesh {file} {_named(file, 'even')} --vertices {_numVertices(scene, mesh)}"
 
 
-def _named(file, word):
+def _named(file: PathLike, word: str) -> Path:
     path = Path(file)
     return path.with_name(f"{path.stem}_{word}.ply")
 
 
-def _obstacleOf(mesh):
+def _obstacleOf(mesh: Mesh) -> str | None:
     try:
         mesh.check()
     except ValueError as error:
@@ -115,11 +115,11 @@ def _obstacleOf(mesh):
     return obstacle(scene, scene.createSimulation(force), force)
 
 
-def _defaultScene(mesh):
+def _defaultScene(mesh: Mesh) -> Scene:
     return Scene.of(parseConfig({"mesh": {"file": "mesh"}, "sampling": {"seed": 1}}), mesh)
 
 
-def _isEven(scene, simulation, force, mesh):
+def _isEven(scene: Scene, simulation: app.Simulation, force: HelfrichForce, mesh: Mesh) -> bool:
     energies = force.getEnergyTermsInContext(simulation.context)
     share = valueIn(energies["tether"], unit.kilojoules_per_mole) / (scene.kT * len(mesh.vertices))
     return (
@@ -129,7 +129,7 @@ def _isEven(scene, simulation, force, mesh):
     )
 
 
-def _accepts(scene, mesh, stepSize):
+def _accepts(scene: Scene, mesh: Mesh, stepSize: float) -> bool:
     """Return whether trajectories are accepted from a mesh, at the targets that it has."""
     if scene.config.sampling.flip_probability == 1:
         return True
@@ -147,7 +147,7 @@ def _accepts(scene, mesh, stepSize):
     return False
 
 
-def _withOwnTargets(config):
+def _withOwnTargets(config: Config) -> Config:
     """Return a copy of a Config without targets, so that those of the mesh take their place."""
     config = config.model_copy(deep=True)
     for name in config.membrane.targetNames():
@@ -155,7 +155,7 @@ def _withOwnTargets(config):
     return config
 
 
-def _numVertices(scene, mesh):
+def _numVertices(scene: Scene, mesh: Mesh) -> int:
     """Return the number of vertices with which edges are where the tether wants them."""
     if scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength:
         return max(len(mesh.vertices), 162)

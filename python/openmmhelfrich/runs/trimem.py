@@ -143,7 +143,7 @@ def _convert(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], list[str]]:
     start, end = _targets(source, mesh)
     for name in [name for name in start if not moduli[name.removeprefix("target_") + "_modulus"]]:
         del start[name], end[name]  # of a term that is off
-    data = {
+    data: dict[str, Any] = {
         "mesh": {"file": str(source.meshForAnyFolder())},
         "membrane": {**moduli, **start},
         "tether": {

@@ -3,6 +3,7 @@
 import os
 import resource
 import sys
+from typing import Any
 
 
 def main(source: str, output: str) -> None:
@@ -17,7 +18,7 @@ def main(source: str, output: str) -> None:
     np.savez(output, points=points, types=types, sizes=sizes, corners=corners)
 
 
-def _read(source):
+def _read(source: str) -> Any:
     """Return the polygonal data or the grid of a file, or end with what VTK says."""
     reader = _reader(source)
     errors: list[str] = []
@@ -32,7 +33,7 @@ def _read(source):
     return data
 
 
-def _reader(source):
+def _reader(source: str) -> Any:
     suffix = source.lower().rsplit(".", 1)[-1]
     if suffix == "vtk":
         from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
@@ -43,7 +44,7 @@ def _reader(source):
     return vtkIOXML.vtkXMLPolyDataReader() if suffix == "vtp" else vtkIOXML.vtkXMLUnstructuredGridReader()
 
 
-def _cells(data):
+def _cells(data: Any) -> tuple[Any, ...]:
     """Return the types, sizes and corners of all cells, in VTK's order."""
     import numpy as np
 
@@ -60,7 +61,7 @@ def _cells(data):
     )
 
 
-def _array(data):
+def _array(data: Any) -> Any:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     return vtk_to_numpy(data)

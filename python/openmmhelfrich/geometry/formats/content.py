@@ -1,6 +1,6 @@
 """What a mesh file holds, whatever its format, and how its faces become triangles."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,7 +100,7 @@ class Content:
             self.notes.append(f"faces were divided into triangles: {kinds}")
         return result
 
-    def _divided(self, corners, sizes):
+    def _divided(self, corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the triangles of faces of any size, in the order of the faces."""
         counts = np.maximum(sizes - 2, 0)
         first, place = np.cumsum(counts) - counts, np.cumsum(sizes) - sizes
@@ -138,12 +138,12 @@ def trianglesOfStrip(strip: list[int]) -> list[list[int]]:
     ]
 
 
-def _halves(points, quads):
+def _halves(points: NDArray[np.floating], quads: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the two triangles of each face of four corners: divided by the diagonal across which they fold less, and
     by the shorter one where that does not tell.
     """
 
-    def folds(a, b, c, d):
+    def folds(a: int, b: int, c: int, d: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The cosine of the angle between the triangles (a, b, c) and (a, c, d)."""
         x = [points[quads[:, i]].astype(np.float64) for i in (a, b, c, d)]
         n, m = np.cross(x[1] - x[0], x[2] - x[0]), np.cross(x[2] - x[0], x[3] - x[0])
@@ -157,10 +157,10 @@ def _halves(points, quads):
     return quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]
 
 
-def _ears(points, ring):
+def _ears(points: NDArray[np.floating], ring: list[int]) -> list[tuple[int, ...]]:
     """Return the triangles of a face of many corners, which are cut off one after the other, the shortest cut first."""
     x = {i: points[i].astype(np.float64) for i in ring}
-    normal = sum(np.cross(x[a], x[b]) for a, b in zip(ring, ring[1:] + ring[:1]))
+    normal = np.sum([np.cross(x[a], x[b]) for a, b in zip(ring, ring[1:] + ring[:1])], axis=0)
     triangles = []
     while len(ring) > 3:
         around = [(ring[i - 1], ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring))]
@@ -172,11 +172,13 @@ def _ears(points, ring):
     return [*triangles, tuple(ring)]
 
 
-def _holds(x, triangle, ring, normal):
+def _holds(
+    x: Mapping[int, NDArray[np.float64]], triangle: tuple[int, ...], ring: list[int], normal: NDArray[np.float64]
+) -> bool:
     """Return whether another corner of a face lies in one of its triangles, seen along the normal."""
     a, b, c = (x[i] for i in triangle)
 
-    def isInside(p):
+    def isInside(p: NDArray[np.float64]) -> bool:
         return all(np.dot(np.cross(t - s, p - s), normal) > 0 for s, t in ((a, b), (b, c), (c, a)))
 
     return any(isInside(x[i]) for i in ring if i not in triangle)

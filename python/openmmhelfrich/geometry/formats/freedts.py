@@ -46,14 +46,16 @@ def readQ(content: bytes) -> Content:
     return result
 
 
-def _count(lines, i):
+def _count(lines: Lines, i: int) -> int:
     words = lines.texts[i].split()
     if len(words) < 2 or not words[1].isdecimal():
         raise lines.fault(i, "the name of a section and its number of lines")
     return int(words[1])
 
 
-def _content(lines, box, firstVertex, numVertices, firstTriangle, numTriangles):
+def _content(
+    lines: Lines, box: NDArray[np.float64], firstVertex: int, numVertices: int, firstTriangle: int, numTriangles: int
+) -> Content:
     numbers = lines.table(firstVertex, numVertices, 1, int, "the number of a vertex")[:, 0]
     points = lines.table(firstVertex, numVertices, 3, float, "a number and the coordinates of a vertex", skip=1)
     triangles = lines.table(firstTriangle, numTriangles, 3, int, "a number and three vertices", skip=1)
@@ -66,7 +68,7 @@ def _content(lines, box, firstVertex, numVertices, firstTriangle, numTriangles):
     return result
 
 
-def _byPlace(numbers, triangles):
+def _byPlace(numbers: NDArray[np.integer], triangles: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return the places of the vertices of some numbers."""
     order = np.argsort(numbers, kind="stable")
     if len(numbers) == 0 or np.any(np.diff(numbers[order]) == 0):

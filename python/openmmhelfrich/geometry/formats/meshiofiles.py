@@ -4,6 +4,7 @@ import contextlib
 import io
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -58,7 +59,7 @@ def suffixes() -> set[str]:
     return set(meshio.extension_to_filetypes)
 
 
-def _reason(error, said):
+def _reason(error: BaseException, said: str) -> str:
     """Return why the library failed: what it printed or raised."""
     lines = [" ".join(line.split()) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
     if isinstance(error, SystemExit) or not str(error):
@@ -67,7 +68,7 @@ def _reason(error, said):
     return words if isinstance(error, (ValueError, OSError)) else f"{type(error).__name__} {words}"
 
 
-def _content(mesh):
+def _content(mesh: Any) -> Content:
     others = sorted({block.type for block in mesh.cells} - {*_CORNERS, *_LEFT_OUT})
     if others:
         raise ValueError(f"the mesh has cells of type {', '.join(others)}; a surface has triangles and quads")
@@ -84,13 +85,13 @@ def _content(mesh):
     return result
 
 
-def _refuseNumbersOfNodes(above):
+def _refuseNumbersOfNodes(above: int) -> Any:
     """Keep meshio from a table up to the greatest number of a node, which may be anything in a damaged MSH file."""
     from meshio.gmsh import _gmsh41
 
     read = _gmsh41._read_nodes
 
-    def checked(*arguments):
+    def checked(*arguments: Any) -> tuple[Any, ...]:
         points, numbers, *rest = read(*arguments)
         if numbers.max() > above:
             raise ValueError("a node has a number that is larger than the file")
@@ -99,7 +100,7 @@ def _refuseNumbersOfNodes(above):
     return mock.patch.object(_gmsh41, "_read_nodes", checked)
 
 
-def _silence(said):
+def _silence(said: io.StringIO) -> contextlib.ExitStack:
     """Keep the library from printing, and from warning that text is no number."""
     stack = contextlib.ExitStack()
     stack.enter_context(np.errstate(all="ignore"))

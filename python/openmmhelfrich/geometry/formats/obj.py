@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .content import Content
 from .text import Lines
@@ -42,7 +43,7 @@ def read(content: bytes) -> Content:
     return result
 
 
-def _readCorners(lines, faces):
+def _readCorners(lines: Lines, faces: list[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the corners of the faces, as their numbers in the file, and how many each face has."""
     rows = re.sub(r"(?m)^f\s*|/\S*", "", "\n".join(lines.texts[i] for i in faces)).split("\n") if faces else []
     try:
@@ -56,14 +57,23 @@ def _readCorners(lines, faces):
     return _readDifferentCorners(lines, faces, [row.split() for row in rows])
 
 
-def _readDifferentCorners(lines, faces, rows):
+def _readDifferentCorners(
+    lines: Lines, faces: list[int], rows: list[list[str]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     for i, row in zip(faces, rows):
         if not all(re.fullmatch(r"[+-]?\d{1,18}", word) for word in row):
             raise lines.fault(i, "f and the number of each corner's vertex")
     return np.array([int(word) for row in rows for word in row], dtype=np.int64), np.array([len(row) for row in rows])
 
 
-def _checkCorners(lines, faces, corners, sizes, start, numVertices):
+def _checkCorners(
+    lines: Lines,
+    faces: list[int],
+    corners: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    start: NDArray[np.int64],
+    numVertices: int,
+) -> None:
     wrong = np.flatnonzero((corners == 0) | (corners > numVertices) | (corners < -start))
     if len(wrong):
         face = faces[np.repeat(np.arange(len(sizes)), sizes)[wrong[0]]]

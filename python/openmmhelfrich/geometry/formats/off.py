@@ -30,7 +30,7 @@ def read(content: bytes) -> Content:
     return faces
 
 
-def _readFaces(lines, first, count):
+def _readFaces(lines: Lines, first: int, count: int) -> Content:
     nothing, what = np.zeros((0, 3)), "the number of a face's corners, and each corner's vertex"
     sizes = lines.table(first, count, 1, int, what)[:, 0]
     if np.all(sizes == 3):

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +52,11 @@ def read(content: bytes) -> Content:
     return result
 
 
-def _faces(points, values):
-    for name, face in (("face", values.get("face")), ("tristrips", values.get("tristrips"))):
-        key = next((k for k in ("vertex_indices", "vertex_index") if k in (face or {})), None)
-        if face is not None and key is None and len(next(iter(face.values()), ())):
+def _faces(points: NDArray[np.floating], values: dict[str, dict[str, Any]]) -> Content:
+    for name in ("face", "tristrips"):
+        face = values.get(name, {})
+        key = next((k for k in ("vertex_indices", "vertex_index") if k in face), None)
+        if key is None and len(next(iter(face.values()), ())):
             raise ValueError(f"its element '{name}' has no list vertex_indices or vertex_index")
         if key is not None and name == "face" and not isinstance(face[key], list):
             corners = face[key].astype(np.int64)
@@ -66,7 +67,7 @@ def _faces(points, values):
     raise ValueError("the mesh has no triangles")
 
 
-def _ofStrips(strips):
+def _ofStrips(strips: list[list[int]]) -> list[list[int]]:
     """Return the triangles of strips, of which one list may hold several, with -1 between them."""
     faces = []
     for strip in strips:
@@ -77,7 +78,7 @@ def _ofStrips(strips):
     return faces
 
 
-def _readHead(content):
+def _readHead(content: bytes) -> tuple[str, list[_Element], int, int]:
     """Return the byte order, the elements, where the body begins, and how many lines there are before it."""
     if not re.match(rb"ply\s*[\r\n]", content):
         start = content[:20].splitlines()[0] if content.strip() else b""
@@ -101,7 +102,7 @@ def _readHead(content):
     return order, elements, end.end(), lines.numbers[-1]
 
 
-def _property(words):
+def _property(words: list[str]) -> _Property | None:
     """Return the property that words declare, or None."""
     if len(words) == 2 and words[0] in _TYPES:
         return _Property(words[1], _TYPES[words[0]])
@@ -124,7 +125,7 @@ class _Binary:
             return {p.name: np.zeros((0, 3) if p.countKind else 0) for p in element.properties}
         return self._readEqual(element) or self._readDifferent(element)
 
-    def _readEqual(self, element):
+    def _readEqual(self, element: _Element) -> dict[str, Any] | None:
         """Read an element whose lists are as long as those of the first one, or return None if they are not."""
         first = self._row(element, self._place)[0]
         fields: list[tuple] = []
@@ -145,7 +146,7 @@ class _Binary:
         self._place += row.itemsize * element.count
         return {p.name: columns[p.name] for p in element.properties}
 
-    def _readDifferent(self, element):
+    def _readDifferent(self, element: _Element) -> dict[str, Any]:
         rows = []
         for i in range(element.count):
             if self._place >= len(self._content):
@@ -154,7 +155,7 @@ class _Binary:
             rows.append(values)
         return {p.name: [row[i] for row in rows] for i, p in enumerate(element.properties)}
 
-    def _row(self, element, place, number=0):
+    def _row(self, element: _Element, place: int, number: int = 0) -> tuple[list[Any], int]:
         """Return the values of one element and where the next begins."""
         values = []
         for p in element.properties:
@@ -167,14 +168,14 @@ class _Binary:
             values.append(array if p.countKind is not None else array[0])
         return values, place
 
-    def _array(self, kind, count, place, element, number):
+    def _array(self, kind: str, count: int, place: int, element: _Element, number: int) -> NDArray:
         if count < 0:
             raise ValueError(f"{element.name} {number} has a list of {count} values; there must be 0 or more")
         if place + count * np.dtype(kind).itemsize > len(self._content):
             self._fail(element, number)
         return np.frombuffer(self._content, self._order + kind, count, place)
 
-    def _fail(self, element, number):
+    def _fail(self, element: _Element, number: int) -> NoReturn:
         raise ValueError(f"it is not complete: it ends after {number} of {element.count} elements '{element.name}'")
 
     def beyond(self) -> int:
@@ -214,7 +215,7 @@ class _Text:
             skip += 1 + length
         return result
 
-    def _readDifferent(self, lines, properties, skip, what):
+    def _readDifferent(self, lines: range, properties: list[_Property], skip: int, what: str) -> dict[str, Any]:
         result: dict[str, list[NDArray]] = {p.name: [] for p in properties}
         for i in lines:
             words, place = self._lines.texts[i].split(), skip

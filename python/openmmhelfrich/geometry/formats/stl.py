@@ -3,6 +3,7 @@
 import struct
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .content import Content
 from .text import Lines
@@ -23,7 +24,7 @@ def read(content: bytes) -> Content:
     return _readBinary(content, count)
 
 
-def _readBinary(content, count):
+def _readBinary(content: bytes, count: int) -> Content:
     there = (len(content) - _HEAD) // _FACET.itemsize
     if there < count:
         raise ValueError(f"it is not complete: it ends after {there} of {count} facets")
@@ -32,7 +33,7 @@ def _readBinary(content, count):
     return _welded(corners, [f"bytes after the last facet were left out: {beyond}"] * (beyond > 0))
 
 
-def _readText(content):
+def _readText(content: bytes) -> Content:
     lines = Lines(content, comment=None)
     rows: list[int] = []
     isOpen, isInside = False, False  # a solid, a facet
@@ -56,7 +57,7 @@ def _readText(content):
     return _welded(corners, ["the file ends without 'endsolid'"] * isOpen)
 
 
-def _welded(corners, notes):
+def _welded(corners: NDArray[np.floating], notes: list[str]) -> Content:
     """Return facets whose corners are one vertex where they are equal, and along open edges also where they differ by
     rounding.
     """

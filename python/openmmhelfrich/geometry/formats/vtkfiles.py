@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...optional import require
 from . import meshiofiles
@@ -46,11 +47,11 @@ def read(path: Path) -> Content:
     return result.welded(0.0) if path.read_bytes().count(b"<Piece") > 1 and len(result.sizes) else result
 
 
-def _hasVTK():
+def _hasVTK() -> bool:
     return importlib.util.find_spec("vtkmodules") is not None
 
 
-def _readWithoutVTK(path):
+def _readWithoutVTK(path: Path) -> Content:
     content = path.read_bytes()
     if path.suffix.lower() == ".vtp" or re.search(rb"(?m)^DATASET\s+POLYDATA", content[:2000]):
         require("vtkmodules", f"reading polygonal data ({path.suffix})")
@@ -59,7 +60,7 @@ def _readWithoutVTK(path):
     return meshiofiles.read(path)
 
 
-def _readElsewhere(path, output):
+def _readElsewhere(path: Path, output: Path) -> None:
     """Have VTK read a file in a process of its own, which leaves arrays in another file."""
     try:
         done = subprocess.run(
@@ -75,14 +76,16 @@ def _readElsewhere(path, output):
         raise ValueError(f"VTK cannot read it: {_reason(done.stderr.decode('utf-8', 'replace'))}")
 
 
-def _reason(text):
+def _reason(text: str) -> str:
     """Return what VTK said was wrong."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     found = re.findall(r"\((?:0x)?[0-9a-f]+\): (.*)", text) or [line for line in text.splitlines() if line.strip()][-1:]
     return found[0].strip() if found else "it is damaged"
 
 
-def _content(points, types, sizes, corners):
+def _content(
+    points: NDArray[np.floating], types: NDArray[np.int64], sizes: NDArray[np.int64], corners: NDArray[np.int64]
+) -> Content:
     """Return the faces of cells of all types, in their order."""
     others = sorted(set(types.tolist()) - {*_FACES, _STRIP, _PIXEL, *_LEFT_OUT})
     if others:
@@ -101,7 +104,7 @@ def _content(points, types, sizes, corners):
     return result
 
 
-def _unfolded(types, sizes, corners):
+def _unfolded(types: NDArray[np.int64], sizes: NDArray[np.int64], corners: NDArray[np.int64]) -> list[list[int]]:
     """Return faces as lists of corners: strips as triangles, and pixels in cyclic order."""
     faces = []
     for kind, cell in zip(types.tolist(), np.split(corners, np.cumsum(sizes)[:-1])):
