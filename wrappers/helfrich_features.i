@@ -114,7 +114,8 @@ is not zero:
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
  - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
- - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps surfaces from crossing themselves and each other: see setRepulsion()
+ - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps surfaces from crossing themselves and each
+  other: see setRepulsion()
  - tension, sigma A, linear, beside the area term or instead of it
  - pressure, -pV, linear, beside the volume term or instead of it
 
@@ -126,7 +127,8 @@ them there with Context.setParameter(), using the names that getTargetAreaParame
 
 The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
 their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
-setTargetArea() and its siblings set the target of every surface, or of one.  The moduli are those of all.  Vertices repel
+setTargetArea() and its siblings set the target of every surface, or of one.  The moduli are those of all.  Vertices
+repel
 each other whichever surface they belong to.  A particle may be a vertex of one HelfrichForce only.
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
@@ -162,7 +164,8 @@ same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsion "
 Set the parameters of the repulsion term: R(r) = exp(r/(r-onset)) r^(-n) below the onset and 0 above it,
-where lengths are in units of that of setRepulsionLengthScale().  The sum runs over both orders of a pair.  By default the term is off.
+where lengths are in units of that of setRepulsionLengthScale().  The sum runs over both orders of a pair.  By default
+the term is off.
 
 :type modulus: float
 :param modulus: the modulus kappa_R, measured in kJ/mol; 0 turns the term off
@@ -175,8 +178,8 @@ where lengths are in units of that of setRepulsionLengthScale().  The sum runs o
     default), or bonded vertices and those that share a bonded vertex (2)
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setRepulsionLengthScale "
-Set the unit of the lengths in the repulsion term, measured in nm.  With the mean length of the edges, a repulsion is the same whatever the unit of
-a mesh; with the default of 1 nm, lengths are in nm.
+Set the unit of the lengths in the repulsion term, measured in nm.  With the mean length of the edges, a repulsion is
+the same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
 
 :type length: float
 :param length: the unit of length, measured in nm
