@@ -115,7 +115,7 @@ is not zero:
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
  - tether, kappa_T sum_e T(l_e/l_0), which keeps every edge between a minimum and a maximum length: see setTether()
  - repulsion, kappa_R sum_i sum_j R(r_ij), which keeps surfaces from crossing themselves and each
-  other: see setRepulsion()
+   other: see setRepulsion()
  - tension, sigma A, linear, beside the area term or instead of it
  - pressure, -pV, linear, beside the volume term or instead of it
 
@@ -128,8 +128,7 @@ them there with Context.setParameter(), using the names that getTargetAreaParame
 The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
 their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
 setTargetArea() and its siblings set the target of every surface, or of one.  The moduli are those of all.  Vertices
-repel
-each other whichever surface they belong to.  A particle may be a vertex of one HelfrichForce only.
+repel each other whichever surface they belong to.  A particle may be a vertex of one HelfrichForce only.
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.
