@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from conftest import together
+from membranes import flipped
 from openmmhelfrich.cli import app as command
-from openmmhelfrich.geometry.atomnames import nameOf
+from openmmhelfrich.geometry.atomnames import nameOf, orderOfBonds
 from openmmhelfrich.pictures.curvature import smoothMeanCurvature
 
 CASES = Path(__file__).resolve().parent / "data" / "cases"
@@ -204,6 +205,20 @@ def testFilesOfOpenMMKeepAtomsAndBonds(tmp_path, make):
         assert again.topology.getNumBonds() == len(edges) and bondsOf(again.topology) == edges
         positions = np.array(again.positions.value_in_unit(unit.nanometer))
         assert positions == pytest.approx(mesh.vertices, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def testNoBondIsLeftOutByBothOfItsEnds(seed):
+    """OpenMM's PDBFile leaves out the fourth of an atom's bonds, the eighth and so on, but not its last."""
+    mesh = flipped(mh.Mesh.icosphere(seed % 4), 5 * seed, seed + 1)
+    records: list[list[int]] = [[] for _ in mesh.vertices]
+    for a, b in orderOfBonds(mesh.edges, len(mesh.vertices)).tolist():
+        records[a].append(b)
+        records[b].append(a)
+    written = {
+        (a, b) for a, bonded in enumerate(records) for k, b in enumerate(bonded) if k % 4 != 3 or k == len(bonded) - 1
+    }
+    assert {tuple(sorted(bond)) for bond in written} == set(map(tuple, mesh.edges.tolist()))
 
 
 def testNamesOfAtoms():

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+_ROUNDS = 1000
 _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _LETTERS = "VWXYZABCDEFGHIJKLMNOPQRSTU"
 
@@ -22,13 +23,17 @@ def orderOfBonds(edges: NDArray[np.integer], numVertices: int) -> NDArray[np.int
     """Return the edges in an order in which PDB files keep all as bonds: their own, if that will do.
 
     OpenMM's PDBFile writes three bonds of an atom with more than four and leaves out the fourth, again and again.  That
-    is no loss where the other atom's record has the bond.  Those that neither would have go to the end.
+    is no loss where the other atom's record has the bond.  Those that neither would have go to one end or the other, at
+    random, which puts others in their place: within some rounds none is left.
     """
-    while True:
+    random = np.random.default_rng(0)
+    for _ in range(_ROUNDS):
         isLost = np.all(_isLeftOut(edges, numVertices), axis=1)
         if not isLost.any():
-            return edges
-        edges = np.concatenate((edges[~isLost], edges[isLost]))
+            break
+        place = np.where(isLost, random.integers(-1, 2, len(edges)), 0)
+        edges = edges[np.argsort(place, kind="stable")]
+    return edges
 
 
 def _isLeftOut(edges: NDArray[np.integer], numVertices: int) -> NDArray[np.bool_]:

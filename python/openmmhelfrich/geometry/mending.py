@@ -18,10 +18,10 @@ Points = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 Halfedges = NDArray[np.int64]
 
-# A triangle is flat if twice its area is less than this part of its longest side, squared.
-_FLAT = 1e-6
+# A triangle has no area to speak of if twice that is less than this part of its longest side, squared.
+_FLAT = 1e-3
 # A flat triangle is a needle if its shortest side is less than this part of its longest.
-_NEEDLE = 1e-3
+_NEEDLE = 1e-2
 _ROUNDS = 30
 # How far the sheets of a surface that touched itself move apart, in parts of their edges.
 _PARTING = 0.1
