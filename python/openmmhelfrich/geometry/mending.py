@@ -82,9 +82,16 @@ def repair(
         surface.notes.append("all facets were turned round, as asked for")
     repeated = _dropTwice(surface)
     _dropRepeated(surface)
-    _orient(surface, outwards=not wanted.reverse)
+    patch, hasTwoSides = _orient(surface)
+    isToTurn = hasTwoSides and not wanted.reverse
+    # Patches that agree where they touch would not do so any more if each were turned by itself.
+    turnsLater = isToTurn and _touchesInAgreement(surface)
+    if isToTurn and not turnsLater:
+        _turnOutwards(surface, patch)
     _dropFlat(surface, repeated)
     _part(surface)
+    if turnsLater:
+        _turnOutwards(surface, surfaces(surface.triangles, len(surface.vertices))[1])
     _keepSurfaces(surface, wanted)
     _holes(surface, wanted.closeHoles)
     return surface.vertices, surface.triangles, surface.notes
@@ -323,8 +330,9 @@ def _components(a: NDArray[np.int64], b: NDArray[np.int64], size: int) -> tuple[
     return connected_components(graph, directed=False)
 
 
-def _orient(surface: _Surface, outwards: bool) -> None:
-    """Turn triangles that run against their neighbors, and then surfaces that are inside out.
+def _orient(surface: _Surface) -> tuple[NDArray[np.int64], bool]:
+    """Turn triangles that run against their neighbors, and return the number of the patch that each belongs to, and
+    whether each has two sides.
 
     Every triangle is two nodes of a graph, one for each way round, and neighbors are joined in the ways that agree: a
     surface with two sides is two components.
@@ -339,7 +347,7 @@ def _orient(surface: _Surface, outwards: bool) -> None:
     _, label = _components(*way, 2 * size)
     if np.any(label[:size] == label[size:]):
         surface.notes.append("a surface has one side only, like a Moebius strip; it cannot be oriented")
-        return
+        return patch, False
     # The component of the first triangle of a patch is the one whose way round the patch keeps, unless most would turn.
     numPatches = int(patch.max()) + 1 if size else 0
     _, example = np.unique(patch, return_index=True)
@@ -349,12 +357,20 @@ def _orient(surface: _Surface, outwards: bool) -> None:
     surface.triangles = np.where(isTurned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
     if isTurned.any():
         surface.notes.append(f"{counted(int(isTurned.sum()), 'facet')} turned round, to agree with the neighbors")
-    if outwards:
-        _turnOutwards(surface, patch, numPatches)
+    return patch, True
 
 
-def _turnOutwards(surface: _Surface, patch: NDArray[np.int64], numPatches: int) -> None:
-    """Turn surfaces whose volume is negative, or clearly so if they are open."""
+def _touchesInAgreement(surface: _Surface) -> bool:
+    """Return whether there are edges of more than two facets, and as many of these run one way as the other."""
+    order, start, counts = surface.edges()
+    origin, target = connectivity.halfedges(surface.triangles)
+    way = np.where(origin[order] < target[order], 1, -1)
+    return bool(np.any(counts > 2) and not np.any(np.add.reduceat(way, start)[counts > 2]))
+
+
+def _turnOutwards(surface: _Surface, patch: NDArray[np.int64]) -> None:
+    """Turn patches whose volume is negative, or clearly so if they are open."""
+    numPatches = int(patch.max(initial=-1)) + 1
     x = surface.vertices[surface.triangles]
     weights = np.bincount(patch, minlength=numPatches)[:, np.newaxis]
     centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) for k in range(3)]) / np.maximum(weights, 1)
@@ -468,11 +484,17 @@ def _pairAround(surface: _Surface, some: Halfedges, origin: NDArray[np.int64]) -
     v = np.cross(axis, u)
     angles = np.arctan2(apexes @ u * np.linalg.norm(axis), -apexes @ v)
     around = some[np.argsort(angles, kind="stable")]
-    isForward = origin[around] == i
     # With the outside in front of each facet, the inside is between one that runs backward and the next that runs
-    # forward.
-    begin = np.flatnonzero(~isForward & np.roll(isForward, -1))
-    return none if 2 * len(begin) != len(around) else np.stack((np.roll(around, -1)[begin], around[begin]))
+    # forward; where a cavity has been turned outwards, also between those that are next when such pairs are gone.
+    isForward = dict(zip(around.tolist(), (origin[around] == i).tolist()))
+    waiting: list[int] = []
+    pairs: dict[int, int] = {}
+    for h in [*isForward, *isForward]:
+        if isForward[h] and h not in pairs and waiting:
+            pairs[h] = waiting.pop()
+        elif not isForward[h] and len(waiting) + len(pairs) < len(around) // 2:
+            waiting.append(h)
+    return np.array([*pairs.items()], dtype=np.int64).reshape(-1, 2).T
 
 
 def _keepSurfaces(surface: _Surface, wanted: Wanted) -> None:
