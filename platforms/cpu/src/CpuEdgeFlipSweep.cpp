@@ -175,7 +175,7 @@ void CpuEdgeFlipSweep::help(Copy* copy) {
         else
             waitForOthers(tries);
     }
-    if (copy != NULL && !isAbandoned)
+    if (copy != NULL)
         finish(*copy);
 }
 
@@ -188,7 +188,7 @@ void CpuEdgeFlipSweep::carryOut(Copy& copy, int numDecided) {
 }
 
 void CpuEdgeFlipSweep::finish(Copy& copy) {
-    carryOut(copy, numBatches);
+    carryOut(copy, numDecided.load(memory_order_acquire));
     if (statistics.accepted > 0)
         copy.mesh.markChanged();
     if (needsNeighborList(p))
