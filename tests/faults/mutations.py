@@ -241,6 +241,8 @@ KINDS = {
     "dcd": Kind("run.dcd", lambda: _convert("run.dcd", "--topology", "run.ply")),
     "psf": Kind("run.psf", lambda: _convert("run.dcd", "--topology", "run.psf")),
     "csv": Kind("run.csv", lambda: _do("plot", "run.csv", "-o", "out.png", "--overwrite")),
+    "page": Kind("run.csv", lambda: _do("report", "run", "--overwrite")),
+    "settings": Kind("run.resolved.toml", lambda: _do("report", "run", "--overwrite"), r"\[\w+\] \w+"),
     "checkpoint": Kind("run.checkpoint", _resume, damage=damagedArchive),
     **{name.split(".")[0]: Kind(name, functools.partial(_simulate, name)) for name in XML},
 }
