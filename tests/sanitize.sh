@@ -1,8 +1,9 @@
 #!/bin/bash
 # Run the C++ tests and the fuzzers under Clang's sanitizers: tests/sanitize.sh [memory|fuzz|thread [NAME...]]
 #
-#   memory  the C++ tests, or those named, under the sanitizers of addresses and of undefined behaviour
-#   fuzz    the fuzzers of tests/fuzz, or those named, under the same: their corpora, and new inputs for FUZZ_SECONDS (10)
+#   memory  the C++ tests, or those named, under the sanitizers of addresses and of undefined behavior
+#   fuzz    the fuzzers of tests/fuzz, or those named, under the same: their corpora, and new inputs for FUZZ_SECONDS
+#           (10)
 #   thread  the C++ tests that use threads, or those named, under the sanitizer of data races
 #
 # Without an argument it runs all three.  This needs Clang with its run-time libraries and its OpenMP (Debian: clang
@@ -56,7 +57,8 @@ if [ $part = fuzz ]; then
         # Where an error ends a constructor of OpenMM's Context, what that had made is lost.
         ASAN_OPTIONS=detect_leaks=0 "$build/tests/fuzz/$fuzzer" -detect_leaks=0 -timeout=20 -print_final_stats=1 \
             -max_total_time="${FUZZ_SECONDS:-10}" -artifact_prefix="$build/" \
-            "$corpus" "$root/tests/fuzz/corpus/$fuzzer" > "$build/$fuzzer.log" 2>&1 || { tail -n 60 "$build/$fuzzer.log"; exit 1; }
+            "$corpus" "$root/tests/fuzz/corpus/$fuzzer" > "$build/$fuzzer.log" 2>&1 \
+            || { tail -n 60 "$build/$fuzzer.log"; exit 1; }
         echo "$fuzzer: $(sed -n 's/stat::number_of_executed_units: *//p' "$build/$fuzzer.log") inputs, no error"
     done
 else

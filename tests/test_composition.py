@@ -175,7 +175,7 @@ def ellipsoid(reducedVolume, subdivisions):
 
 @pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("v", [0.9, 0.8])
-def test_minimizer_finds_the_prolate(platform, v):
+def test_minimization_finds_the_prolate(platform, v):
     """LocalEnergyMinimizer brings an ellipsoid to the axisymmetric minimum of bending energy at its reduced volume."""
     with open(Path(__file__).parent / "data" / "axisymmetric_minima.csv") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))

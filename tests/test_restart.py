@@ -1,5 +1,7 @@
 """A run that is continued from a checkpoint, a State or after reinitialize() is the uninterrupted one."""
 
+import re
+import struct
 import subprocess
 import sys
 
@@ -309,6 +311,68 @@ def test_a_checkpoint_of_another_mesh_is_refused():
     context.setPositions(other.vertices)
     with pytest.raises(mm.OpenMMException):
         simulation.context.loadCheckpoint(context.createCheckpoint())
+
+
+MOVES = {
+    "EdgeFlipIntegrator": lambda: mh.EdgeFlipIntegrator(300, 0.1),
+    "HamiltonianTrajectoryIntegrator": lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.001, 2),
+    "CustomTrajectoryIntegrator": lambda: mh.CustomTrajectoryIntegrator(300, 0.001, 2),
+    "ShearWaveIntegrator": lambda: mh.ShearWaveIntegrator(300, 0.001, 1, 3, 4),
+    "HybridMonteCarloIntegrator": lambda: mh.HybridMonteCarloIntegrator(300, 0.001, 2),
+}
+
+
+def contextOf(name):
+    mesh = createBlob(1)
+    system = mesh.createSystem()
+    system.addForce(createForce(mesh))
+    context = mm.Context(system, MOVES[name](), mm.Platform.getPlatform("Reference"))
+    context.setPositions(mesh.vertices)
+    return context
+
+
+def withoutNames(checkpoint):
+    """Return a checkpoint as it was before classes wrote their names; a mixture wrote "HlfMoves"."""
+    mixture = b"HlfMove:" + struct.pack("i", len("HybridMonteCarloIntegrator")) + b"HybridMonteCarloIntegrator"
+    old = re.sub(rb"HlfMove:....[A-Za-z]+Integrator", b"", checkpoint.replace(mixture, b"HlfMoves"), flags=re.DOTALL)
+    assert len(old) < len(checkpoint)
+    return old
+
+
+@pytest.mark.parametrize("writer", MOVES)
+def test_a_checkpoint_of_another_class_is_refused(writer):
+    written = contextOf(writer)
+    written.getIntegrator().step(3)
+    checkpoint = written.createCheckpoint()
+    for reader in MOVES:
+        context = contextOf(reader)
+        if reader == writer:
+            context.loadCheckpoint(checkpoint)
+            assert context.createCheckpoint() == checkpoint
+        else:
+            with pytest.raises(mm.OpenMMException, match=f"{reader}: the checkpoint is of the class {writer}"):
+                context.loadCheckpoint(checkpoint)
+
+
+@pytest.mark.parametrize("move", MOVES)
+def test_a_checkpoint_without_names_is_read(move):
+    written, context = contextOf(move), contextOf(move)
+    written.getIntegrator().step(3)
+    context.loadCheckpoint(withoutNames(written.createCheckpoint()))
+    assert context.createCheckpoint() == written.createCheckpoint()
+
+
+def test_a_damaged_name_is_refused():
+    context = contextOf("EdgeFlipIntegrator")
+    damaged = context.createCheckpoint().replace(b"EdgeFlip", b"\xff\x00\x01Flip ")
+    with pytest.raises(mm.OpenMMException, match="EdgeFlipIntegrator: the checkpoint is damaged"):
+        context.loadCheckpoint(damaged)
+
+
+def test_a_state_of_another_class_is_refused():
+    flips, waves = contextOf("EdgeFlipIntegrator"), contextOf("ShearWaveIntegrator")
+    with pytest.raises(mm.OpenMMException, match="another class of Integrator: it has no 'numDiverged'"):
+        waves.setState(flips.getState(integratorParameters=True))
 
 
 def test_a_state_of_another_mesh_is_refused():

@@ -143,7 +143,7 @@ WRONG = [
         "the path leads to a target volume",
     ),
     ({"kind": "sample", "steps": 4, "step_size": 1e20}, {}, "step_size is 1e+20; it must be within"),
-    ({"kind": "sample", "steps": 4, "step_size": "auto"}, {"burn_in": 4}, "burn_in is 4, and the stage has 4 steps"),
+    ({"kind": "sample", "steps": 4, "step_size": "auto"}, {"flip_probability": 1.0}, "they must leave trajectories"),
 ]
 
 

@@ -200,6 +200,14 @@ def test_contexts_go_on(scene, platform, form):
     )
 
 
+@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("scene, other", [("flips", "trajectories"), ("trajectories", "flips"), ("native", "waves")])
+def test_a_checkpoint_of_another_class_is_refused(scene, other, platform):
+    context = mm.Context(load(scene, "system"), load(other, "integrator"), mm.Platform.getPlatformByName(platform))
+    with pytest.raises(mm.OpenMMException, match=r"of another class|ends too early"):
+        restore(context, f"{scene}.{platform}", "checkpoint")
+
+
 def test_a_run_is_resumed(tmp_path):
     """It was stopped in the burn-in of its second stage, and goes on through two more."""
     for ending in ("checkpoint", "csv", "dcd", "vtkhdf"):

@@ -48,6 +48,7 @@ import_array();
 %include "openmmhelfrich/HelfrichForce.h"
 %include "openmmhelfrich/MonteCarloMove.h"
 %include "openmmhelfrich/MonteCarloIntegrator.h"
+%include "openmmhelfrich/TrajectoryMove.h"
 %include "openmmhelfrich/CustomTrajectoryIntegrator.h"
 %include "openmmhelfrich/EdgeFlipIntegrator.h"
 %include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"

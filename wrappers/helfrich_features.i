@@ -1,4 +1,5 @@
-// How methods appear in Python: exceptions, the interpreter's lock, units, ownership, and documentation where it differs from that in C++.
+// How methods appear in Python: exceptions, the interpreter's lock, units, ownership, and documentation where it
+// differs from that in C++.
 
 %ignore HelfrichPlugin::HelfrichForce::getParameters;
 %ignore HelfrichPlugin::HelfrichGeometry;
@@ -95,7 +96,8 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
         val = HelfrichGeometry._fromNumbers(*val)
 %}
 
-// The documentation comes from the headers, by SWIG's option -doxygen: this replaces what is different in Python, and formulas, which it garbles.
+// The documentation comes from the headers, by SWIG's option -doxygen: this replaces what is different in Python, and
+// formulas, which it garbles.
 %typemap(doctype) OpenMM::Context& "openmm.Context"
 %typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
 %feature("docstring") HelfrichPlugin::HelfrichForce "
@@ -103,8 +105,9 @@ This class gives a closed triangulated surface the elastic energy of a fluid lip
 Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
 is not zero:
 
- - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretisation: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its
-   edges, of length l and dihedral angle phi, and as A_i a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
+ - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretization: a vertex has the mean curvature
+   M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l and dihedral angle phi, and as A_i a third of the area of its
+   triangles (Juelicher, J. Phys. II 6, 1797, 1996)
  - area, kappa_A (A/A_0-1)^2
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
@@ -122,15 +125,16 @@ them there with Context.setParameter(), using the names that getTargetAreaParame
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.
 
-Edges that must not flip, those of a frame or a border between two materials for example, are marked with addFixedEdge().
+Edges that must not flip, those of a frame or a border between two materials for example, are marked with
+addFixedEdge().
 
 The System's periodic boundary conditions do not apply to this force.
 
 Arguments are numbers in nm, kJ/mol and the units that these make up, or Quantities.
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setTether "
-Set the parameters of the tether term: T(l) = exp(l/(l-l_c1)) l^(-r) for l <= l_c1, r^(r+1) (l-l_c0)^r for l >= l_c0, and 0 between,
-where lengths are in units of that of setTetherLengthScale().  By default the term is off.
+Set the parameters of the tether term: T(l) = exp(l/(l-l_c1)) l^(-r) for l <= l_c1, r^(r+1) (l-l_c0)^r for l >= l_c0,
+and 0 between, where lengths are in units of that of setTetherLengthScale().  By default the term is off.
 
 :type modulus: float
 :param modulus: the modulus kappa_T, measured in kJ/mol; 0 turns the term off
@@ -142,9 +146,9 @@ where lengths are in units of that of setTetherLengthScale().  By default the te
 :param exponent: the exponent r, at least 1
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::setTetherLengthScale "
-Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as l^(-r) and a spring that goes as l^r:
-l_0 sets which of them is the harder.  With the mean length of the edges, a tether is the same whatever the unit of a mesh; with the default of 1 nm,
-lengths are in nm.
+Set the unit l_0 of the lengths in the tether term, measured in nm.  One modulus multiplies a wall that goes as l^(-r)
+and a spring that goes as l^r: l_0 sets which of them is the harder.  With the mean length of the edges, a tether is the
+same whatever the unit of a mesh; with the default of 1 nm, lengths are in nm.
 
 :type length: float
 :param length: the unit of length l_0, measured in nm
@@ -160,8 +164,8 @@ The sum runs over both orders of a pair.  By default the term is off.
 :type exponent: int
 :param exponent: the exponent n, at least 1
 :type exclusionLevel: int, optional
-:param exclusionLevel: which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1, the default), or bonded
-    vertices and those that share a bonded vertex (2)
+:param exclusionLevel: which pairs the sum leaves out, by the live connectivity: none (0), bonded vertices (1, the
+    default), or bonded vertices and those that share a bonded vertex (2)
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getTriangleParameters "
 Get the particles of a triangle.
@@ -189,15 +193,15 @@ Get all triangles.
 Get the parameters of the tether term.
 
 :rtype: list
-:return: the modulus kappa_T (a Quantity, in kJ/mol), the lengths l_c1 below which an edge is pushed apart and l_c0 above which it is pulled
-    together (Quantities, in nm), and the exponent r: the arguments of setTether()
+:return: the modulus kappa_T (a Quantity, in kJ/mol), the lengths l_c1 below which an edge is pushed apart and l_c0
+    above which it is pulled together (Quantities, in nm), and the exponent r: the arguments of setTether()
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getRepulsion "
 Get the parameters of the repulsion term.
 
 :rtype: list
-:return: the modulus kappa_R (a Quantity, in kJ/mol), the onset (a Quantity, in nm) below which two vertices repel each other, the exponent, and
-    the exclusion level (0, 1 or 2): the arguments of setRepulsion()
+:return: the modulus kappa_R (a Quantity, in kJ/mol), the onset (a Quantity, in nm) below which two vertices repel each
+    other, the exponent, and the exclusion level (0, 1 or 2): the arguments of setRepulsion()
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getTrianglesInContext "
 Get the live triangles of a Context, which edge flips change.
@@ -219,8 +223,8 @@ Compute the energy of each term for the present positions of a Context.
 :type context: Context
 :param context: the Context to query
 :rtype: dict
-:return: the energies of the terms, by the names that getTermNames() returns (Quantities, in kJ/mol): their sum is the potential energy of
-    this force
+:return: the energies of the terms, by the names that getTermNames() returns (Quantities, in kJ/mol): their sum is the
+    potential energy of this force
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getGeometryInContext "
 Compute the geometry of the membrane for the present positions of a Context.

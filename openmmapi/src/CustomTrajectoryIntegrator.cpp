@@ -7,6 +7,8 @@ using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
+static const string NAME = "CustomTrajectoryIntegrator";
+
 CustomTrajectoryIntegrator::CustomTrajectoryIntegrator(double temperature, double stepSize, int stepsPerTrajectory)
         : CustomIntegrator(1) {
     addGlobalVariable("kT", 0);
@@ -56,13 +58,13 @@ double CustomTrajectoryIntegrator::getTemperature() const {
 }
 
 void CustomTrajectoryIntegrator::setTemperature(double temperature) {
-    requirePositive("CustomTrajectoryIntegrator: the temperature in K", temperature);
+    requirePositive(NAME + ": the temperature in K", temperature);
     this->temperature = temperature;
     setGlobalVariableByName("kT", BOLTZMANN * temperature);
 }
 
 void CustomTrajectoryIntegrator::setStepSize(double size) {
-    requirePositive("CustomTrajectoryIntegrator: the step size in ps", size);
+    requirePositive(NAME + ": the step size in ps", size);
     CustomIntegrator::setStepSize(size);
 }
 
@@ -71,14 +73,14 @@ int CustomTrajectoryIntegrator::getStepsPerTrajectory() const {
 }
 
 void CustomTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
-    requirePositive("CustomTrajectoryIntegrator: the number of steps per trajectory", steps);
+    requirePositive(NAME + ": the number of steps per trajectory", steps);
     setGlobalVariableByName("stepsPerTrajectory", steps);
 }
 
 void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
-    requireFreeParticles(contextRef.getSystem(), "CustomTrajectoryIntegrator");
+    requireFreeParticles(contextRef.getSystem(), NAME);
     CustomIntegrator::initialize(contextRef);
-    numTrajectories = numAccepted = numDiverged = 0;
+    resetCounters();
 }
 
 void CustomTrajectoryIntegrator::step(int steps) {
@@ -124,29 +126,26 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
 }
 
 void CustomTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
+    writeName(stream, NAME);
     CustomIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
-    writeBinary(stream, numTrajectories);
-    writeBinary(stream, numAccepted);
-    writeBinary(stream, numDiverged);
+    writeCounters(stream);
 }
 
 void CustomTrajectoryIntegrator::loadCheckpoint(istream& stream) {
+    bool hasName = readName(stream, NAME);
     CustomIntegrator::loadCheckpoint(stream);
     if (!stream)
         throw OpenMMException("loadCheckpoint: the checkpoint ends too early");
-    if (!MembraneState(*this, *context).loadCheckpoint(stream))
-        return; // what version 0.1.0 wrote ends here
-    readBinary(stream, numTrajectories);
-    readBinary(stream, numAccepted);
-    readBinary(stream, numDiverged);
+    if (MembraneState(*this, *context).loadCheckpoint(stream)) // what version 0.1.0 wrote has no more
+        readCounters(stream);
+    if (!hasName)
+        requireEnd(stream, *this, *context, NAME);
 }
 
 void CustomTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {
     CustomIntegrator::serializeParameters(node);
-    node.setLongProperty("numTrajectories", numTrajectories);
-    node.setLongProperty("numAccepted", numAccepted);
-    node.setLongProperty("numDiverged", numDiverged);
+    storeCounters(node);
     MembraneState(*this, *context).serialize(node);
 }
 
@@ -154,8 +153,6 @@ void CustomTrajectoryIntegrator::deserializeParameters(const SerializationNode& 
     CustomIntegrator::deserializeParameters(node);
     if (!node.hasProperty("numTrajectories"))
         return; // what version 0.1.0 wrote has no more
-    numTrajectories = node.getLongProperty("numTrajectories");
-    numAccepted = node.getLongProperty("numAccepted");
-    numDiverged = node.getLongProperty("numDiverged");
+    loadCounters(node);
     MembraneState(*this, *context).deserialize(node);
 }

@@ -15,8 +15,10 @@ using namespace std;
  */
 static const int VERSION = 2, OLDEST_VERSION = 1;
 
+static const string NAME = "HybridMonteCarloIntegrator";
+
 /**
- * What a checkpoint begins with since version 0.1.0, which had a seed and a counter there.
+ * What a checkpoint began with, where it now has the name, and version 0.1.0 had a seed and a counter.
  */
 static const char MAGIC_BYTES[] = "HlfMoves";
 
@@ -193,7 +195,7 @@ void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     context = &contextRef;
     owner = &contextRef.getOwner();
     activeSeed = chooseSeed(randomNumberSeed);
-    numTrajectories = 0;
+    resetCounters();
     CompoundIntegrator::initialize(contextRef);
 }
 
@@ -220,16 +222,16 @@ int HybridMonteCarloIntegrator::chooseMove() const {
 }
 
 void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
-    writeMagic(stream, MAGIC_BYTES);
+    writeName(stream, NAME);
     writeBinary(stream, getNumIntegrators());
     writeBinary(stream, activeSeed);
-    writeBinary(stream, numTrajectories);
+    writeCounters(stream);
     CompoundIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
 
 void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
-    if (!readMagic(stream, MAGIC_BYTES)) {
+    if (!readName(stream, NAME) && !readMagic(stream, MAGIC_BYTES)) {
         loadFirstCheckpoint(stream);
         return;
     }
@@ -239,7 +241,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is of one with " + to_string(numIntegrators) +
                               " moves, and this one has " + to_string(getNumIntegrators()));
     readBinary(stream, activeSeed);
-    readBinary(stream, numTrajectories);
+    readCounters(stream);
     loadIntegrators(stream);
     if (!MembraneState(*this, *context).loadCheckpoint(stream))
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is damaged");
@@ -248,7 +250,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
 void HybridMonteCarloIntegrator::loadFirstCheckpoint(istream& stream) {
     long long numAccepted, numDiverged;
     readBinary(stream, activeSeed);
-    readBinary(stream, numTrajectories);
+    readCounters(stream);
     readBinary(stream, numAccepted);
     readBinary(stream, numDiverged);
     loadIntegrators(stream);
@@ -285,7 +287,7 @@ void HybridMonteCarloIntegrator::setFirstCounters(long long numAccepted, long lo
 void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
     node.setIntProperty("activeSeed", (int) activeSeed);
-    node.setLongProperty("numTrajectories", numTrajectories);
+    storeCounters(node);
     CompoundIntegrator::serializeParameters(node.createChildNode("Integrators"));
     MembraneState(*this, *context).serialize(node);
 }
@@ -294,7 +296,7 @@ void HybridMonteCarloIntegrator::deserializeParameters(const SerializationNode& 
     requireVersion(node, VERSION, "HybridMonteCarloIntegrator", OLDEST_VERSION);
     CompoundIntegrator::deserializeParameters(node.getChildNode("Integrators"));
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    numTrajectories = node.getLongProperty("numTrajectories");
+    loadCounters(node);
     if (node.getIntProperty("version") == OLDEST_VERSION)
         setFirstCounters(node.getLongProperty("numAccepted"), node.getLongProperty("numDiverged"));
     else

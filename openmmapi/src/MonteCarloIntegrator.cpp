@@ -38,8 +38,7 @@ void MonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     context = &contextRef;
     owner = &contextRef.getOwner();
     activeSeed = chooseSeed(randomNumberSeed);
-    for (auto& counter : counters)
-        counter.second = 0;
+    resetCounters();
     membranes = findMembranes(contextRef);
 }
 
@@ -58,11 +57,6 @@ void MonteCarloIntegrator::step(int steps) {
         makeMove();
         context->setStepCount(context->getStepCount() + 1);
     }
-}
-
-long long& MonteCarloIntegrator::addCounter(const string& name) {
-    counters.push_back({name, 0});
-    return counters.back().second;
 }
 
 double MonteCarloIntegrator::getThermalEnergy() const {
@@ -113,26 +107,27 @@ bool MonteCarloIntegrator::kineticEnergyRequiresForce() const {
 }
 
 void MonteCarloIntegrator::createCheckpoint(ostream& stream) const {
+    writeName(stream, name);
     writeBinary(stream, activeSeed);
-    for (auto& counter : counters)
-        writeBinary(stream, counter.second);
+    writeCounters(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
 
 void MonteCarloIntegrator::loadCheckpoint(istream& stream) {
+    bool hasName = readName(stream, name);
     readBinary(stream, activeSeed);
-    for (auto& counter : counters)
-        readBinary(stream, counter.second);
+    readCounters(stream);
     MembraneState state(*this, *context);
     if (!state.loadCheckpoint(stream))
         state.loadFirstCheckpoint(stream);
+    if (!hasName)
+        requireEnd(stream, *this, *context, name);
 }
 
 void MonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
     node.setIntProperty("activeSeed", (int) activeSeed);
-    for (auto& counter : counters)
-        node.setLongProperty(counter.first, counter.second);
+    storeCounters(node);
     MembraneState(*this, *context).serialize(node);
 }
 
@@ -144,6 +139,5 @@ void MonteCarloIntegrator::deserializeParameters(const SerializationNode& node) 
     else
         state.deserialize(node);
     activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    for (auto& counter : counters)
-        counter.second = node.getLongProperty(counter.first);
+    loadCounters(node);
 }

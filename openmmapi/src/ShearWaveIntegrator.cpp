@@ -110,7 +110,7 @@ void ShearWaveIntegrator::makeMoves(double energy) {
 
 /**
  * Compute the sine of 2 pi times a number to within 5e-14: by Taylor's series from -1/4 to 1/4, in operations that
- * compilers vectorise.  The error takes nothing from the exactness of the moves, for any function of k.x makes a shear.
+ * compilers vectorize.  The error takes nothing from the exactness of the moves, for any function of k.x makes a shear.
  */
 static inline double sineOfTurns(double turns) {
     const double roundingShift = 6755399441055744.0; // 1.5*2^52, a sum with which is rounded to an integer

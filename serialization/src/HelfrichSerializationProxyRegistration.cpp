@@ -1,11 +1,8 @@
-#include "openmmhelfrich/CustomTrajectoryIntegratorProxy.h"
-#include "openmmhelfrich/EdgeFlipIntegratorProxy.h"
-#include "openmmhelfrich/HamiltonianTrajectoryIntegratorProxy.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HelfrichForceProxy.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmmhelfrich/HybridMonteCarloIntegratorProxy.h"
-#include "openmmhelfrich/ShearWaveIntegratorProxy.h"
+#include "openmmhelfrich/MonteCarloIntegratorProxies.h"
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -25,10 +22,6 @@ extern "C" void __attribute__((constructor)) registerHelfrichSerializationProxie
 
 extern "C" OPENMM_EXPORT_HELFRICH void registerHelfrichSerializationProxies() {
     SerializationProxy::registerProxy(typeid(HelfrichForce), new HelfrichForceProxy());
-    SerializationProxy::registerProxy(typeid(CustomTrajectoryIntegrator), new CustomTrajectoryIntegratorProxy());
-    SerializationProxy::registerProxy(typeid(EdgeFlipIntegrator), new EdgeFlipIntegratorProxy());
-    SerializationProxy::registerProxy(typeid(HamiltonianTrajectoryIntegrator),
-                                      new HamiltonianTrajectoryIntegratorProxy());
     SerializationProxy::registerProxy(typeid(HybridMonteCarloIntegrator), new HybridMonteCarloIntegratorProxy());
-    SerializationProxy::registerProxy(typeid(ShearWaveIntegrator), new ShearWaveIntegratorProxy());
+    registerMonteCarloIntegratorProxies();
 }

@@ -1,13 +1,11 @@
 #ifndef OPENMM_CUSTOMTRAJECTORYINTEGRATOR_H_
 #define OPENMM_CUSTOMTRAJECTORYINTEGRATOR_H_
 
-#include "MonteCarloMove.h"
+#include "TrajectoryMove.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/CustomIntegrator.h"
 
 namespace HelfrichPlugin {
-
-class HybridMonteCarloIntegrator;
 
 /**
  * This Integrator is a HamiltonianTrajectoryIntegrator as a CustomIntegrator: one step is one trajectory of Hybrid
@@ -18,7 +16,7 @@ class HybridMonteCarloIntegrator;
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
  */
-class OPENMM_EXPORT_HELFRICH CustomTrajectoryIntegrator : public OpenMM::CustomIntegrator, public MonteCarloMove {
+class OPENMM_EXPORT_HELFRICH CustomTrajectoryIntegrator : public OpenMM::CustomIntegrator, public TrajectoryMove {
 public:
     /**
      * Create a CustomTrajectoryIntegrator.
@@ -61,30 +59,6 @@ public:
         CustomIntegrator::setRandomNumberSeed(seed);
     }
     /**
-     * Get the number of trajectories made since the Context was created.
-     */
-    long long getNumTrajectories() const {
-        return numTrajectories;
-    }
-    /**
-     * Get the number of trajectories made since the Context was created, as getNumTrajectories() does.
-     */
-    long long getNumAttempted() const {
-        return numTrajectories;
-    }
-    /**
-     * Get the number of trajectories accepted since the Context was created.
-     */
-    long long getNumAccepted() const {
-        return numAccepted;
-    }
-    /**
-     * Get the number of trajectories since the Context was created that were rejected because they diverged.
-     */
-    long long getNumDiverged() const {
-        return numDiverged;
-    }
-    /**
      * Make trajectories.
      *
      * @param steps  the number of trajectories
@@ -97,13 +71,10 @@ protected:
     void serializeParameters(OpenMM::SerializationNode& node) const;
     void deserializeParameters(const OpenMM::SerializationNode& node);
 private:
-    // In files of version 0.1.0 the counters are the mixture's.
-    friend class HybridMonteCarloIntegrator;
     void addSteps();
     void makeTrajectory();
     void abandonTrajectory();
     double temperature;
-    long long numTrajectories = 0, numAccepted = 0, numDiverged = 0;
 };
 
 } // namespace HelfrichPlugin

@@ -2,6 +2,7 @@
 #define OPENMM_HAMILTONIANTRAJECTORYINTEGRATOR_H_
 
 #include "MonteCarloIntegrator.h"
+#include "TrajectoryMove.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/Kernel.h"
 #include <string>
@@ -21,7 +22,7 @@ class KickAndDriftSequence;
  *
  * Particles of mass 0 do not move.  Constraints and virtual sites are not supported.
  */
-class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public MonteCarloIntegrator {
+class OPENMM_EXPORT_HELFRICH HamiltonianTrajectoryIntegrator : public MonteCarloIntegrator, public TrajectoryMove {
 public:
     /**
      * Create a HamiltonianTrajectoryIntegrator.
@@ -125,30 +126,6 @@ public:
      */
     void setMomentumRefreshment(double refreshment);
     /**
-     * Get the number of trajectories made since the Context was created.
-     */
-    long long getNumTrajectories() const {
-        return numTrajectories;
-    }
-    /**
-     * Get the number of trajectories made since the Context was created, as getNumTrajectories() does.
-     */
-    long long getNumAttempted() const {
-        return numTrajectories;
-    }
-    /**
-     * Get the number of trajectories accepted since the Context was created.
-     */
-    long long getNumAccepted() const {
-        return numAccepted;
-    }
-    /**
-     * Get the number of trajectories since the Context was created that were rejected because they diverged.
-     */
-    long long getNumDiverged() const {
-        return numDiverged;
-    }
-    /**
      * Get the number of steps of the last trajectory, or 0 before the first.
      */
     int getLastNumSteps() const {
@@ -187,8 +164,6 @@ private:
     std::string splitting = "leapfrog";
     int tetherSubsteps = 1;
     double momentumRefreshment = 1;
-    long long &numTrajectories = addCounter("numTrajectories"), &numAccepted = addCounter("numAccepted"),
-              &numDiverged = addCounter("numDiverged");
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
     HelfrichForceImpl* soleMembrane = NULL;

@@ -36,7 +36,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry {
  * is not zero.
  *
  * <ul>
- * <li>bending, \f$2\kappa_B\sum_i \hat M_i^2/\hat A_i\f$, in Juelicher's discretisation: a vertex has the
+ * <li>bending, \f$2\kappa_B\sum_i \hat M_i^2/\hat A_i\f$, in Juelicher's discretization: a vertex has the
  * mean curvature \f$\hat M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and
  * a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li> <li>area,
  * \f$\kappa_A(A/A_0-1)^2\f$</li> <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li> <li>area difference, \f$\kappa_{\Delta

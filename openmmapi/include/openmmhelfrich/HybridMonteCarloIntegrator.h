@@ -178,7 +178,7 @@ private:
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
     /// of the first move, which may be an Integrator that does not count
-    long long numTrajectories = 0;
+    long long& numTrajectories = addCounter("numTrajectories");
 };
 
 } // namespace HelfrichPlugin

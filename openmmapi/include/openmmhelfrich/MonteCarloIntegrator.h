@@ -4,9 +4,7 @@
 #include "MonteCarloMove.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/Integrator.h"
-#include <deque>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -23,9 +21,8 @@ class Philox;
  * simulation continued from either repeats exactly what an uninterrupted one does, and Context::reinitialize(true)
  * keeps the triangles.
  */
-class OPENMM_EXPORT_HELFRICH MonteCarloIntegrator : public OpenMM::Integrator, public MonteCarloMove {
+class OPENMM_EXPORT_HELFRICH MonteCarloIntegrator : public OpenMM::Integrator, public virtual MonteCarloMove {
 public:
-    MonteCarloIntegrator(const MonteCarloIntegrator&) = delete;
     /**
      * Get the temperature of the Metropolis test, in Kelvin.
      */
@@ -67,13 +64,6 @@ protected:
      * Make one step.  The Context's step count is not for this method to advance.
      */
     virtual void makeMove() = 0;
-    /**
-     * Declare something that this move counts.  It is 0 when a Context is created, and a part of checkpoints, in the
-     * order of declaration, and States.
-     *
-     * @return the number, which lasts as long as this object
-     */
-    long long& addCounter(const std::string& name);
     /**
      * Get kT, in kJ/mol.
      */
@@ -128,7 +118,6 @@ private:
     double temperature;
     int randomNumberSeed = 0;
     unsigned int activeSeed = 0;
-    std::deque<std::pair<std::string, long long>> counters;
     std::vector<HelfrichForceImpl*> membranes;
 };
 

@@ -2,6 +2,13 @@
 #define OPENMM_MONTECARLOMOVE_H_
 
 #include "internal/windowsExportHelfrich.h"
+#include "openmm/Integrator.h"
+#include "openmm/serialization/SerializationNode.h"
+#include <deque>
+#include <istream>
+#include <ostream>
+#include <string>
+#include <utility>
 
 namespace HelfrichPlugin {
 
@@ -11,6 +18,8 @@ namespace HelfrichPlugin {
  */
 class OPENMM_EXPORT_HELFRICH MonteCarloMove {
 public:
+    MonteCarloMove() = default;
+    MonteCarloMove(const MonteCarloMove&) = delete;
     virtual ~MonteCarloMove() {
     }
     /**
@@ -43,6 +52,40 @@ public:
     double getAcceptanceRate() const {
         return getNumAttempted() == 0 ? 0 : getNumAccepted() / (double) getNumAttempted();
     }
+protected:
+    /**
+     * Begin what a move writes to a checkpoint with the name of its class.
+     */
+    static void writeName(std::ostream& stream, const std::string& name);
+    /**
+     * Read what writeName() wrote.  An exception is thrown if it is the name of another class.
+     *
+     * @return false, with the stream as it was, if there is no name: the checkpoint is older than names are
+     */
+    static bool readName(std::istream& stream, const std::string& name);
+    /**
+     * Throw an exception if a checkpoint without names goes on after what the only Integrator of a Context has read, so
+     * that another class wrote it.
+     */
+    static void requireEnd(std::istream& stream, const OpenMM::Integrator& integrator, OpenMM::ContextImpl& context,
+                           const std::string& name);
+    /**
+     * Declare something that this move counts.
+     *
+     * @param name  its name in States; in checkpoints, counters are in the order of declaration
+     * @return the number, which lasts as long as this object
+     */
+    long long& addCounter(const std::string& name);
+    /**
+     * Set all counters to 0.
+     */
+    void resetCounters();
+    void writeCounters(std::ostream& stream) const;
+    void readCounters(std::istream& stream);
+    void storeCounters(OpenMM::SerializationNode& node) const;
+    void loadCounters(const OpenMM::SerializationNode& node);
+private:
+    std::deque<std::pair<std::string, long long>> counters;
 };
 
 } // namespace HelfrichPlugin

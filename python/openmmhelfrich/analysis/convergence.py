@@ -9,7 +9,7 @@ import openmm as mm
 from openmm import app
 
 from ..geometry.axisymmetric import AxisymmetricShape, axisymmetricMinimum
-from ..geometry.measures import reducedAreaDifference, reducedVolume as reducedVolumeOf
+from ..geometry.measures import reducedAreaDifference, volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..geometry.shapes import surfaceOfRevolution
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
@@ -160,7 +160,7 @@ def extrapolatedEnergy(coarse: DiscreteMinimum, fine: DiscreteMinimum) -> float:
     )
 
 
-def _simulation(mesh, reducedVolume):
+def _simulation(mesh: Mesh, reducedVolume: float) -> tuple[app.Simulation, HelfrichForce]:
     edge = mesh.edgeLengths.mean()
     force = HelfrichForce()
     force.setTriangles(mesh.triangles)
@@ -168,7 +168,7 @@ def _simulation(mesh, reducedVolume):
     force.setAreaModulus(_STIFFNESS * _MODULUS)
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(_STIFFNESS * _MODULUS)
-    force.setTargetVolume(reducedVolume / reducedVolumeOf(mesh.area, 1))
+    force.setTargetVolume(volumeOfReduced(reducedVolume, mesh.area))
     force.setTether(_TETHER[0] * _MODULUS, _TETHER[1] * edge, _TETHER[2] * edge, 2)
     system = mesh.createSystem()
     system.addForce(force)

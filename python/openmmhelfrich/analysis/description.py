@@ -131,7 +131,7 @@ def classifyShape(mesh: Mesh) -> str:
     return "prolate" if a - b > b - c else "oblate"
 
 
-def _hasNeck(mesh, axis):
+def _hasNeck(mesh: Mesh, axis: np.ndarray) -> bool:
     """Return whether the distance from an axis through the center has a minimum below half of the maxima on either
     side.
     """

@@ -48,20 +48,20 @@ def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None 
     x = x - x.mean(axis=1, keepdims=True)
     normals = [_vertexNormals(frame, t) for frame, t in zip(x, trianglesOfEach(triangles, len(x)))]
 
-    def displacement(lag):
-        return np.mean([_tangentialSquare(x[n], x[n + lag], normals[n]) for n in range(len(x) - lag)])
+    def displacement(lag: int) -> float:
+        return float(np.mean([_tangentialSquare(x[n], x[n + lag], normals[n]) for n in range(len(x) - lag)]))
 
     lags = np.arange(1, maxLag + 1)
-    return Diffusion(lags, np.array([displacement(lag) for lag in lags]))
+    return Diffusion(lags, np.array([displacement(lag) for lag in lags.tolist()]))
 
 
-def _tangentialSquare(start, end, normals):
+def _tangentialSquare(start: np.ndarray, end: np.ndarray, normals: np.ndarray) -> float:
     rotation, _ = Rotation.align_vectors(start, end)
     displacement = rotation.apply(end) - start
-    return np.mean(np.sum(displacement**2, axis=1) - np.sum(displacement * normals, axis=1) ** 2)
+    return float(np.mean(np.sum(displacement**2, axis=1) - np.sum(displacement * normals, axis=1) ** 2))
 
 
-def _vertexNormals(x, triangles):
+def _vertexNormals(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = (x[triangles[:, i]] for i in range(3))
     normals, faces = np.zeros_like(x), np.cross(b - a, c - a)
     for corner in range(3):

@@ -172,7 +172,7 @@ def sphericalHarmonicCoefficients(vertices: ArrayLike, maxDegree: int) -> np.nda
     return _expand(vertices, maxDegree)[1]
 
 
-def _expand(vertices, maxDegree):
+def _expand(vertices: ArrayLike, maxDegree: int) -> tuple[float, np.ndarray]:
     """Return R and the coefficients."""
     x = np.asarray(vertices, dtype=float)
     x = x - x.mean(axis=0)
@@ -192,7 +192,7 @@ def _expand(vertices, maxDegree):
     return radius, coefficients / radius
 
 
-def _starTriangles(x):
+def _starTriangles(x: np.ndarray) -> np.ndarray:
     """Return the triangles of points' directions from the origin, counter-clockwise seen from outside."""
     directions = x / np.linalg.norm(x, axis=1)[:, np.newaxis]
     triangles = ConvexHull(directions).simplices
@@ -202,7 +202,7 @@ def _starTriangles(x):
     return triangles
 
 
-def _solidAngles(directions, triangles):
+def _solidAngles(directions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return the solid angle of each vertex, a third of that of its triangles (van Oosterom and Strackee, IEEE Trans.
 
     Biomed. Eng. 30, 125, 1983).
@@ -213,14 +213,14 @@ def _solidAngles(directions, triangles):
     return np.bincount(triangles.ravel(), np.repeat(angles / 3, 3), len(directions))
 
 
-def _realHarmonics(directions, maxDegree):
+def _realHarmonics(directions: np.ndarray, maxDegree: int) -> np.ndarray:
     """Return the real spherical harmonics at directions: an (N, (maxDegree+1)^2) array."""
     try:
         from scipy.special import sph_harm_y
     except ImportError:  # scipy before 1.15
         from scipy.special import sph_harm
 
-        def sph_harm_y(l, m, theta, phi):
+        def sph_harm_y(l: int, m: int, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
             return sph_harm(m, l, phi, theta)
 
     theta, phi = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from openmm import unit
 from scipy import stats
 from scipy.special import expit, logsumexp
@@ -139,7 +140,7 @@ class Reweighting:
             }
         )
 
-    def _logWeights(self, energies):
+    def _logWeights(self, energies: np.ndarray) -> np.ndarray:
         """Return the logarithm of the weight of samples in the density of states: MBAR's denominator."""
         terms = [
             math.log(n) + f - energies / thermalEnergy(t)
@@ -190,7 +191,7 @@ def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
     )
 
 
-def _betaDifference(cold, hot, index):
+def _betaDifference(cold: np.ndarray, hot: np.ndarray, index: int) -> np.ndarray:
     """Return what two sets of energies say of 1/kT_cold-1/kT_hot, and its standard error, in mol/kJ.
 
     The probability that an energy is one of the hot ones is logistic in E, and that difference its slope, whatever the
@@ -216,7 +217,7 @@ def _betaDifference(cold, hot, index):
     return np.array([parameters[1], math.sqrt(np.linalg.inv(hessian)[1, 1])]) / scale
 
 
-def _chiSquared(counts, expected):
+def _chiSquared(counts: np.ndarray, expected: np.ndarray) -> tuple[float, int]:
     """Return chi square and its degrees of freedom for the histograms, with the small numbers of each bin taken
     together.
     """
@@ -232,18 +233,18 @@ def _chiSquared(counts, expected):
     return float(chiSquared), max(1, cells - bins - (len(counts) - 1))
 
 
-def _checked(energies, temperatures):
+def _checked(energies: Sequence[ArrayLike], temperatures: Sequence[float]) -> tuple[list[np.ndarray], np.ndarray]:
     kT = np.array([thermalEnergy(t) for t in temperatures])
     if len(energies) != len(kT) or len(kT) < 2 or not np.all(np.diff(kT) > 0):
         raise ValueError(
             f"reweight: there are energies of {len(energies)} temperatures, and the temperatures {list(temperatures)}; "
             "there must be as many, two or more, ascending"
         )
-    energies = [np.asarray(e, dtype=float) for e in energies]
-    for k, e in enumerate(energies):
+    arrays = [np.asarray(e, dtype=float) for e in energies]
+    for k, e in enumerate(arrays):
         if e.ndim != 1 or len(e) < 2 or not np.all(np.isfinite(e)):
             raise ValueError(
                 f"reweight: the energies at temperature {k} have the shape {e.shape}; they must be two or more finite "
                 "numbers in a row"
             )
-    return energies, kT
+    return arrays, kT

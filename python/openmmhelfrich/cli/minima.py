@@ -2,11 +2,14 @@
 
 import itertools
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .errors import friendly
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..analysis.convergence import DiscreteMinimum
 
 app = typer.Typer()
 
@@ -66,7 +69,7 @@ def minima(
         plotSections([series[0] for series in found], picture)
 
 
-def _points(branches, volumes):
+def _points(branches: list[str] | None, volumes: list[float] | None) -> list[tuple[str, float]]:
     """Return the branches and reduced volumes that were asked for; of all branches those that reach a volume."""
     from ..analysis.convergence import REDUCED_VOLUMES
     from ..geometry.axisymmetric import requireBranch
@@ -74,7 +77,7 @@ def _points(branches, volumes):
     points = [
         (name, v)
         for name in branches or REDUCED_VOLUMES
-        for v in volumes or REDUCED_VOLUMES.get(name, [0.6])
+        for v in volumes or REDUCED_VOLUMES.get(name, (0.6,))
         if branches or name != "stomatocyte" or v <= max(REDUCED_VOLUMES[name])
     ]
     for point in points:
@@ -82,7 +85,7 @@ def _points(branches, volumes):
     return points
 
 
-def _line(m):
+def _line(m: "DiscreteMinimum") -> str:
     row = m.row()
     return (
         f"{m.branch:12} {m.reducedVolume:4g} {m.numVertices:9}  {m.energy:7.5f}   {m.continuum.energy:7.5f}  "
@@ -91,7 +94,7 @@ def _line(m):
     )
 
 
-def _convergence(series):
+def _convergence(series: list["DiscreteMinimum"]) -> str:
     from ..analysis.convergence import extrapolatedEnergy, orderOfConvergence
 
     orders = [f"{orderOfConvergence(*pair):.2f}" for pair in itertools.pairwise(series)]
@@ -101,7 +104,7 @@ def _convergence(series):
     )
 
 
-def _write(out, found):
+def _write(out: Path, found: list[list["DiscreteMinimum"]]) -> None:
     import csv
 
     from ..files import replacing

@@ -81,7 +81,7 @@ class Progress(Bars):
                 flush=True,
             )
 
-    def _begin(self, study, now):
+    def _begin(self, study: "Study", now: float) -> None:
         self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position - 1
         self._shownAt = now - SECONDS_BETWEEN_LINES + 2  # soon, to show that something happens
         if self._bar:
@@ -93,14 +93,14 @@ class Progress(Bars):
             )
 
     @staticmethod
-    def _title(study):
+    def _title(study: "Study") -> str:
         count = len(study.config.stages)
         return study.stage.title if count == 1 else f"{study.index + 1}/{count} {study.stage.title}"
 
-    def _rate(self, stage, now):
+    def _rate(self, stage: "Stage", now: float) -> str:
         return f"{(stage.position - self._firstStep) / max(now - self._beganAt, 1e-3):.3g}"
 
-    def _remaining(self, stage, now):
+    def _remaining(self, stage: "Stage", now: float) -> str:
         if stage.isWhole or stage.isDone:
             return ""
         seconds = int((now - self._beganAt) / (stage.position - self._firstStep) * (stage.steps - stage.position))

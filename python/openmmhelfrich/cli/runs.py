@@ -1,12 +1,17 @@
 """Commands that simulate."""
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .errors import friendly
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..runs.summary import Summary
+    from .progress import Progress
 
 app = typer.Typer()
 
@@ -86,13 +91,13 @@ def config(
     print(convertConfig(fromTrimem), end="")
 
 
-def _override(section, **values):
+def _override(section: Any, **values: Any) -> None:
     for name, value in values.items():
         if value is not None:
             setattr(section, name, value)
 
 
-def _report(work, quiet):
+def _report(work: Callable[["Progress"], "Summary"], quiet: bool) -> None:
     """Do a run with its progress shown, and print its summary.
 
     A run that was stopped ends the command as the signal would have.

@@ -1,11 +1,15 @@
 """Commands that look at meshes and at the results of runs."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .errors import friendly
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..geometry.mesh import Mesh
 
 app = typer.Typer()
 
@@ -191,7 +195,7 @@ def report(
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 
-def _suggestions(mesh, scale, unit):
+def _suggestions(mesh: "Mesh", scale: float, unit: str) -> list[tuple[str, str]]:
     """Return what a run does with a mesh by default, or that it needs another scale first."""
     from ..runs.config import parseConfig
     from ..runs.scene import GREATEST_EDGE, LEAST_EDGE, Scene, betterScale
@@ -206,6 +210,6 @@ def _suggestions(mesh, scale, unit):
     return [("tether", f"{bounds}, {energy} by default"), ("step size", f"{scene.stepSize:.3g} ps by default")]
 
 
-def _print(lines):
+def _print(lines: Iterable[tuple[str, str]]) -> None:
     for label, text in lines:
         print(f"{label:>15}  {text}")

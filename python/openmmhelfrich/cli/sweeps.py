@@ -3,7 +3,7 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import TaskID
@@ -99,13 +99,13 @@ class _SweepProgress(Bars):
             ]
             self._say(f"{self._count(states)} of {len(states)} points{''.join('; ' + text for text in running)}")
 
-    def _say(self, text):
+    def _say(self, text: str) -> None:
         if self._bar:
             self._bar.console.print(text, markup=False, highlight=False)
         else:
             print(text, file=sys.stderr, flush=True)
 
-    def _draw(self, bar, states):
+    def _draw(self, bar: Any, states: list["PointStatus"]) -> None:
         self._show(bar, "points", self._count(states), len(states), "")
         for state in states:
             name = state.point.name
@@ -114,11 +114,11 @@ class _SweepProgress(Bars):
             elif name in self._tasks:
                 bar.remove_task(self._tasks.pop(name))
 
-    def _show(self, bar, name, done, total, text):
+    def _show(self, bar: Any, name: str, done: int, total: int, text: str) -> None:
         if name not in self._tasks:
             self._tasks[name] = bar.add_task(name, total=total, text=text)
         bar.update(self._tasks[name], completed=done, total=total, text=text)
 
     @staticmethod
-    def _count(states):
+    def _count(states: list["PointStatus"]) -> int:
         return sum(state.status in ("done", "failed") for state in states)

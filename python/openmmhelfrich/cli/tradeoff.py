@@ -2,11 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .errors import friendly
+
+if TYPE_CHECKING:  # cli starts without what simulates
+    from ..tradeoff.search import Point
 
 app = typer.Typer()
 
@@ -92,32 +95,32 @@ def tradeoff(
 class _Progress:
     """What is being measured, on a terminal, and a line for each setting."""
 
-    def __init__(self, quiet):
+    def __init__(self, quiet: bool) -> None:
         from rich.console import Console
 
         self._console, self._quiet = Console(stderr=True, highlight=False), quiet
         self._status = self._console.status("") if self._console.is_terminal and not quiet else None
 
-    def __enter__(self):
+    def __enter__(self) -> "_Progress":
         if self._status:
             self._status.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         if self._status:
             self._status.stop()
 
-    def __call__(self, point):
+    def __call__(self, point: "Point") -> None:
         from ..tradeoff.settings import describe
 
         if self._quiet:
             return
         title, m = f"{point.axis}: {describe(point.choice)}" if point.choice else point.axis, point.measurement
         if m is not None or point.problem:
-            result = (
-                point.problem
-                or f"{m.evaluations} evaluations of {1e6 * m.secondsPerEvaluation:.1f} µs, {m.acceptance:.0%} accepted"
-            )
+            result = point.problem
+            if m is not None:
+                each = f"{1e6 * m.secondsPerEvaluation:.1f} µs"
+                result = f"{m.evaluations} evaluations of {each}, {m.acceptance:.0%} accepted"
             self._console.print(f"{title}: {result}", soft_wrap=True)
         elif self._status:
             self._status.update(f"{title} ...")

@@ -104,7 +104,7 @@ class _TangentAngle:
     everywhere, so that the energy is finite.
     """
 
-    def __init__(self, symmetric):
+    def __init__(self, symmetric: bool) -> None:
         self._symmetric = symmetric
         self._modes = np.arange(2, _MODES + 1, 2) if symmetric else np.arange(1, _MODES + 1)
         t, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -112,7 +112,7 @@ class _TangentAngle:
         self._sines, self._cosines = self._basis(self._s)
         self._distance = _integrals(t, weights) / 2 - np.outer(self._s**3, self._w)
 
-    def coefficients(self, outline):
+    def coefficients(self, outline: np.ndarray) -> np.ndarray:
         """Return the coefficients of a given outline, without the short waves of its corners."""
         step = np.diff(outline, axis=0)
         length = np.cumsum(np.hypot(*step.T))
@@ -124,7 +124,7 @@ class _TangentAngle:
             * np.exp(-((self._modes / 30) ** 2))
         )
 
-    def energy(self, c):
+    def energy(self, c: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the bending energy over 8 pi kappa_B, (1/8) integral of (psi' + sin(psi)/x)^2 x ds."""
         psi, slope, x, dx = self._curve(c)
         if x.min() <= 0:  # a step of the line search that went too far
@@ -135,7 +135,7 @@ class _TangentAngle:
         ) + (self._w * curvature**2) @ dx
         return self._w @ (curvature**2 * x) / 8, gradient / 8
 
-    def constraints(self, c, reducedVolume):
+    def constraints(self, c: np.ndarray, reducedVolume: float) -> tuple[list[float], list[np.ndarray]]:
         """Return the excess of the reduced volume, and, where symmetry does not see to it, how far the second pole is
         from the axis.
         """
@@ -154,7 +154,7 @@ class _TangentAngle:
         )
         return (values[:1], rows[:1]) if self._symmetric else (values, rows)
 
-    def shape(self, c, points=8001):
+    def shape(self, c: np.ndarray, points: int = 8001) -> AxisymmetricShape:
         psi, slope, x, _ = self._curve(c)
         radius = math.sqrt(self._w @ x / 2)
         s = np.linspace(0, 1, points)
@@ -171,7 +171,7 @@ class _TangentAngle:
             float(self.energy(c)[0]), float(self._w @ (slope * x + np.sin(psi)) / (4 * radius)), outline
         )
 
-    def _curve(self, c):
+    def _curve(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         psi = np.pi * self._s + self._sines @ c
         return (
             psi,
@@ -180,12 +180,12 @@ class _TangentAngle:
             -self._distance @ (np.sin(psi)[:, np.newaxis] * self._sines),
         )
 
-    def _basis(self, s):
+    def _basis(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         waves = np.pi * np.outer(s, self._modes)
         return np.sin(waves) / self._modes, np.pi * np.cos(waves)
 
 
-def _integrals(t, weights):
+def _integrals(t: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the matrix that takes values at the nodes of a Gauss-Legendre rule to integrals from -1 to each node."""
     legendre = np.polynomial.legendre
     degrees = np.arange(len(t))
@@ -193,12 +193,12 @@ def _integrals(t, weights):
     return legendre.legval(t, legendre.legint(np.eye(len(t)), lbnd=-1)).T @ toSeries
 
 
-def _spheroid(kind, reducedVolume):
+def _spheroid(kind: str, reducedVolume: float) -> np.ndarray:
     u = np.linspace(0, np.pi, 4001)
     return np.column_stack((np.sin(u), spheroidAspectRatio(reducedVolume, kind) * np.cos(u)))
 
 
-def _invaginated(reducedVolume):
+def _invaginated(reducedVolume: float) -> np.ndarray:
     return invaginatedSphere(
         optimize.brentq(lambda r: (1 - r**3) / (1 + r**2) ** 1.5 - reducedVolume, 0.01, 0.99), opening=0.35
     )

@@ -4,14 +4,21 @@ A halfedge h = 3*t+corner leads from that corner of triangle t to the next one. 
 of halfedges that run in opposite directions.
 """
 
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 IndexArray: TypeAlias = NDArray[np.int64]
+BLOCK = 1 << 16  # rows that what is computed row by row takes at a time, which bounds the memory of large meshes
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield the rows of a long array, some at a time."""
+    return (slice(start, start + BLOCK) for start in range(0, count, BLOCK))
 
 
 def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
@@ -64,7 +71,12 @@ def pairHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, I
 
 def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexArray]:
     """Return the number of connected membranes and the membrane of each vertex, numbered by first appearance."""
-    count, labels = _connect(*halfedges(triangles), numVertices)
+    a, b, c = np.asarray(triangles, dtype=np.int32).T
+    ends = np.concatenate((a, b)), np.concatenate((b, c))
+    graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(numVertices, numVertices))
+    count, labels = connected_components(graph, directed=False)
+    if count == 1:
+        return count, np.zeros(numVertices, dtype=np.int64)
     _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
     return count, np.argsort(np.argsort(first))[labels]
 
@@ -99,7 +111,7 @@ def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]
     return _orient(triangles, vertices)
 
 
-def _turns(count, first, second, agree):
+def _turns(count: int, first: np.ndarray, second: np.ndarray, agree: np.ndarray) -> np.ndarray:
     """Return which triangles to turn so that all neighbors agree, if those in `first` and `second` share an edge and
     agree or not.
     """
@@ -121,7 +133,7 @@ def _turns(count, first, second, agree):
     return np.array(turned, dtype=bool)
 
 
-def _orient(triangles, vertices):
+def _orient(triangles: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Turn the triangles of closed membranes so that neighbors agree and volumes are positive."""
     first, second = pairHalfedges(triangles, len(vertices))
     origin, _ = halfedges(triangles)
@@ -155,21 +167,18 @@ def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None
     _checkVolumes(vertices, triangles)
 
 
-def _connect(a, b, size):
-    """Return the number of connected components of a graph with edges a-b, and the component of each node."""
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
-    return connected_components(graph, directed=False)
-
-
-def _checkTriangles(vertices, triangles):
+def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
     a, b, c = triangles.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
         raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
-    x = vertices[triangles]
-    sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
-    with np.errstate(over="ignore", invalid="ignore"):
-        doubleArea = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+    doubleArea, longest = np.empty(len(triangles)), np.empty(len(triangles))
+    for block in blocks(len(triangles)):
+        x = vertices[triangles[block]]
+        sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
+        with np.errstate(over="ignore", invalid="ignore"):
+            doubleArea[block] = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
+            longest[block] = np.einsum("sti,sti->st", sides, sides).max(axis=0)
     huge = np.flatnonzero(~np.isfinite(doubleArea))
     if len(huge):
         raise ValueError(
@@ -177,12 +186,12 @@ def _checkTriangles(vertices, triangles):
             "those of a membrane"
         )
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
-    flat = np.flatnonzero(doubleArea <= 1e-12 * np.einsum("sti,sti->st", sides, sides).max(axis=0))
+    flat = np.flatnonzero(doubleArea <= 1e-12 * longest)
     if len(flat):
         raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
 
 
-def _checkEdges(triangles, order, start):
+def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> None:
     count = np.diff(start, append=len(order))
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
@@ -212,7 +221,7 @@ def _checkEdges(triangles, order, start):
     _checkRepeatedTriangles(triangles)
 
 
-def _checkRepeatedTriangles(triangles):
+def _checkRepeatedTriangles(triangles: np.ndarray) -> None:
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)
     same = np.flatnonzero(np.all(corners[order[1:]] == corners[order[:-1]], axis=1))
@@ -224,7 +233,7 @@ def _checkRepeatedTriangles(triangles):
         )
 
 
-def _checkVertices(triangles, numVertices, first, second):
+def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, second: np.ndarray) -> None:
     """Check that the triangles around each vertex form one closed fan of at least three."""
     origin, _ = halfedges(triangles)
     valence = np.bincount(origin, minlength=numVertices)
@@ -236,10 +245,11 @@ def _checkVertices(triangles, numVertices, first, second):
             if valence[v] == 0
             else f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three"
         )
-    opposite = np.empty(len(origin), dtype=np.int64)
-    opposite[first], opposite[second] = second, first
-    previous = np.arange(len(origin)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
-    fans, fan = _connect(np.arange(len(origin)), opposite[previous], len(origin))
+    opposite = np.empty((len(triangles), 3), dtype=np.int32)
+    opposite.ravel()[first], opposite.ravel()[second] = second, first
+    following = opposite[:, [2, 0, 1]].ravel()  # around the vertex
+    one, place = np.ones(len(origin), dtype=np.int8), np.arange(len(origin) + 1, dtype=np.int32)
+    fans, fan = connected_components(csr_array((one, following, place)), directed=False)
     if fans > numVertices:
         _, example = np.unique(fan, return_index=True)
         v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]
@@ -249,7 +259,7 @@ def _checkVertices(triangles, numVertices, first, second):
         )
 
 
-def _checkVolumes(vertices, triangles):
+def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
     count, label = labelComponents(triangles, len(vertices))
     for membrane in range(count):
         part = triangles[label[triangles[:, 0]] == membrane] if count > 1 else triangles
@@ -268,10 +278,10 @@ def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) 
     return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
 
 
-def _triangle(triangles, t):
+def _triangle(triangles: np.ndarray, t: int) -> str:
     return f"triangle {t} ({', '.join(map(str, triangles[t]))})"
 
 
-def _edge(triangles, h):
+def _edge(triangles: np.ndarray, h: int) -> str:
     t, corner = divmod(int(h), 3)
     return f"edge ({triangles[t, corner]}, {triangles[t, (corner + 1) % 3]})"

@@ -14,6 +14,7 @@ from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, meshfiles
 from .measures import reducedVolume
+from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
@@ -148,19 +149,9 @@ class Mesh:
         each edge.
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
-        their ids.
+        their ids.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        topology = app.Topology()
-        chain = topology.addChain("M")
-        _, label = connectivity.labelComponents(self.triangles, len(self.vertices))
-        atoms, residue, current = [], None, None
-        for membrane in label.tolist():
-            if membrane != current:
-                residue, current = topology.addResidue("MEM", chain, id=str(membrane + 1)), membrane
-            atoms.append(topology.addAtom("V", None, residue))
-        for i, j in self.edges.tolist():
-            topology.addBond(atoms[i], atoms[j])
-        return topology
+        return MeshTopology(self.triangles, len(self.vertices))
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
         """Create an openmm.System with a particle for each vertex and no forces.
@@ -184,13 +175,20 @@ class Mesh:
     @property
     def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
-        a, b = self.edges.T
-        return np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        edges = self.edges
+        lengths = np.empty(len(edges))
+        for block in connectivity.blocks(len(edges)):
+            a, b = edges[block].T
+            lengths[block] = np.linalg.norm(self.vertices[b] - self.vertices[a], axis=1)
+        return lengths
 
     @property
     def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
-        return np.linalg.norm(self._normals(), axis=1) / 2
+        areas = np.empty(len(self.triangles))
+        for block in connectivity.blocks(len(areas)):
+            areas[block] = np.linalg.norm(self._normals(block), axis=1) / 2
+        return areas
 
     @property
     def area(self) -> float:
@@ -222,21 +220,24 @@ class Mesh:
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
-        edge = self.vertices[target] - self.vertices[origin]
-        length = np.linalg.norm(edge, axis=1)
-        normals = self._normals()
-        normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
-        nf, ng = normals[first // 3], normals[second // 3]
-        sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
-        curvature = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
+        normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
+        for block in connectivity.blocks(len(normals)):
+            some = self._normals(block)
+            normals[block] = some / np.linalg.norm(some, axis=1)[:, np.newaxis]
+        for block in connectivity.blocks(len(first)):
+            edge = self.vertices[target[block]] - self.vertices[origin[block]]
+            length = np.linalg.norm(edge, axis=1)
+            nf, ng = normals[first[block] // 3], normals[second[block] // 3]
+            sine = np.einsum("ei,ei->e", np.cross(nf, ng), edge) / length
+            curvature[block] = length * np.arctan2(sine, np.einsum("ei,ei->e", nf, ng)) / 4
         return _sums(origin, curvature, len(self.vertices)) + _sums(target, curvature, len(self.vertices))
 
-    def _normals(self):
-        """Return the normal of each triangle, of twice its area."""
-        x = self.vertices[self.triangles]
+    def _normals(self, block: slice = slice(None)) -> np.ndarray:
+        """Return the normals of some triangles, of twice their area."""
+        x = self.vertices[self.triangles[block]]
         return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
-    def _withoutLooseVertices(self):
+    def _withoutLooseVertices(self) -> "Mesh":
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.triangles] = True
         return Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles])
@@ -250,7 +251,7 @@ def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) 
     return np.bincount(places, values, count).astype(np.float64, copy=False)
 
 
-def _floats(vertices):
+def _floats(vertices: Any) -> np.ndarray:
     try:
         vertices = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -262,14 +263,14 @@ def _floats(vertices):
     return vertices
 
 
-def _notFinite(vertices):
+def _notFinite(vertices: np.ndarray) -> str:
     v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
     return (
         f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
     )
 
 
-def _indices(triangles, numVertices):
+def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     try:
         triangles = np.asarray(triangles)
     except ValueError:
@@ -288,11 +289,11 @@ def _indices(triangles, numVertices):
     return triangles.astype(np.int32)
 
 
-def _inUnit(value, wanted):
+def _inUnit(value: Any, wanted: unit.Unit) -> float:
     return float(valueIn(value, wanted))
 
 
-def _lengthOf(length):
+def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
@@ -305,7 +306,7 @@ def _lengthOf(length):
     return value
 
 
-def _icosahedron():
+def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
     g = (1 + math.sqrt(5)) / 2
     vertices = np.array(
         [
@@ -350,7 +351,7 @@ def _icosahedron():
     return vertices / math.sqrt(1 + g * g), triangles
 
 
-def _subdivide(vertices, triangles):
+def _subdivide(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Divide each triangle in four at the middles of its edges."""
     order, start = connectivity.groupHalfedges(triangles, len(vertices))
     middle = np.empty(len(order), dtype=np.int64)

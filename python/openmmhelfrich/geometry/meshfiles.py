@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -46,7 +47,7 @@ def write(
         raise ValueError(f"{path}: {error}") from None
 
 
-def _readFile(path):
+def _readFile(path: Path) -> Any:
     """Read a file with the mesh library, whatever way it has to fail."""
     import meshio
 
@@ -62,7 +63,7 @@ def _readFile(path):
     raise ValueError(f"this is not a complete {suffix[1:].upper()} file")
 
 
-def _trianglesOf(data):
+def _trianglesOf(data: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the points and the triangles of what the mesh library read."""
     others = sorted({block.type for block in data.cells} - {"triangle", "line", "vertex"})
     if others:
@@ -86,7 +87,7 @@ def requireFormat(path: Path, *others: str) -> None:
         )
 
 
-def _refuseNumbersOfNodes(above):
+def _refuseNumbersOfNodes(above: int) -> contextlib.AbstractContextManager[Any]:
     """Keep the mesh library from a table up to the greatest number of a node, which in a damaged MSH file may be any of
     64 bits.
     """
@@ -94,7 +95,7 @@ def _refuseNumbersOfNodes(above):
 
     read = _gmsh41._read_nodes
 
-    def checked(*arguments):
+    def checked(*arguments: Any) -> tuple[Any, ...]:
         points, numbers, *rest = read(*arguments)
         if numbers.max() > above:
             raise ValueError("a node has a number that is larger than the file")
@@ -103,7 +104,7 @@ def _refuseNumbersOfNodes(above):
     return mock.patch.object(_gmsh41, "_read_nodes", checked)
 
 
-def _silence():
+def _silence() -> contextlib.ExitStack:
     """Keep the mesh library from printing what the exceptions say, and from warning that text is no number."""
     stack = contextlib.ExitStack()
     stack.enter_context(np.errstate(all="ignore"))

@@ -1,5 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,8 @@ class MeshQuality:
     def lines(self, lengthUnit: str = "nm") -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
         mesh, u = self.mesh, lengthUnit
-        lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
+        lengths = mesh.edgeLengths
+        mean = lengths.mean()
         lines = [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
             ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
@@ -71,7 +73,7 @@ class MeshQuality:
             )
         return lines
 
-    def _contact(self, mean, u):
+    def _contact(self, mean: float, u: str) -> str:
         if self.closestPair is None:
             return "no vertices that are three or more edges apart come within two mean edge lengths of each other"
         a, b, distance = self.closestPair
@@ -95,7 +97,7 @@ def assess(mesh: Mesh) -> MeshQuality:
     """
     mesh.check()
     angles, aspectRatios = _shapes(mesh)
-    valences = np.bincount(mesh.edges.ravel())
+    valences = np.bincount(mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
     return MeshQuality(mesh, _genera(mesh), valences, angles, aspectRatios, closestPair(mesh), crossings(mesh))
 
 
@@ -126,10 +128,11 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     Two triangles without common vertices meet just if an edge of one passes through the other.  Those that touch
     without passing through are not found.
     """
-    corners = mesh.vertices[mesh.triangles]
-    middles = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - middles[:, np.newaxis], axis=2).max(axis=1)
-    del corners
+    middles, radii = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
+    for some in connectivity.blocks(len(radii)):
+        corners = mesh.vertices[mesh.triangles[some]]
+        middles[some] = corners.mean(axis=1)
+        radii[some] = np.linalg.norm(corners - middles[some][:, np.newaxis], axis=2).max(axis=1)
     found = [
         _passing(mesh, edges, triangles)
         for pairs in _touching(middles, radii, block)
@@ -192,7 +195,7 @@ def _near(mesh, pairs, middles, radii):
             yield ends[isNear], t[isNear]
 
 
-def _passing(mesh, edges, triangles):
+def _passing(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return those of the edges that pass through the triangle beside them, and that triangle."""
     # The point a + s d of an edge has coordinates u, v in the triangle (Moeller and Trumbore, J. Graphics Tools 2, 21
     # (1997)).
@@ -207,36 +210,37 @@ def _passing(mesh, edges, triangles):
     return np.column_stack((edges, triangles))[passes]
 
 
-def _dot(a, b):
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", a, b)
 
 
-def _genera(mesh):
-    """Return the genus of each membrane, from its Euler characteristic V-E+F = 2-2g."""
+def _genera(mesh: Mesh) -> list[int]:
+    """Return the genus g of each membrane, from its Euler characteristic V-E+F = 2-2g, where E = 3F/2."""
     count, label = connectivity.labelComponents(mesh.triangles, len(mesh.vertices))
-    vertices, edges, triangles = (
-        np.bincount(label[of], minlength=count)
-        for of in (np.arange(len(mesh.vertices)), mesh.edges[:, 0], mesh.triangles[:, 0])
-    )
-    return ((2 - (vertices - edges + triangles)) // 2).tolist()
+    vertices, triangles = (np.bincount(l, minlength=count) for l in (label, label[mesh.triangles[:, 0]]))
+    return ((2 - (vertices - triangles // 2)) // 2).tolist()
 
 
-def _shapes(mesh):
+def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Return the angles, in degrees, and the aspect ratio of each triangle."""
-    x = mesh.vertices[mesh.triangles]
-    sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
-    lengths = np.linalg.norm(sides, axis=2)
-    doubleArea = 2 * mesh.triangleAreas
-    angles = np.arctan2(doubleArea[:, np.newaxis], -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]]))
-    circumradius, inradius = lengths.prod(axis=1) / (2 * doubleArea), doubleArea / lengths.sum(axis=1)
-    return np.degrees(angles), circumradius / (2 * inradius)
+    angles, aspectRatios = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
+    doubleAreas = 2 * mesh.triangleAreas
+    for block in connectivity.blocks(len(angles)):
+        x, doubleArea = mesh.vertices[mesh.triangles[block]], doubleAreas[block]
+        sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
+        lengths = np.linalg.norm(sides, axis=2)
+        cosine = -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
+        angles[block] = np.degrees(np.arctan2(doubleArea[:, np.newaxis], cosine))
+        circumradius, inradius = lengths.prod(axis=1) / (2 * doubleArea), doubleArea / lengths.sum(axis=1)
+        aspectRatios[block] = circumradius / (2 * inradius)
+    return angles, aspectRatios
 
 
-def _components(genera):
+def _components(genera: Sequence[int]) -> str:
     if len(genera) == 1:
         return f"one membrane of genus {genera[0]}"
     return f"{len(genera)} membranes of genus {', '.join(map(str, sorted(set(genera))))}"
 
 
-def _range(values):
+def _range(values: np.ndarray) -> str:
     return f"{values.min():.4g} to {values.max():.4g}, mean {values.mean():.4g}"

@@ -117,7 +117,7 @@ def invaginatedSphere(inner: float, opening: float) -> NDArray[np.float64]:
     return np.concatenate((inner * sphere, rim, sphere[::-1]))
 
 
-def _spheroidReducedVolume(a):
+def _spheroidReducedVolume(a: float) -> float:
     e = math.sqrt(1 - min(a, 1 / a) ** 2)
     if e < 1e-6:
         return 1.0
@@ -125,14 +125,14 @@ def _spheroidReducedVolume(a):
     return reducedVolume(area, 4 * math.pi / 3 * a)
 
 
-def _goldenAngles(number):
+def _goldenAngles(number: int) -> np.ndarray:
     return np.arange(number) * np.pi * (3 - math.sqrt(5))
 
 
 class _Revolution:
     """Points on a surface of revolution, each held by its arc length along the outline and its angle."""
 
-    def __init__(self, outline, number):
+    def __init__(self, outline: np.ndarray, number: int) -> None:
         """Put points on a spiral, each of an equal part of the area, a golden angle from one to the next."""
         length = np.linalg.norm(np.diff(outline, axis=0), axis=1)
         self._outline, self._length = outline, np.concatenate(([0], np.cumsum(length)))
@@ -143,11 +143,11 @@ class _Revolution:
             _goldenAngles(number),
         )
 
-    def points(self):
+    def points(self) -> np.ndarray:
         r, z = self._at(self._outline)
         return np.column_stack((r * np.cos(self._angle), r * np.sin(self._angle), z))
 
-    def evenOut(self, edges):
+    def evenOut(self, edges: np.ndarray) -> None:
         """Slide the points along the surface as springs at the edges, which pull towards the mean length, would move
         them.
         """
@@ -163,14 +163,14 @@ class _Revolution:
         self._s = np.clip(self._s + np.sum(moved * self._at(self._tangents), axis=0), 0, self._length[-1])
         self._angle = np.arctan2(x[:, 1], x[:, 0])
 
-    def _at(self, columns):
+    def _at(self, columns: np.ndarray) -> np.ndarray:
         return np.array([np.interp(self._s, self._length, column) for column in columns.T])
 
 
 class _EdgeShortener:
     """Keeps the triangles of a sphere's golden spiral, and flips edges where that makes them shorter."""
 
-    def __init__(self, numVertices):
+    def __init__(self, numVertices: int) -> None:
         height = 1 - 2 * (np.arange(numVertices) + 0.5) / numVertices
         r, angle = np.sqrt(1 - height**2), _goldenAngles(numVertices)
         points = np.column_stack((r * np.cos(angle), r * np.sin(angle), height))
@@ -187,7 +187,7 @@ class _EdgeShortener:
         self._flips.setRandomNumberSeed(1)
         self._context = mm.Context(system, self._flips, mm.Platform.getPlatform("Reference"))
 
-    def __call__(self, x, sweeps, heat=0.0):
+    def __call__(self, x: np.ndarray, sweeps: int, heat: float = 0.0) -> np.ndarray:
         """Return the triangles after some sweeps; heat is kT over the mean energy of an edge."""
         self._context.setPositions(x)
         energy = self._context.getState(energy=True).getPotentialEnergy() / (3 * len(x) - 6)

@@ -153,7 +153,7 @@ def requireNew(files: Iterable[PathLike], source: PathLike, overwrite: bool) -> 
         )
 
 
-def _names(output, indices):
+def _names(output: Path, indices: Sequence[int]) -> list[Path]:
     """Return the files to write, that of the series first."""
     suffix = output.suffix.lower()
     if suffix in (*TRAJECTORIES, ".xyz") or (len(indices) == 1 and suffix != ".pvd"):
@@ -165,13 +165,13 @@ def _names(output, indices):
     return [output, *numbered] if suffix == ".pvd" else numbered
 
 
-def _writeMesh(file, frame):
+def _writeMesh(file: Path, frame: MeshFrame) -> int:
     """Write the mesh of a frame and return its step."""
     frame.mesh.write(file, data=frame.data)
     return frame.step
 
 
-def _writePVD(file, meshes, steps):
+def _writePVD(file: Path, meshes: Iterable[Path], steps: Iterable[int]) -> None:
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     collection = ElementTree.SubElement(root, "Collection")
     for mesh, step in zip(meshes, steps):

@@ -49,7 +49,7 @@ class TrajectoryReporter(app.DCDReporter):
         self._out.close()
 
 
-def _cut(file, size):
+def _cut(file: PathLike, size: int) -> None:
     """Drop what follows the first bytes of a DCD file, and count the frames that are left."""
     with open(file, "r+b") as out:
         out.truncate(size)

@@ -11,7 +11,7 @@ from ..files import PathLike
 from ..geometry.connectivity import trianglesFromEdges
 from ..geometry.mesh import Mesh
 from ..optional import require
-from .vtkhdf import Frames, meshFrame
+from .vtkhdf import Frames, MeshFrame, meshFrame
 
 
 class DCDTrajectory(Frames):
@@ -53,15 +53,15 @@ class DCDTrajectory(Frames):
             first = self._positions(0)
         self._triangles = _trianglesOf(Path(topology), first, self._path)
 
-    def _positions(self, i):
+    def _positions(self, i: int) -> np.ndarray:
         self._file.seek(i)
         return self._file.read(1)[0][0].astype(np.float64) / 10
 
-    def _read(self, i):
+    def _read(self, i: int) -> MeshFrame:
         return meshFrame(int(self.steps[i]), Mesh(self._positions(i), self._triangles))
 
 
-def _trianglesOf(topology, positions, dcd):
+def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> np.ndarray:
     """Return the triangles that a mesh file or a PSF file gives to these positions."""
     if topology.suffix.lower() != ".psf":
         mesh = Mesh.read(topology)
@@ -75,14 +75,14 @@ def _trianglesOf(topology, positions, dcd):
         raise ValueError(f"{topology}: {error}") from None
 
 
-def _requireSize(topology, size, dcd, positions):
+def _requireSize(topology: Path, size: int, dcd: Path, positions: np.ndarray) -> None:
     if size != len(positions):
         raise ValueError(
             f"{topology} has {size} vertices and {dcd} has {len(positions)} atoms; the numbers must be equal"
         )
 
 
-def _readBonds(file):
+def _readBonds(file: Path) -> tuple[np.ndarray, int]:
     """Return the bonds of a PSF file as a (E, 2) array, and the number of its atoms."""
     try:
         topology = require("mdtraj", "reading PSF files").load_topology(str(file))

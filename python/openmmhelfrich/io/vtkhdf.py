@@ -248,7 +248,7 @@ class Frames(ABC, Sequence[MeshFrame]):
         self._file.close()
 
     @contextlib.contextmanager
-    def _complaint(self, what):
+    def _complaint(self, what: str) -> Iterator[None]:
         """Name the file in whatever its reader finds wrong with it."""
         try:
             yield
@@ -381,7 +381,7 @@ def _count(path, keep):
     return count
 
 
-def _requireFolder(path):
+def _requireFolder(path: Path) -> None:
     """Raise an OSError at once if a file cannot be made here."""
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; the name of a file is expected")
@@ -514,7 +514,7 @@ def _existing(out, path, keep):
     return root
 
 
-def _create(out, frame, precision, lengthUnit):
+def _create(out: Any, frame: MeshFrame, precision: str, lengthUnit: str) -> Any:
     """Lay out a file for frames like this one."""
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}; it must be 'double' or 'single'")
@@ -554,7 +554,7 @@ def _create(out, frame, precision, lengthUnit):
     return root
 
 
-def _growing(group, name, columns=None, kind="i8"):
+def _growing(group: Any, name: str, columns: int | None = None, kind: str = "i8") -> None:
     """Create an empty array with an entry for each step."""
     tail = () if columns is None else (columns,)
     group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(BLOCK, *tail))
@@ -573,14 +573,14 @@ def _growingArrays(root, count):
     ]
 
 
-def _resize(root, count):
+def _resize(root: Any, count: int) -> None:
     """Make room for a number of frames, or drop those beyond it."""
     for array, rows in _growingArrays(root, count):
         array.resize(rows, axis=0)
     root["Steps"].attrs["NSteps"] = count
 
 
-def _append(root, frame):
+def _append(root: Any, frame: MeshFrame) -> None:
     """Add a frame."""
     mesh, data, steps = frame.mesh, root["PointData"], root["Steps"]
     count = int(steps.attrs["NSteps"])
@@ -620,7 +620,7 @@ def _sizeOf(frame):
 
 
 @contextlib.contextmanager
-def _plainErrors(path):
+def _plainErrors(path: Path) -> Iterator[None]:
     """Say in a sentence what HDF5 says in its own words."""
     try:
         yield

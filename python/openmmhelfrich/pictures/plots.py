@@ -11,9 +11,9 @@ import numpy as np
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..sampling.observables import OBSERVABLES, PANELS, curves, isTarget
+from ..sampling.observables import OBSERVABLES, PANELS, Observable, curves, isTarget
 from ..tables import Table, headOf
-from .curvature import smoothMeanCurvature
+from .curvature import shownSurface, simplification
 
 _drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
@@ -69,7 +69,7 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
     saveFigure(figure, file)
 
 
-def _plotCurve(axes, table, observable, isThin):
+def _plotCurve(axes: Any, table: Table, observable: Observable, isThin: bool) -> None:
     steps, values = table["step"], table[observable.name]
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
@@ -121,7 +121,7 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     saveFigure(figure, file)
 
 
-def _plotBranches(axes, windows, name, prefix):
+def _plotBranches(axes: Any, windows: Table, name: str, prefix: str) -> None:
     last = int(np.argmax(windows["lambda"]))
     for part, style, text in ((slice(last + 1), "o-", "there"), (slice(last, None), "s--", "back")):
         if windows["lambda"][part].size > 1:
@@ -143,7 +143,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     Parameters
     ----------
     mesh : Mesh
-        what to draw
+        what to draw; of more than 100,000 vertices, a simplified surface is drawn, and the picture says so
     file : path
         the picture to write; its suffix tells the format
     lengthUnit : str
@@ -155,16 +155,16 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    curvature = smoothMeanCurvature(mesh)
+    surface, curvature = shownSurface(mesh)
     bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
     norm = TwoSlopeNorm(0, -bound, bound)
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    colors = _colorMap()(norm(curvature[mesh.triangles].mean(axis=1)))
+    colors = _colorMap()(norm(curvature[surface.triangles].mean(axis=1)))
     # Edges of the triangles' own color hide the seams between them.
     axes.add_collection3d(
         Poly3DCollection(
-            mesh.vertices[mesh.triangles],
+            surface.vertices[surface.triangles],
             facecolors=colors,
             edgecolors=colors,
             linewidths=0.3,
@@ -172,12 +172,12 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
             lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
         )
     )
-    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit)
+    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit, simplification(mesh, surface))
     _colorBar(figure, axes, norm, lengthUnit)
     saveFigure(figure, file)
 
 
-def _colorMap():
+def _colorMap() -> Any:
     from matplotlib import colormaps
 
     return colormaps["coolwarm"]
@@ -194,18 +194,21 @@ def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
         figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png")
 
 
-def _frame(axes, vertices, elevation, azimuth, lengthUnit):
-    """Show all of the vertices at equal scales."""
+def _frame(
+    axes: Any, vertices: np.ndarray, elevation: float, azimuth: float, lengthUnit: str, remark: str | None
+) -> None:
+    """Show all of the vertices at equal scales, and a remark beside the size."""
     middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
     for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
         set_limits(center - size / 2, center + size / 2)
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.view_init(elevation, azimuth)
     axes.set_axis_off()
-    axes.set_title(f"{size:.3g} {_plain(lengthUnit)} across", y=0, fontsize="medium")
+    title = ", ".join(filter(None, (f"{size:.3g} {_plain(lengthUnit)} across", remark)))
+    axes.set_title(title, y=0, fontsize="medium")
 
 
-def _colorBar(figure, axes, norm, lengthUnit):
+def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str) -> None:
     from matplotlib.cm import ScalarMappable
 
     figure.colorbar(

@@ -3,8 +3,9 @@
 import ctypes
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,7 @@ def canRender() -> bool:
     return True
 
 
-def _requirePyvista():
+def _requirePyvista() -> Any:
     pyvista = require("pyvista", "rendering")
     if not _hasOpenGL():
         raise ValueError(
@@ -103,7 +104,7 @@ def _requirePyvista():
     return pyvista
 
 
-def _hasOpenGL():
+def _hasOpenGL() -> bool:
     """Return whether VTK will find something to draw with.  Where it does not, it ends the program."""
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         return True
@@ -116,7 +117,9 @@ def _hasOpenGL():
     return False
 
 
-def _images(frames, lengthUnit, elevation, azimuth, cut):
+def _images(
+    frames: Sequence[MeshFrame], lengthUnit: str, elevation: float, azimuth: float, cut: bool
+) -> Iterator[np.ndarray]:
     """Yield the picture of each frame as an array of bytes (height, width, 3)."""
     pyvista = _requirePyvista()
     middle, radius, bound = _bounds(frames)
@@ -155,7 +158,7 @@ def _images(frames, lengthUnit, elevation, azimuth, cut):
         plotter.close()
 
 
-def _bounds(frames):
+def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, float]:
     """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost
     hundredth.
     """
@@ -172,12 +175,12 @@ def _bounds(frames):
     )
 
 
-def _direction(elevation, azimuth):
+def _direction(elevation: float, azimuth: float) -> np.ndarray:
     """Return the unit vector towards the viewer."""
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def _aim(plotter, middle, radius, direction):
+def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray) -> None:
     """Let the camera see a sphere, above the scale of colors."""
     plotter.camera.focal_point, plotter.camera.position = middle, middle + 4.7 * radius * direction
     plotter.camera.SetWindowCenter(0, -0.14)
@@ -186,14 +189,14 @@ def _aim(plotter, middle, radius, direction):
     plotter.camera.clipping_range = (3.5 * radius, 6 * radius)
 
 
-def _save(image, file):
+def _save(image: np.ndarray, file: PathLike) -> None:
     from PIL import Image
 
     with replacing(file) as part:
         Image.fromarray(image).save(part)
 
 
-def _writeGIF(images, file, framesPerSecond):
+def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
     from PIL import Image
 
     first, *others = [Image.fromarray(image) for image in images]
@@ -203,7 +206,7 @@ def _writeGIF(images, file, framesPerSecond):
         first.save(part, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
 
 
-def _writeMP4(images, file, framesPerSecond):
+def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
     imageio = require("imageio.v2", "writing MP4 films")
     require("imageio_ffmpeg", "writing MP4 films")
     with (

@@ -5,8 +5,10 @@ needs nothing else.
 import base64
 import html
 import json
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmm as mm
@@ -21,14 +23,15 @@ from ..sampling.averages import lateRows
 from ..sampling.observables import (
     OBSERVABLES,
     PANELS,
+    Observable,
     curves,
     divergence,
     observableUnits,
     readObservables,
 )
-from ..tables import headOf
+from ..tables import Table, headOf
 from ..version import __version__
-from .curvature import smoothMeanCurvature
+from .curvature import shownSurface, simplification
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
 MAX_FRAMES = 101  # the start and a hundred more
@@ -44,8 +47,8 @@ def writeReport(
     It has the shape in 3D, to turn and to play, colored by mean curvature, from PREFIX.vtkhdf or, if there is none,
     the final mesh; the observables against steps, from PREFIX.csv; the settings, from PREFIX.resolved.toml; averages,
     versions and warnings.  What is missing is left out and listed among the warnings.  The page is self-contained and
-    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances; a shape of
-    which not even one frame fits is left out. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
+    stays below 20 MB: of more frames than fit, and of more than 2,000 rows, it has some at equal distances. Shapes of
+    more than 100,000 vertices are simplified. Positions are rounded to 1/65,535 of the size, curvatures to 1/255 of
     their range.
 
     Parameters
@@ -115,11 +118,11 @@ def writeReport(
     return file
 
 
-def _beside(prefix, ending):
+def _beside(prefix: Path, ending: str) -> Path:
     return prefix.with_name(prefix.name + ending)
 
 
-def _readFrames(prefix, warnings):
+def _readFrames(prefix: Path, warnings: list[str]) -> Sequence[MeshFrame]:
     """Return the frames of the trajectory, or the final mesh as the only one, or none."""
     trajectory = _beside(prefix, ".vtkhdf")
     if trajectory.exists():
@@ -134,7 +137,7 @@ def _readFrames(prefix, warnings):
     return []
 
 
-def _readTable(prefix, warnings):
+def _readTable(prefix: Path, warnings: list[str]) -> tuple[Table | None, dict[str, str]]:
     """Return the table and its units, or None and no units."""
     file = _beside(prefix, ".csv")
     if not file.exists():
@@ -145,7 +148,7 @@ def _readTable(prefix, warnings):
     return table, units
 
 
-def _readSettings(prefix, warnings):
+def _readSettings(prefix: Path, warnings: list[str]) -> str:
     file = _beside(prefix, ".resolved.toml")
     if file.exists():
         return file.read_text(encoding="utf-8", errors="replace")
@@ -153,11 +156,16 @@ def _readSettings(prefix, warnings):
     return ""
 
 
-def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
+def _shape(
+    frames: Sequence[MeshFrame], maxFrames: float, maxBytes: float, lengthUnit: str, warnings: list[str]
+) -> dict[str, Any] | None:
     """Return what the page needs to draw the frames, or None if there is no room for one."""
-    first = frames[0].mesh
-    indexType = "u2" if len(first.vertices) <= 2**16 else "u4"
-    frameBytes = 4 / 3 * (7 * len(first.vertices) + 3 * np.dtype(indexType).itemsize * len(first.triangles)) + 200
+    last = frames[len(frames) - 1]
+    surface, _ = drawn = shownSurface(last.mesh)
+    if remark := simplification(last.mesh, surface):
+        warnings.append(f"The page shows shapes that are {remark}.")
+    indexType = "u2" if len(surface.vertices) <= 2**16 else "u4"
+    frameBytes = 4 / 3 * (7 * len(surface.vertices) + 3 * np.dtype(indexType).itemsize * len(surface.triangles)) + 200
     count = int(max(0, min(len(frames), maxFrames, maxBytes // frameBytes)))
     if count < len(frames):
         warnings.append(f"The page shows {count} of {len(frames)} frames.")
@@ -168,8 +176,8 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
         if count > 1
         else [len(frames) - 1]
     )
-    shown = [(frames[i].step, frames[i].mesh) for i in chosen]
-    _judgeMesh(*shown[-1], warnings)
+    _judgeMesh(last.step, last.mesh, warnings)
+    shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
     return {
         "lengthUnit": _forPlotly(lengthUnit),
         "index": chosen,
@@ -178,12 +186,11 @@ def _shape(frames, maxFrames, maxBytes, lengthUnit, warnings):
     }
 
 
-def _encode(shown, indexType):
+def _encode(shown: list[tuple[int, Mesh, NDArray[np.float64]]], indexType: str) -> dict[str, Any]:
     """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
-    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh in shown], axis=0) for limit in (np.min, np.max))
+    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh, _ in shown], axis=0) for limit in (np.min, np.max))
     size, low = max(high - low), (low + high - max(high - low)) / 2  # a cube around all
-    curvatures = [smoothMeanCurvature(mesh) for _, mesh in shown]
-    bound = max(*(np.quantile(np.abs(curvature), 0.99) for curvature in curvatures), 1e-12)
+    bound = max(*(np.quantile(np.abs(curvature), 0.99) for *_, curvature in shown), 1e-12)
     frames = [
         {
             "step": step,
@@ -191,12 +198,12 @@ def _encode(shown, indexType):
             "triangles": _base64(mesh.triangles.T, indexType),
             "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
         }
-        for (step, mesh), curvature in zip(shown, curvatures)
+        for step, mesh, curvature in shown
     ]
     return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
 
 
-def _base64(values, kind):
+def _base64(values: np.ndarray, kind: str) -> str:
     """Return numbers, rounded to little-endian integers of a kind, as text."""
     return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
 
@@ -222,11 +229,11 @@ def _panels(table, units):
     return {"steps": [int(step) for step in table["step"][rows]], "panels": panels}
 
 
-def _rounded(values):
+def _rounded(values: np.ndarray) -> list[float | None]:
     return [float(f"{value:.7g}") if np.isfinite(value) else None for value in values]
 
 
-def _facts(frames, table, units):
+def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, str]) -> list[tuple[str, str]]:
     """Return a label and a text for what the run was like on average."""
     facts = []
     if len(frames):
@@ -246,7 +253,7 @@ def _facts(frames, table, units):
     return [*facts, ("this page", f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, {versions}")]
 
 
-def _fact(observable, table, late, units):
+def _fact(observable: Observable, table: Table, late: Table, units: dict[str, str]) -> str:
     """Return the average of an observable, or its last value, as text."""
     name = observable.name
     if observable.onPage == "last":
@@ -254,7 +261,7 @@ def _fact(observable, table, late, units):
     return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
 
 
-def _judge(table, warnings):
+def _judge(table: Table, warnings: list[str]) -> None:
     """Add what looks wrong in the table."""
     bad = [name for name, values in table.items() if not np.all(np.isfinite(values))]
     if bad:
@@ -271,7 +278,7 @@ def _judge(table, warnings):
         warnings.append("No flip was accepted: the membrane does not flow.")
 
 
-def _judgeMesh(step, mesh, warnings):
+def _judgeMesh(step: int, mesh: Mesh, warnings: list[str]) -> None:
     """Add what is wrong with the last shape."""
     try:
         crossings = assess(mesh).crossings
@@ -284,7 +291,7 @@ def _judgeMesh(step, mesh, warnings):
         )
 
 
-def _fill(template, parts):
+def _fill(template: str, parts: dict[str, str]) -> str:
     """Put the parts in the places that the template marks as @@name@@, each found before any is filled."""
     pieces = template.split("@@")
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))

@@ -83,15 +83,10 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
     state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
     run = {"format": FORMAT, **asdict(runState)}
     del run["record"]  # of files that are older than this checkpoint
-    parts = {
-        "run.json": json.dumps(run, indent=1),
-        "system.xml": mm.XmlSerializer.serialize(simulation.system),
-        "integrator.xml": mm.XmlSerializer.serialize(simulation.integrator),
-        "state.xml": mm.XmlSerializer.serialize(state),
-    }
     with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, text in parts.items():
-            archive.writestr(name, text)
+        archive.writestr("run.json", json.dumps(run, indent=1))
+        for name, what in (("system", simulation.system), ("integrator", simulation.integrator), ("state", state)):
+            archive.writestr(f"{name}.xml", mm.XmlSerializer.serialize(what))  # one text at a time, for they are long
 
 
 def addRecord(file: PathLike, record: dict[str, Any]) -> None:

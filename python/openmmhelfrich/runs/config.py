@@ -3,7 +3,7 @@
 import contextlib
 import difflib
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ def sections() -> dict[str, type[Section]]:
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
 
 
-def _scales(data):
+def _scales(data: Any) -> Scales:
     """Return the units of the plain numbers of a file, as far as they can be told before it is validated."""
     try:
         kT = thermalEnergy(plainNumber(data["sampling"]["temperature"], "temperature", Scales(1.0)))
@@ -151,7 +151,7 @@ def _scales(data):
         return Scales(kT)
 
 
-def _explain(mistake):
+def _explain(mistake: ErrorDetails) -> str:
     """Return a sentence for one of pydantic's errors."""
     place, kind = mistake["loc"], mistake["type"]
     if kind == "extra_forbidden":
@@ -184,7 +184,7 @@ def requirement(mistake: ErrorDetails) -> str:
     )
 
 
-def _placeName(place):
+def _placeName(place: Sequence[Any]) -> str:
     """Return where a mistake is: "[sampling] steps" or "stage 2 (anneal) rate"."""
     if not place:
         return "the file"
@@ -195,7 +195,7 @@ def _placeName(place):
     return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
 
 
-def _explainUnknown(place):
+def _explainUnknown(place: Sequence[Any]) -> str:
     *home, key = place
     if not home:
         return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"

@@ -1,14 +1,14 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import tomli_w
 
 from ..files import PathLike, replacing
 from .config import Config, asDict, sections
-from .sections import Targets
+from .sections import Section, Targets
 from .stagesettings import STAGES
 
 _HEAD = """\
@@ -54,12 +54,12 @@ def writeSettings(file: PathLike, config: Config, comments: Iterable[str] = ()) 
         part.write_text(settingsText(config, comments), encoding="utf-8")
 
 
-def _stageText(stage):
+def _stageText(stage: dict[str, Any]) -> str:
     keys, path = {name: value for name, value in stage.items() if name != "path"}, stage.get("path")
     return "[[stages]]\n" + tomli_w.dumps(keys) + (f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
 
 
-def _keys(model, leaveOut=()):
+def _keys(model: type[Section], leaveOut: Collection[str] = ()) -> str:
     """Return a description and a line for each key; those without a default are commented out."""
     lines = []
     for name, field in sorted(
@@ -67,19 +67,19 @@ def _keys(model, leaveOut=()):
     ):  # what a class adds comes first
         if name in leaveOut:
             continue
-        lines.append(_comment(field.description))
+        lines.append(_comment(field.description or ""))
         hasValue = field.default is not None and not field.is_required() and field.default != {}
         lines.append(tomli_w.dumps({name: field.default}).strip() if hasValue else f"# {name} =")
     return "\n".join(lines)
 
 
-def _purpose(model):
+def _purpose(model: type[Section]) -> str:
     return _comment(" ".join(line.strip() for line in (model.__doc__ or "").strip().splitlines()))
 
 
-def _comment(text):
+def _comment(text: str) -> str:
     return "\n".join("# " + line for line in _wrap(text))
 
 
-def _wrap(text):
+def _wrap(text: str) -> list[str]:
     return [line for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, 118) or [""]]

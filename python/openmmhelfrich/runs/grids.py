@@ -18,11 +18,13 @@ import hashlib
 import itertools
 import math
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
@@ -68,7 +70,7 @@ class Range(Section):
     step: int | float
 
     @model_validator(mode="after")
-    def _count(self):
+    def _count(self) -> "Range":
         if self.step == 0 or (self.stop - self.start) / self.step < 0:
             raise ValueError(f"leads from {self.start} to {self.stop} by steps of {self.step}, which never arrive")
         if (self.stop - self.start) / self.step >= MOST_POINTS:
@@ -84,14 +86,14 @@ class Range(Section):
         ]
 
 
-def _axes(tables):
+def _axes(tables: Any) -> dict[str, list[Any]]:
     """Return the values of each axis by its key, "section.key", of nested tables."""
     if not isinstance(tables, dict):
         raise ValueError("it must be a table")
     return {key: _valuesOf(key, value) for key, value in _flat(tables)}
 
 
-def _flat(tables, prefix=""):
+def _flat(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in tables.items():
         if (
             isinstance(value, dict)
@@ -103,7 +105,7 @@ def _flat(tables, prefix=""):
             yield prefix + name, value
 
 
-def _valuesOf(key, value):
+def _valuesOf(key: str, value: Any) -> list[Any]:
     if isinstance(value, dict):
         try:
             value = Range.model_validate(value).values()
@@ -118,7 +120,7 @@ def _valuesOf(key, value):
     return value
 
 
-def _explainRange(mistake):
+def _explainRange(mistake: ErrorDetails) -> str:
     if mistake["type"] == "extra_forbidden":
         return f"has no key '{mistake['loc'][0]}'{nearest(mistake['loc'][0], Range.model_fields)}"
     if mistake["type"] == "missing":
@@ -146,7 +148,7 @@ class Grid(Section):
     variants: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _check(self):
+    def _check(self) -> "Grid":
         if not isinstance(self.base, (str, dict)):
             raise ValueError(f"base is {quoted(self.base)}; it must be the name of a configuration file, or a table")
         if "sampling.seed" in self.grid and self.seeds > 1:
@@ -180,17 +182,17 @@ def readGrid(file: PathLike) -> list[Point]:
         for variant, values, parameters in _places(grid)
     ]
     mistakes.raiseAny(len(points))
-    return points
+    return [point for point in points if point is not None]
 
 
-def _parse(data, path):
+def _parse(data: Any, path: Path) -> Grid:
     try:
         return Grid.model_validate(data)
     except ValidationError as error:
         raise ValueError("\n".join(f"{path}: {_explain(mistake)}" for mistake in error.errors())) from None
 
 
-def _explain(mistake):
+def _explain(mistake: ErrorDetails) -> str:
     place, kind = ".".join(map(str, mistake["loc"])), mistake["type"]
     if kind == "extra_forbidden":
         isSection = place in Config.model_fields
@@ -203,7 +205,7 @@ def _explain(mistake):
     return f"{place} is {quoted(mistake['input'])}; {requirement(mistake)}"
 
 
-def _readBase(file):
+def _readBase(file: Path) -> dict[str, Any]:
     """Return the nested dict of a configuration whose mesh can be found from any folder."""
     data = readTOML(file)
     mesh = data.get("mesh")
@@ -212,7 +214,7 @@ def _readBase(file):
     return data
 
 
-def _places(grid):
+def _places(grid: Grid) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
     """Yield the part of a configuration, the values by key, the short names of the keys, and the number of the repeat,
     for each point.
     """
@@ -220,19 +222,27 @@ def _places(grid):
     for variant in grid.variants or [None]:
         for values in itertools.product(*grid.grid.values()):
             for repeat in range(1, grid.seeds + 1):
-                parameters = {} if variant is None else {"variant": variant}
+                parameters: dict[str, Any] = {} if variant is None else {"variant": variant}
                 parameters.update(zip(names, values))
                 if "sampling.seed" not in grid.grid:
                     parameters["seed"] = repeat
-                yield grid.variants.get(variant, {}), dict(zip(grid.grid, values)), parameters
+                yield grid.variants.get(variant or "", {}), dict(zip(grid.grid, values)), parameters
 
 
-def _shortNames(keys):
+def _shortNames(keys: Iterable[str]) -> list[str]:
     last = [key.split(".")[-1] for key in keys]
     return [name if last.count(name) == 1 else key for name, key in zip(last, keys)]
 
 
-def _createPoint(base, variant, values, parameters, path, mistakes, meshes):
+def _createPoint(
+    base: dict[str, Any],
+    variant: dict[str, Any],
+    values: dict[str, Any],
+    parameters: dict[str, Any],
+    path: Path,
+    mistakes: "_Mistakes",
+    meshes: dict[str, Mesh],
+) -> Point | None:
     """Return a Point, or None if it cannot be, after noting why."""
     name = _nameOf(parameters)
     with mistakes.of(name):
@@ -260,7 +270,7 @@ def _checkRun(config, meshes):
     return diskSize(scene.config, len(scene.mesh.vertices))
 
 
-def _nameOf(parameters):
+def _nameOf(parameters: dict[str, Any]) -> str:
     text = ",".join(f"{name}={_text(value)}" for name, value in parameters.items())
     plain = re.sub(r"[^\w.,=+-]+", "-", text)
     return (
@@ -270,17 +280,17 @@ def _nameOf(parameters):
     )
 
 
-def _text(value):
+def _text(value: Any) -> str:
     """Return a value as text, the same for 1 and 1.0."""
     return str(int(value) if isinstance(value, float) and value.is_integer() else value)
 
 
-def _seed(seed, name):
+def _seed(seed: int | None, name: str) -> int:
     """Return a seed that follows from that of the base and the name of a point."""
     return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") % (2**31 - 1) + 1
 
 
-def _merge(data, part):
+def _merge(data: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
     for name, value in part.items():
         if isinstance(value, dict) and isinstance(data.get(name), dict):
             _merge(data[name], value)
@@ -289,7 +299,7 @@ def _merge(data, part):
     return data
 
 
-def _set(data, key, value, path):
+def _set(data: Any, key: str, value: Any, path: Path) -> None:
     """Set a key, "section.key" or "stages.NAME.key", of a nested dict."""
     *home, last = key.split(".")
     if not home:
@@ -304,7 +314,7 @@ def _set(data, key, value, path):
     data[last] = copy.deepcopy(value)
 
 
-def _stage(stages, name, key, path):
+def _stage(stages: list[Any], name: str, key: str, path: Path) -> dict[str, Any]:
     """Return the stage of a name, or if none has it of a kind or number."""
     stages = [stage for stage in stages if isinstance(stage, dict)]
     for which in (
@@ -324,31 +334,31 @@ def _stage(stages, name, key, path):
 class _Mistakes:
     """Collects the mistakes of points, to tell each once."""
 
-    def __init__(self):
-        self._points = {}
+    def __init__(self) -> None:
+        self._points: dict[str, list[str]] = {}
 
-    def of(self, name):
+    def of(self, name: str) -> "_Mistakes":
         """Return a context that notes the errors in it as those of a point."""
         self._name = name
         return self
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         pass
 
-    def __exit__(self, kind, error, _):
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> bool:
         if kind is None or not issubclass(kind, (ValueError, OSError)):
             return False
         for line in str(error).splitlines():
             self._points.setdefault(line, []).append(self._name)
         return True
 
-    def raiseAny(self, count):
+    def raiseAny(self, count: int) -> None:
         """Raise a ValueError of all mistakes, if there are any, out of a number of points."""
         if self._points:
             raise ValueError("\n".join(f"{line} ({self._where(names, count)})" for line, names in self._points.items()))
 
     @staticmethod
-    def _where(names, count):
+    def _where(names: list[str], count: int) -> str:
         if len(names) == count and count > 1:
             return "every point"
         return f"point {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")

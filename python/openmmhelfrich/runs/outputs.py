@@ -29,7 +29,7 @@ class Outputs:
 
     trajectory: Path
     meshTrajectory: Path | None
-    topology: Path
+    topology: Path | None
     table: Path
     mesh: Path
     plot: Path
@@ -51,7 +51,7 @@ class Outputs:
         return cls(
             trajectory=Path(prefix + ".dcd"),
             meshTrajectory=Path(prefix + ".vtkhdf") if output.mesh_trajectory else None,
-            topology=Path(prefix + ".psf"),
+            topology=None if output.psf is False else Path(prefix + ".psf"),
             table=Path(prefix + ".csv"),
             mesh=Path(f"{prefix}.{output.mesh_format}"),
             plot=Path(prefix + "_observables.png"),
@@ -87,8 +87,9 @@ class Outputs:
         }
 
     def match(self, record: dict[str, Any]) -> bool:
-        """Return whether the files are those that a record tells."""
-        return record == self.record(record.get("run", ""), record.get("step", 0))
+        """Return whether the files that a record tells are there, as it tells them."""
+        now, told = self.record(record.get("run", ""), record.get("step", 0)), record.get("files", {})
+        return record == {**now, "files": {name: file for name, file in now["files"].items() if name in told}}
 
     def makeFolder(self) -> None:
         """Create the folder of the files.  Raises an OSError if it does not take files."""
@@ -237,7 +238,7 @@ class Recorder:
             sizes["meshFrames"] = self._meshes.getNumFrames()
         return sizes
 
-    def _reporters(self):
+    def _reporters(self) -> list[Any]:
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
 
 

@@ -19,7 +19,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..units import thermalEnergy
 from .config import Config, asDict, namingSource, stagesOf, valueOf
-from .sections import GREATEST, LEAST, MODULI
+from .sections import GREATEST, LEAST, MODULI, SamplingSection
 from .stagesettings import StageSettings
 
 # Where the power laws of tether and repulsion are meant to be used.
@@ -30,6 +30,7 @@ GREATEST_FACTOR = 1e6
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
 THREADS_PER_PROCESSOR = 32
+MAX_PSF_VERTICES = 200_000  # for which a run writes a PSF file unasked
 
 
 class Tether(NamedTuple):
@@ -48,7 +49,8 @@ class Scene:
     Attributes
     ----------
     config : Config
-        the configuration, with every default filled in: what settings files and checkpoints hold
+        the configuration, with every default filled in: what settings files and checkpoints hold. What may be left
+        out of a file, and simulates, is an attribute here, and not to be read from it
     mesh : Mesh
         the membrane at the beginning
     lengthUnit : str
@@ -187,7 +189,7 @@ class Scene:
         simulation.context.setPositions(self.mesh.vertices)
         return simulation
 
-    def _createShearWaves(self):
+    def _createShearWaves(self) -> ShearWaveIntegrator:
         """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area."""
         sampling, radius = self.config.sampling, _radius(self.targets["area"])
         return ShearWaveIntegrator(
@@ -313,11 +315,8 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
             f"ask for a step size of {stepSize:g} ps, which must be from {LEAST:g} to {GREATEST:g}"
         )
     requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
-    if sampling.step_size == "auto" and sampling.flip_probability + sampling.shear_wave_probability >= 1:
-        raise ValueError(
-            "[sampling] step_size is 'auto', but flip_probability and shear_wave_probability leave no trajectory to "
-            "find it by"
-        )
+    if sampling.step_size == "auto":
+        requireTrajectories(sampling)
     numEdges = 3 * len(mesh.triangles) // 2
     if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
         raise ValueError(
@@ -327,6 +326,16 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
     radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def requireTrajectories(sampling: SamplingSection) -> None:
+    """Raise a ValueError if there are no trajectories by which a step size could be found."""
+    others = sampling.flip_probability + sampling.shear_wave_probability
+    if others >= 1:
+        raise ValueError(
+            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; "
+            "they must leave trajectories by which it is found"
+        )
 
 
 def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
@@ -364,6 +373,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
     output.trajectory_interval = min(output.trajectory_interval, steps)
+    output.psf = len(mesh.vertices) <= MAX_PSF_VERTICES if output.psf is None else output.psf
     longest = min(stage.longestInterval for stage in config.stages)
     output.observables_interval = int(min(output.observables_interval, steps, longest))
     if config.mesh.file is not None:
@@ -378,7 +388,9 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     membrane cancel, entropy included. Edges beyond them at the start cost no more than a few hundred kT, and soon come
     back.
     """
-    tether, mean = config.tether, mesh.edgeLengths.mean()
+    tether = config.tether
+    given = Tether(tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(
@@ -403,7 +415,7 @@ def defaultStepSize(config: Config, mesh: Mesh) -> float:
     return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
 
 
-def _stiffness(config, mesh):
+def _stiffness(config: Config, mesh: Mesh) -> float:
     """Estimate the largest second derivative of the energy, in kT per squared length unit.
 
     The estimates are those for a vertex of a flat sheet of equilateral triangles (bending; tension; with thermal

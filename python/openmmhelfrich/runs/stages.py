@@ -32,7 +32,7 @@ from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, c
 from ..sampling.targets import absoluteTargets, currentTargets, setTargets
 from ..tables import Table
 from .config import namingSource
-from .scene import Scene, requireComparable
+from .scene import Scene, requireComparable, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -156,7 +156,7 @@ class Stage(ABC):
             "avoids this"
         ]
 
-    def _counters(self):
+    def _counters(self) -> list[int]:
         integrator = self._simulation.integrator
         flips, trajectories = findMove(integrator, EdgeFlipIntegrator), trajectoriesOf(integrator)
         return [
@@ -170,7 +170,7 @@ class Stage(ABC):
     def _endTargets(self):
         return endTargets(self._settings, self._startTargets)
 
-    def _startAdaptation(self):
+    def _startAdaptation(self) -> None:
         self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
         self._adapters: list[Any] = [adapter for adapter in (self._adapter, self._waveAdapter) if adapter is not None]
         self._adaptation = Adaptation(self._simulation, *self._adapters)
@@ -181,7 +181,7 @@ class Stage(ABC):
     def _createWaveAdapter(self) -> Adapter | None:
         return None
 
-    def _isAdapting(self, n):
+    def _isAdapting(self, n: int) -> bool:
         return len(self._adapters) > 0
 
 
@@ -209,7 +209,7 @@ class Minimize(Stage):
         tolerance = settings.tolerance and settings.tolerance * self._scene.kT
         isStopped = False
 
-        def progress(iterations, energy):
+        def progress(iterations: int, energy: float) -> bool:
             nonlocal isStopped
             self.position, self._energy = iterations, energy
             isStopped = self.listen()
@@ -262,18 +262,18 @@ class MonteCarlo(Stage):
         trajectories, flips = self.acceptance()
         return f"energy {energy():.0f} kT, accepted {trajectories:.0%}, flips {flips:.0%}"
 
-    def _createWaveAdapter(self):
+    def _createWaveAdapter(self) -> Any:
         if self._scene.config.sampling.shear_wave_probability == 0 or not self._scene.adaptsWaveAmplitude:
             return None
         return self.WAVE_ADAPTER.of(self._simulation.integrator)
 
-    def _temperature(self, n):
+    def _temperature(self, n: int) -> float:
         return self._settings.temperature or self._scene.temperature
 
-    def _targets(self, n):
+    def _targets(self, n: int) -> dict[str, float]:
         return self._endTargets() if n == 0 else {}
 
-    def _stepped(self):
+    def _stepped(self) -> None:
         pass
 
 
@@ -284,14 +284,9 @@ class Sample(MonteCarlo):
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
-        sampling = scene.config.sampling
         requireComparable("step_size", settings.step_size, scene.stepSize, "that of [sampling] in ps,")
-        adapts = settings.step_size == "auto" or (settings.step_size is None and scene.adaptsStepSize)
-        if adapts and sampling.burn_in is not None and sampling.burn_in >= settings.steps:
-            raise ValueError(
-                f"[sampling] burn_in is {sampling.burn_in}, and the stage has {settings.steps} steps; the step size "
-                "would be found when the stage has ended: burn_in must be less"
-            )
+        if settings.step_size == "auto":
+            requireTrajectories(scene.config.sampling)
         return super().check(settings, scene, start)
 
     def _createAdapter(self):
@@ -301,10 +296,10 @@ class Sample(MonteCarlo):
         integrator.setStepSize(own or self._scene.stepSize)
         return None
 
-    def _isAdapting(self, n):
+    def _isAdapting(self, n: int) -> bool:
         return not all(adapter.isFrozen for adapter in self._adapters)
 
-    def _stepped(self):
+    def _stepped(self) -> None:
         isBurnedIn = self.position >= burnIn(self._scene.config.sampling, self.steps) and all(
             adapter.isReady for adapter in self._adapters
         )
@@ -348,10 +343,10 @@ class Anneal(MonteCarlo):
             return ExponentialSchedule(start, settings.rate, settings.end_temperature, first)
         return ExponentialSchedule.over(settings.steps - first, start, settings.end_temperature, first)
 
-    def _temperature(self, n):
+    def _temperature(self, n: int) -> float:
         return self._schedule(n)
 
-    def _createAdapter(self):
+    def _createAdapter(self) -> StepSizeTracker:
         return StepSizeTracker.of(self._simulation.integrator, self._scene.config.sampling.target_acceptance)
 
     def window(self) -> tuple[int, bool]:
@@ -388,21 +383,21 @@ class Continue(MonteCarlo):
         path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
         return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 
-    def _place(self, n):
+    def _place(self, n: int) -> tuple[int, int]:
         return divmod(n, self._settings.equilibration + self._settings.steps)
 
-    def _targets(self, n):
+    def _targets(self, n: int) -> dict[str, float]:
         window, step = self._place(n)
         return self._path.targets(window) if step == 0 else {}
 
-    def _createAdapter(self):
+    def _createAdapter(self) -> StepSizeTracker | None:
         integrator = self._simulation.integrator
         if self._scene.adaptsStepSize:
             return StepSizeTracker.of(integrator, self._scene.config.sampling.target_acceptance)
         integrator.setStepSize(self._scene.stepSize)
         return None
 
-    def _isAdapting(self, n):
+    def _isAdapting(self, n: int) -> bool:
         return super()._isAdapting(n) and self._place(n)[1] < self._settings.equilibration
 
     def window(self) -> tuple[int, bool]:

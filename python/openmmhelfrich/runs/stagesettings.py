@@ -6,7 +6,7 @@ What a stage does is in :mod:`.stages`, where each of these has its counterpart.
 
 import math
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -52,7 +52,7 @@ class StageSettings(Targets):
         """Return what of the run is averaged if this is its last stage, or its only one."""
         return "run" if isOnly else "last stage"
 
-    def extended(self, steps: int) -> "list[StageSettings]":
+    def extended(self, steps: int) -> list[Any]:
         """Return the stages that take this one's place, as a run's last, if the run is to make more steps."""
         return [self, SampleStage(kind="sample", steps=steps)]
 
@@ -104,7 +104,7 @@ class SampleStage(StageSettings):
     def totalSteps(self) -> int:
         return self.steps
 
-    def extended(self, steps: int) -> list[StageSettings]:
+    def extended(self, steps: int) -> list[Any]:
         return [self.model_copy(update={"steps": self.steps + steps})]
 
 

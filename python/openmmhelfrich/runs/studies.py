@@ -57,7 +57,8 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
         whole then
     """
     config = _asConfig(config)
-    scene, outputs = Scene.of(config), Outputs.of(config)
+    scene = Scene.of(config)
+    outputs = Outputs.of(scene.config)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -115,6 +116,8 @@ def resume(
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
         config.output.prefix = str(prefix)
+        if config.output.psf is None:  # version 0.1.0 always wrote one
+            config.output.psf = True
         outputs = Outputs.of(config)
         if steps is not None:
             _addSteps(config, steps)
@@ -180,7 +183,8 @@ class Study:
         """Do what is left to do, draw the pictures, and return a Summary."""
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
-            writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+            if self.outputs.topology is not None:
+                writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
             self._writeSettings()
             with (
                 StopSignals() as stop,
@@ -243,11 +247,11 @@ class Study:
         """Return the energy and the rates of acceptance of the present stage, in a few words."""
         return self.stage.status(lambda: self.observe()["energy (kT)"])
 
-    def _advance(self, recorder, stop, progress):
+    def _advance(self, recorder: Recorder, stop: "StopSignals", progress: Callable[["Study"], None] | None) -> None:
         """Go through the stages, to the end or until asked to stop."""
         isInterrupted = False
 
-        def isToStop():
+        def isToStop() -> bool:
             nonlocal isInterrupted
             try:
                 if progress is not None:
@@ -283,7 +287,7 @@ class Study:
     def _createStage(self) -> Stage:
         return createStage(self.scene.stages[self.index], self.scene, self.simulation, self.force)
 
-    def _note(self):
+    def _note(self) -> None:
         """Keep what the stage has to tell at its end."""
         new = [
             note
@@ -294,7 +298,7 @@ class Study:
             self.notes += new
             self._writeSettings()
 
-    def _saveIfDue(self):
+    def _saveIfDue(self) -> None:
         output, (seconds, step) = self.config.output, self._savedAt
         isDue = (
             output.checkpoint_interval is not None and self.simulation.currentStep >= step + output.checkpoint_interval
@@ -302,11 +306,11 @@ class Study:
         if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
             self.save()
 
-    def _place(self):
+    def _place(self) -> Place:
         """Return where the run is, for the table."""
         return Place(self.index + 1, *self.stage.window())
 
-    def _writeSettings(self):
+    def _writeSettings(self) -> None:
         lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
         writeSettings(self.outputs.settings, self.config, lines)
 
@@ -351,7 +355,7 @@ class Study:
             signal=signal,
         )
 
-    def _draw(self, summary):
+    def _draw(self, summary: Summary) -> None:
         mesh, lengthUnit = currentMesh(self.simulation, self.force), self.scene.lengthUnit
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
@@ -366,7 +370,7 @@ class Study:
             windows.write(self.outputs.path)
             plotPath(windows, self.outputs.pathPlot, lengthUnit)
 
-    def _recordedRows(self, table):
+    def _recordedRows(self, table: Table) -> list[Table]:
         """Return the equilibrated rows of each stage."""
         return [
             table.where((table["stage"] == i + 1) & (table["equilibrated"] == 1)) for i in range(len(self.scene.stages))
@@ -426,14 +430,14 @@ def _asConfig(config: Config | dict[str, Any] | PathLike) -> Config:
     return readConfig(config)
 
 
-def _addSteps(config, steps):
+def _addSteps(config: Config, steps: int) -> None:
     """Let a run make more steps."""
     if steps < 1:
         raise ValueError(f"steps is {steps}; it must be positive")
     config.stages[-1:] = config.stages[-1].extended(steps)
 
 
-def _changePlatform(config, state, platform, threads):
+def _changePlatform(config: Config, state: RunState, platform: str | None, threads: int | None) -> None:
     """Use another platform, or other versions, than before: not without saying so."""
     if platform is not None and platform != config.platform.name:
         state.notes.append(

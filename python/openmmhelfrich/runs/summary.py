@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..sampling.averages import lateRows
-from ..sampling.observables import OBSERVABLES, divergence
+from ..sampling.observables import OBSERVABLES, Observable, divergence
 from ..tables import Table
 from .config import Config
 from .outputs import Outputs
@@ -96,13 +96,16 @@ class Summary:
                 )
             )
         lines += [("note", note) for note in self.notes]
-        return [*lines, ("files", ", ".join(map(str, self.outputs.paths())))]
+        lines.append(("files", ", ".join(map(str, self.outputs.paths()))))
+        if self.outputs.topology is None:
+            lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
+        return lines
 
     @cached_property
     def _late(self) -> Table:
         return lateRows(self.table)
 
-    def _stepsLine(self):
+    def _stepsLine(self) -> str:
         made = (
             f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
         )
@@ -111,7 +114,7 @@ class Summary:
         )
         return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
-    def _average(self, observable):
+    def _average(self, observable: Observable) -> str:
         name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
         text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
         return text + f", always within {self.drift(name):.2%} of its target" if name in self.targets else text

@@ -35,7 +35,8 @@ from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
 from .room import requireDisk
-from .studies import StopSignals, resume, run
+from .studies import StopSignals, Study, resume, run
+from .summary import Summary
 
 SECONDS_BETWEEN_MESSAGES = 0.5
 SECONDS_FOR_A_LOCK = 5.0
@@ -170,7 +171,7 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
 
-def _place(point, folder):
+def _place(point: Point, folder: Path) -> None:
     """Give a point its folder; raise a ValueError if that holds a run of other settings."""
     config = point.config
     # The folder belongs to the point, and the lock to its run.
@@ -193,7 +194,7 @@ def _place(point, folder):
             )
 
 
-def _comparable(config):
+def _comparable(config: Config) -> dict[str, Any]:
     """Return what a point's results depend on, by key."""
     data = config.model_dump(
         mode="json",
@@ -209,15 +210,15 @@ def _comparable(config):
     }
 
 
-def _folder(config):
-    return Path(config.output.prefix).parent
+def _folder(config: Config) -> Path:
+    return Path(config.output.prefix or "").parent
 
 
-def _settingsFile(config):
+def _settingsFile(config: Config) -> Path:
     return _folder(config) / "point.toml"
 
 
-def _resultFile(config):
+def _resultFile(config: Config) -> Path:
     return _folder(config) / "result.json"
 
 
@@ -229,17 +230,17 @@ def _goOn(config, progress):
         return run(config, progress)
     if outputs.match(loadRunState(outputs.checkpoint).record):
         return None
-    return resume(config.output.prefix, progress=progress, threads=config.platform.threads)
+    return resume(config.output.prefix or "", progress=progress, threads=config.platform.threads)
 
 
-def _writeSettings(config):
+def _writeSettings(config: Config) -> None:
     with replacing(_settingsFile(config)) as part:
         part.write_text(
             settingsText(config, ["The settings of this point, as openmm-helfrich run takes them."]), encoding="utf-8"
         )
 
 
-def _isStopped(summary):
+def _isStopped(summary: Summary | None) -> bool:
     return summary is not None and summary.interrupted
 
 
@@ -249,12 +250,12 @@ class _Messenger:
     Called with the Study after each step.
     """
 
-    def __init__(self, name, sweepName):
+    def __init__(self, name: str, sweepName: str) -> None:
         from distributed import get_worker
 
         self._name, self._sweep, self._log, self._saidAt = name, sweepName, get_worker().log_event, -math.inf
 
-    def __call__(self, study):
+    def __call__(self, study: Study) -> None:
         if self._sweep in _stopping:
             raise KeyboardInterrupt
         now = time.monotonic()
@@ -314,7 +315,7 @@ def observe(config: Config) -> dict[str, Any]:
     }
 
 
-def _takeFinished(states):
+def _takeFinished(states: list[PointStatus]) -> None:
     for state in states:
         observables = _finished(state.point.config)
         if observables is not None:
@@ -367,7 +368,7 @@ def _prepareWorker(dask_worker):
     dask_worker.http_server.stop()
 
 
-def _askToStop(sweepName):
+def _askToStop(sweepName: str) -> None:
     """Let the points of a sweep that run on a worker end, after a checkpoint."""
     _stopping.add(sweepName)
 
@@ -375,14 +376,16 @@ def _askToStop(sweepName):
 class _Dispatcher:
     """Hands points to workers, as many as there are threads for, until none is left."""
 
-    def __init__(self, client, result, stop, progress):
+    def __init__(
+        self, client: Any, result: SweepResult, stop: StopSignals, progress: Callable[[list[PointStatus]], None]
+    ) -> None:
         self._client, self._result, self._stop, self._progress = client, result, stop, progress
         self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
         self._states = {state.point.name: state for state in result.points}
         self._waiting = [state.point for state in result.points if state.status == "waiting"]
-        self._running = {}  # points by their futures
+        self._running: dict[Any, Point] = {}  # by their futures
 
-    def run(self):
+    def run(self) -> None:
         self._client.subscribe_topic(self._name, self._hear)
         while self._running or self._waiting:
             if self._stop.signal is not None:
@@ -394,7 +397,7 @@ class _Dispatcher:
             self._progress(self._result.points)
         self._client.unsubscribe_topic(self._name)
 
-    def _handOut(self):
+    def _handOut(self) -> None:
         free = max(0, sum(self._client.nthreads().values()) - len(self._running))
         for point in self._waiting[:free]:
             future = self._client.submit(
@@ -403,7 +406,7 @@ class _Dispatcher:
             self._running[future] = point
         del self._waiting[:free]
 
-    def _wait(self):
+    def _wait(self) -> None:
         from distributed import TimeoutError, wait
 
         if not self._running:
@@ -412,7 +415,7 @@ class _Dispatcher:
         with contextlib.suppress(TimeoutError):
             wait(list(self._running), timeout=SECONDS_BETWEEN_MESSAGES, return_when="FIRST_COMPLETED")
 
-    def _collect(self):
+    def _collect(self) -> None:
         hasNews = False
         for future in [future for future in self._running if future.done()]:
             point = self._running.pop(future)
@@ -430,7 +433,7 @@ class _Dispatcher:
             _writeTable(self._result)
 
     @staticmethod
-    def _outcome(future):
+    def _outcome(future: Any) -> dict[str, Any]:
         if future.status == "finished":
             return future.result()
         error = future.exception()
@@ -444,7 +447,7 @@ class _Dispatcher:
             }
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
-    def _hear(self, event):
+    def _hear(self, event: tuple[Any, dict[str, Any]]) -> None:
         """Take a message of a point, on the Client's thread."""
         _, message = event
         state = self._states[message["name"]]
@@ -453,7 +456,7 @@ class _Dispatcher:
             state.stage, state.position, state.steps = message["stage"], message["position"], message["steps"]
 
 
-def _writeTable(result):
+def _writeTable(result: SweepResult) -> None:
     """Write a row for each point, replacing the table in a single step."""
     heads = dict.fromkeys(name for state in result.points for name in state.point.parameters)
     columns = dict.fromkeys(name for state in result.points for name in state.observables)

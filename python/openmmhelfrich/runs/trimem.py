@@ -8,6 +8,7 @@ mean curvature; ours are areas and volumes.  Terms and their exponents are the s
 import configparser
 import math
 from pathlib import Path
+from typing import Any
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
@@ -62,7 +63,7 @@ def convertConfig(file: PathLike) -> str:
 class _Source:
     """TriMem's configuration, which notes the keys that were asked for."""
 
-    def __init__(self, path):
+    def __init__(self, path: Path) -> None:
         if not path.exists():
             raise FileNotFoundError(f"there is no configuration file {path}")
         self.stem = str(path.with_suffix(""))
@@ -83,12 +84,12 @@ class _Source:
                 f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed"
             )
 
-    def text(self, section, key, default):
+    def text(self, section: str, key: str, default: str | None) -> Any:
         """Return a value as a string."""
         self._asked.add((section.lower(), key))
         return self._parser.get(section, key, fallback=default)
 
-    def number(self, section, key, default):
+    def number(self, section: str, key: str, default: float) -> Any:
         """Return a value as a number of the type of the default."""
         text = self.text(section, key, None)
         try:
@@ -102,13 +103,13 @@ class _Source:
             )
         return value
 
-    def meshForAnyFolder(self):
+    def meshForAnyFolder(self) -> Path:
         """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless
         TriMem's is in the present one.
         """
         return self.mesh if self.path.parent == Path() else self.mesh.resolve()
 
-    def leftOut(self):
+    def leftOut(self) -> list[str]:
         """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
         keys = [
             (section, key)
@@ -124,7 +125,7 @@ class _Source:
         return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
 
 
-def _convert(source, mesh):
+def _convert(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], list[str]]:
     """Return our configuration as a nested dict, and comments on it."""
     if source.text("BONDS", "bond_type", "Edge") != "Edge":
         raise ValueError(f"{source.path}: [BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
@@ -132,7 +133,7 @@ def _convert(source, mesh):
     if unit <= 0:
         raise ValueError(f"{source.path}: [HMC] initial_temperature is {unit:g}; it must be positive")
 
-    def energy(key):
+    def energy(key: str) -> float:
         return source.number("ENERGY", key, 1.0) / unit
 
     length = float(mesh.edgeLengths.mean())
@@ -165,7 +166,7 @@ def _convert(source, mesh):
     return data, comments
 
 
-def _targets(source, mesh):
+def _targets(source: _Source, mesh: Mesh) -> tuple[dict[str, float], dict[str, float]]:
     """Return our targets at TriMem's continuation_lambda, and at its lambda of 1."""
     own = {
         "target_area": ("area_fraction", mesh.area),
@@ -174,13 +175,13 @@ def _targets(source, mesh):
     }
     fractions = {name: source.number("ENERGY", key, 1.0) for name, (key, _) in own.items()}
 
-    def at(progress):
+    def at(progress: float) -> dict[str, float]:
         return {name: (1 - progress * (1 - fractions[name])) * own[name][1] for name in own}
 
     return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
 
 
-def _sampling(source, unit):
+def _sampling(source: _Source, unit: float) -> dict[str, Any]:
     """Return our section [sampling]."""
     fraction = source.number("HMC", "flip_ratio", 0.1)
     mass = source.number("HMC", "momentum_variance", 1.0)
@@ -195,7 +196,7 @@ def _sampling(source, unit):
     }
 
 
-def _output(source):
+def _output(source: _Source) -> dict[str, Any]:
     """Return our section [output]."""
     output = {"prefix": source.text("GENERAL", "output_prefix", source.stem)}
     for key, value in (
@@ -208,7 +209,7 @@ def _output(source):
     return output
 
 
-def _stages(source, start, end):
+def _stages(source: _Source, start: dict[str, float], end: dict[str, float]) -> tuple[list[dict[str, Any]], list[str]]:
     """Return our stages, and comments on them."""
     iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
     rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)

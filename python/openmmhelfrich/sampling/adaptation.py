@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from openmm import app, unit
 
-from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator
+from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
-from .moves import TRAJECTORIES, findMove, movesOf
+from .moves import findMove, movesOf
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
 # little less from 0.6 to 0.9 (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a
@@ -46,7 +46,7 @@ class _Adapter:
         the unit of that
     """
 
-    KINDS: tuple[type, ...] = TRAJECTORIES
+    KINDS: tuple[type, ...] = (TrajectoryMove,)
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
@@ -167,7 +167,7 @@ class StepSizeAdapter(_Adapter):
         """
         super().__init__(stepSize, acceptance)
         self._direction: int | None = 0  # of the search, as a power of 2; None when it is over
-        self._centre = self._logStepSize
+        self._center = self._logStepSize
         self._count, self._error, self._logAverage = 0, 0.0, 0.0
         self._isFrozen = False
 
@@ -219,18 +219,18 @@ class StepSizeAdapter(_Adapter):
             self._logStepSize, self._isFrozen = self._logAverage, True
         return self.stepSize
 
-    def _search(self, probability):
+    def _search(self, probability: float) -> None:
         direction = 1 if probability > 0.5 else -1
         if self._direction in (0, direction):
             self._direction = direction
             self._logStepSize += direction * math.log(2)
         else:
-            self._direction, self._centre = None, self._logStepSize
+            self._direction, self._center = None, self._logStepSize
 
-    def _average(self, probability):
+    def _average(self, probability: float) -> None:
         self._count += 1
         self._error += (self._acceptance - probability - self._error) / (self._count + self.T0)
-        self._logStepSize = self._centre - math.sqrt(self._count) / self.GAMMA * self._error
+        self._logStepSize = self._center - math.sqrt(self._count) / self.GAMMA * self._error
         self._logAverage += self._count**-self.KAPPA * (self._logStepSize - self._logAverage)
 
 
@@ -449,11 +449,11 @@ def adaptStepSize(
     )
 
 
-def _isUsed(integrator, adapter):
+def _isUsed(integrator: Any, adapter: Any) -> bool:
     return any(isinstance(move, adapter.KINDS) for move in movesOf(integrator, onlyUsed=True))
 
 
-def _checkProbability(probability):
+def _checkProbability(probability: float) -> float:
     if not 0 <= probability <= 1:
         raise ValueError(
             f"the acceptance probability is {probability}; it must be from 0 to 1, and 0 for a trajectory that diverged"

@@ -6,12 +6,12 @@ difference between the two branches. The method is that of Siggel et al., J. Che
 """
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
 from ..helfrich import HelfrichForce
@@ -84,7 +84,7 @@ class ContinuationPath:
         return {name: float(values[point]) for name, values in self._values.items()}
 
     @staticmethod
-    def _lambdasOf(name, given, uniform):
+    def _lambdasOf(name: str, given: ArrayLike | None, uniform: np.ndarray) -> np.ndarray:
         if given is None:
             return uniform
         given = np.asarray(given, dtype=float)
@@ -96,7 +96,7 @@ class ContinuationPath:
         return given
 
     @staticmethod
-    def _check(name, values):
+    def _check(name: str, values: np.ndarray) -> None:
         wrong = values[(values <= 0) if name != "areaDifference" else (values == 0)]
         if len(wrong):
             raise ValueError(
@@ -190,5 +190,5 @@ def continueTo(
     return ContinuationResult(averageWindows(table, line.lambdas), table)
 
 
-def _absoluteNames(path):
+def _absoluteNames(path: Mapping[str, Any] | None) -> dict[str, Any]:
     return {"volume" if name == "reducedVolume" else name: values for name, values in (path or {}).items()}

@@ -1,7 +1,7 @@
 """Minima of a membrane's energy, at fixed connectivity or with a connectivity that flows."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -163,7 +163,9 @@ def minimizeFluid(
         return descent.result(reason, flips, rounds)
 
 
-def _settle(descent, flip, iterationsPerRound, looseness):
+def _settle(
+    descent: "_Descent", flip: Callable[[], int], iterationsPerRound: int, looseness: float
+) -> tuple[str, int, int]:
     """Let L-BFGS and flips take turns until neither lowers the energy, or, at penalties to be stiffened yet, until it
     is near enough.
     """
@@ -195,16 +197,24 @@ _ROUND = "the iterations of a round were made"
 class _Descent:
     """Descends by L-BFGS, in one run or several, and keeps count."""
 
-    def __init__(self, simulation, force, tolerance, maxIterations, progress):
+    def __init__(
+        self,
+        simulation: app.Simulation,
+        force: HelfrichForce,
+        tolerance: float | unit.Quantity | None,
+        maxIterations: int,
+        progress: Callable[[int, float], Any] | None,
+    ) -> None:
         self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
         self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         if maxIterations < 0 or maxIterations != int(maxIterations):
             raise ValueError(f"maxIterations is {maxIterations}; it must be a whole number, 0 or more")
-        self.history, self.isOver = [], False
+        self.history: list[float] = []
+        self.isOver = False
 
-    def run(self, iterations=0, looseness=1):
+    def run(self, iterations: int = 0, looseness: float = 1) -> str:
         """Make a number of iterations, or as many as it takes, and return the reason for the end."""
         tolerance, first = looseness * self.tolerance, len(self.history)
         while True:
@@ -228,7 +238,7 @@ class _Descent:
             if energy - self._measure()[0] <= 1e-9 * abs(energy):
                 return _CONVERGED if self._measure()[1] <= tolerance else _STALLED
 
-    def result(self, reason, flips, rounds):
+    def result(self, reason: str, flips: int, rounds: int) -> MinimizationResult:
         energy, rmsForce = self._measure()
         energies = self.force.getEnergyTermsInContext(self.simulation.context)
         return MinimizationResult(
@@ -244,7 +254,7 @@ class _Descent:
             tuple(_warnings(energies)),
         )
 
-    def _descend(self, tolerance, iterations):
+    def _descend(self, tolerance: float, iterations: int) -> "_Recorder":
         """Run L-BFGS once.
 
         The Context may be left at a step that the line search has tried: the best positions are the last reported.
@@ -262,7 +272,7 @@ class _Descent:
         context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
         return recorder
 
-    def _measure(self):
+    def _measure(self) -> tuple[float, float]:
         """Return the energy and the root mean square of the components of the forces."""
         groups = self.simulation.integrator.getIntegrationForceGroups()
         state = self.simulation.context.getState(energy=True, forces=True, groups=groups)
@@ -281,12 +291,12 @@ class _Descent:
 class _Recorder(mm.MinimizationReporter):
     """Remembers positions and energies of the iterations, and ends them when forces are small or the caller asks."""
 
-    def __init__(self, descent, tolerance):
+    def __init__(self, descent: _Descent, tolerance: float) -> None:
         super().__init__()
         self._descent, self._tolerance = descent, tolerance
         self.positions, self.isStopped = None, False
 
-    def report(self, iteration, x, grad, args):
+    def report(self, iteration: int, x: Any, grad: Any, args: dict[str, float]) -> bool:
         history, energy = self._descent.history, args["system energy"]
         if not math.isfinite(energy):
             return True
@@ -313,7 +323,7 @@ def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
     return 0.25 * modulus * float(np.linalg.norm(edges, axis=2).mean()) / area
 
 
-def _warnings(energies):
+def _warnings(energies: dict[str, unit.Quantity]) -> Iterator[str]:
     bending, tether = (valueIn(energies[name], _ENERGY) for name in ("bending", "tether"))
     if tether > _TETHER_SHARE * bending:
         share = f", {tether / bending:.1%} of the bending energy," if bending > 0 else ""
@@ -323,7 +333,7 @@ def _warnings(energies):
         )
 
 
-def _softening(simulation, force):
+def _softening(simulation: app.Simulation, force: HelfrichForce) -> list[float]:
     """Return the factors by which to multiply the penalties' moduli, one after the other; the last is 1."""
     energies = {name: valueIn(e, _ENERGY) for name, e in force.getEnergyTermsInContext(simulation.context).items()}
     penalty = sum(energies[name] for name in _PENALTIES)
@@ -334,12 +344,12 @@ def _softening(simulation, force):
 
 
 @contextmanager
-def _scaledPenalties(simulation, force, scale):
+def _scaledPenalties(simulation: app.Simulation, force: HelfrichForce, scale: float) -> Iterator[None]:
     """Multiply the moduli of the penalties in the Context for a while."""
     setters = (force.setAreaModulus, force.setVolumeModulus, force.setAreaDifferenceModulus)
     moduli = (force.getAreaModulus(), force.getVolumeModulus(), force.getAreaDifferenceModulus())
 
-    def multiply(factor):
+    def multiply(factor: float) -> None:
         for setter, modulus in zip(setters, moduli):
             setter(factor * modulus)
         force.updateParametersInContext(simulation.context)
@@ -352,7 +362,7 @@ def _scaledPenalties(simulation, force, scale):
 
 
 @contextmanager
-def _zeroTemperatureFlips(simulation, sweeps=5):
+def _zeroTemperatureFlips(simulation: app.Simulation, sweeps: int = 5) -> Iterator[Callable[[], int]]:
     """Lend a function that tries to flip every edge, on average five times, where this lowers the energy, and returns
     how many it flipped.
     """
@@ -366,7 +376,7 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
     flips.setTemperature(0)
     flips.setFraction(1)
 
-    def flip():
+    def flip() -> int:
         before, step = flips.getNumAccepted(), simulation.context.getStepCount()
         flips.step(sweeps)
         simulation.context.setStepCount(step)
@@ -380,7 +390,7 @@ def _zeroTemperatureFlips(simulation, sweeps=5):
 
 
 @contextmanager
-def _restoredOnError(simulation, force):
+def _restoredOnError(simulation: app.Simulation, force: HelfrichForce) -> Iterator[None]:
     """Put positions and triangles back if something fails."""
     context = simulation.context
     positions, triangles = (

@@ -3,14 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from ..helfrich import (
-    CustomTrajectoryIntegrator,
-    HamiltonianTrajectoryIntegrator,
-    HybridMonteCarloIntegrator,
-)
-
-# Those that make the trajectories of Hybrid Monte Carlo.
-TRAJECTORIES = (HamiltonianTrajectoryIntegrator, CustomTrajectoryIntegrator)
+from ..helfrich import HybridMonteCarloIntegrator, TrajectoryMove
 
 
 def isMixture(integrator: Any) -> bool:
@@ -47,10 +40,10 @@ def trajectoriesOf(integrator: Any) -> Any:
     Where none does so by Hybrid Monte Carlo it is the integrator itself: a mixture counts the steps of its first move,
     whatever that is.
     """
-    return findMove(integrator, *TRAJECTORIES) or integrator
+    return findMove(integrator, TrajectoryMove) or integrator
 
 
 def numDiverged(integrator: Any) -> int:
     """Return the number of trajectories that diverged, 0 where none is one of Hybrid Monte Carlo."""
-    trajectories = findMove(integrator, *TRAJECTORIES)
+    trajectories = findMove(integrator, TrajectoryMove)
     return 0 if trajectories is None else trajectories.getNumDiverged()

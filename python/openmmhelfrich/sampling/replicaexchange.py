@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmm as mm
@@ -251,10 +252,10 @@ class ReplicaExchange:
         self.states, self.replicaStates = states, np.array(data["replicaStates"])
         self._history, self._energies = list(arrays["history"]), list(arrays["reducedEnergies"])
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
-        for replica, state in enumerate(self.replicaStates):
+        for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
 
-    def _propagate(self, steps):
+    def _propagate(self, steps: int) -> None:
         if self._workers == 1:
             for simulation in self.simulations:
                 simulation.step(steps)
@@ -262,7 +263,7 @@ class ReplicaExchange:
             with ThreadPoolExecutor(self._workers) as pool:
                 list(pool.map(lambda simulation: simulation.step(steps), self.simulations))
 
-    def _energiesOf(self, replica):
+    def _energiesOf(self, replica: int) -> np.ndarray:
         """Return the reduced energies of a replica in all states."""
         context, own = self.simulations[replica].context, self.states[self.replicaStates[replica]]
         energies = {}
@@ -282,7 +283,7 @@ class ReplicaExchange:
             )
         return reduced
 
-    def _exchange(self, u):
+    def _exchange(self, u: np.ndarray) -> None:
         uniform = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.numRounds])).random(
             len(self.states)
         )
@@ -295,7 +296,7 @@ class ReplicaExchange:
                 self._enter(a, i + 1)
                 self._enter(b, i)
 
-    def _enter(self, replica, index):
+    def _enter(self, replica: int, index: int) -> None:
         """Put a replica into a state."""
         simulation, state = self.simulations[replica], self.states[index]
         context, integrator = simulation.context, simulation.integrator
@@ -309,7 +310,7 @@ class ReplicaExchange:
         if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
             context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
 
-    def _check(self, simulations, states):
+    def _check(self, simulations: Sequence[app.Simulation], states: Sequence[ThermodynamicState]) -> None:
         if len(simulations) != len(states) or len(states) < 2:
             raise ValueError(
                 f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be "
@@ -331,19 +332,19 @@ class ReplicaExchange:
                     f"ReplicaExchange: state {k} has the parameters {sorted(state.parameters)}; they must be those of "
                     f"state 0, {sorted(states[0].parameters)}"
                 )
-            for name, value in state.parameters.items():
+            for name, parameter in state.parameters.items():
                 if name not in dict(simulation.context.getParameters()):
                     raise ValueError(
                         f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has "
                         f"{', '.join(simulation.context.getParameters()) or 'none'}"
                     )
-                if not math.isfinite(value):
+                if not math.isfinite(parameter):
                     raise ValueError(
-                        f"ReplicaExchange: in state {k} the parameter '{name}' is {value}; it must be finite"
+                        f"ReplicaExchange: in state {k} the parameter '{name}' is {parameter}; it must be finite"
                     )
 
 
-def _resolved(state, simulation):
+def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> ThermodynamicState:
     """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
     stepSize = trajectoriesOf(simulation.integrator).getStepSize() if state.stepSize is None else state.stepSize
     thermalEnergy(state.temperature)  # raises if it is not positive
@@ -354,21 +355,21 @@ def _resolved(state, simulation):
     )
 
 
-def _asDict(state):
+def _asDict(state: ThermodynamicState) -> dict[str, Any]:
     return {"temperature": state.temperature, "parameters": state.parameters, "stepSize": state.stepSize}
 
 
-def _movesWithTemperature(integrator):
+def _movesWithTemperature(integrator: Any) -> list[Any]:
     """Return the moves of an integrator that have a temperature, OpenMM's own integrators too."""
     return [move for move in movesOf(integrator) if hasattr(move, "setTemperature")]
 
 
-def _setParameters(context, state):
+def _setParameters(context: mm.Context, state: ThermodynamicState) -> None:
     for name, value in state.parameters.items():
         context.setParameter(name, value)
 
 
-def _read(file, replicas):
+def _read(file: PathLike, replicas: int) -> tuple[dict[str, Any], dict[str, np.ndarray], list[Any]]:
     """Return the data, the arrays and the replicas' States in a file."""
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no file {file}")

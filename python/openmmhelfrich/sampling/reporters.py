@@ -77,7 +77,7 @@ class ObservablesReporter:
                 self._heads = readHeads(file)
             self._needsHeads = not self._heads
             self._ownsFile = True
-            self._out = open(file, "a" if append else "w", newline="", encoding="utf-8")  # noqa: SIM115, close() closes it
+            self._out = open(file, "a" if append else "w", newline="", encoding="utf-8")  # noqa: SIM115
         else:
             self._ownsFile, self._out = False, file
         self._writer = csv.writer(self._out, lineterminator="\n")
@@ -220,7 +220,7 @@ class MeshReporter:
         finally:
             self._end.detach()
 
-    def _requireSameMembrane(self, file):
+    def _requireSameMembrane(self, file: PathLike) -> None:
         with readMeshTrajectory(file) as trajectory:
             mesh = trajectory[0].mesh
         if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):

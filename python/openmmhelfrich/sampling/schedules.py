@@ -140,7 +140,7 @@ def createSchedule(schedule: Any) -> Schedule:
     return TableSchedule(steps, temperatures)
 
 
-def _temperature(name, value):
+def _temperature(name: str, value: Any) -> float:
     try:
         kelvin = float(valueIn(value, unit.kelvin))
     except TypeError:

@@ -200,7 +200,7 @@ def measure(
 class _Run:
     """A membrane at a setting, and the series that come of it."""
 
-    def __init__(self, config, mesh):
+    def __init__(self, config: Config, mesh: Mesh) -> None:
         scene = Scene.of(config, mesh)
         self._config, self._kT = config, scene.kT
         self._force = scene.createForce()
@@ -226,20 +226,22 @@ class _Run:
             )
         self._interval = max(1, round(EVALUATIONS_PER_ROW / perStep))
         self._diffusion = _DiffusionProbe(mesh)
-        self._rows, self._tensors, self._changes = [], [], []
+        self._rows: list[list[float]] = []
+        self._tensors: list[np.ndarray] = []
+        self._changes: list[float] = []
         # For each step of a kind, its seconds and evaluations.
         self._kinds: dict[str, list[tuple[float, int]]] = {"trajectory": [], "flips": [], "waves": []}
         self._forceError = forceError(config, mesh)
 
     @property
-    def steps(self):
+    def steps(self) -> int:
         return sum(map(len, self._kinds.values()))
 
     @property
-    def evaluations(self):
+    def evaluations(self) -> int:
         return sum(evaluations for steps in self._kinds.values() for _, evaluations in steps)
 
-    def adapt(self, limit):
+    def adapt(self, limit: float) -> None:
         """Find a step size, if there is none, with trajectories that need not be as long as those to come: their energy
         error grows no further.
         """
@@ -254,7 +256,7 @@ class _Run:
         )
         self._integrator.setStepsPerTrajectory(sampling.steps_per_trajectory)
 
-    def sample(self, evaluations):
+    def sample(self, evaluations: float) -> None:
         """Make so many evaluations, and look at the membrane now and then."""
         goal = self.evaluations + evaluations
         while self.evaluations < goal:
@@ -262,7 +264,7 @@ class _Run:
                 self._step()
             self._observe()
 
-    def _step(self):
+    def _step(self) -> None:
         trajectories, flips = self._trajectories, self._flips
         numTrajectories, numSweeps = trajectories.getNumTrajectories(), flips.getNumSweeps()
         start = time.process_time()
@@ -275,7 +277,7 @@ class _Run:
             kind = "flips" if flips.getNumSweeps() > numSweeps else "waves"
             self._kinds[kind].append((seconds, self._evaluations[kind]))
 
-    def _observe(self):
+    def _observe(self) -> None:
         terms, geometry = (
             self._force.getEnergyTermsInContext(self._simulation.context),
             self._force.getGeometryInContext(self._simulation.context),
@@ -288,32 +290,32 @@ class _Run:
         self._tensors.append(gyrationTensor(mesh))
         self._diffusion.add(mesh)
 
-    def _series(self):
+    def _series(self) -> dict[str, np.ndarray]:
         """Return the scalar series by name, after the burn-in."""
         terms = HelfrichForce.getTermNames()
         names = [name if name not in ("area", "volume") else name + "Energy" for name in terms]
         return dict(zip([*names, "area", "volume"], np.array(self._rows[self._burnIn() :]).T))
 
-    def _burnIn(self):
+    def _burnIn(self) -> int:
         return int(BURN_IN * len(self._rows))
 
-    def shape(self):
+    def shape(self) -> SeriesStatistics:
         """Return the SeriesStatistics of the shape."""
         return statisticsOf(self._shapeSeries(), self._interval)
 
-    def motion(self):
+    def motion(self) -> Motion:
         """Return the Motion of the shape."""
         return Motion.of(self._shapeSeries(), self._interval)
 
-    def _shapeSeries(self):
+    def _shapeSeries(self) -> np.ndarray:
         return shapeSeries(np.array(self._tensors[self._burnIn() :]), self._isSphere)
 
-    def relativeError(self):
+    def relativeError(self) -> float:
         """Return that of the mean bending energy."""
         bending = statisticsOf(self._series()["bending"])
         return bending.error / abs(bending.mean) if bending.mean else 0.0
 
-    def result(self, moduli):
+    def result(self, moduli: Mapping[str, float]) -> Measurement:
         """Return the Measurement."""
         series, integrator = self._series(), self._integrator
         observables = {
@@ -362,7 +364,7 @@ def forceError(config: Config, mesh: Mesh) -> float:
 
     scene = Scene.of(config, mesh)
 
-    def forces(platform, properties):
+    def forces(platform: mm.Platform, properties: dict[str, str]) -> np.ndarray:
         system = mesh.createSystem()
         system.addForce(scene.createForce())
         context = mm.Context(system, mm.VerletIntegrator(1e-3), platform, properties)
@@ -376,7 +378,7 @@ def forceError(config: Config, mesh: Mesh) -> float:
     return float(np.linalg.norm(error) / np.linalg.norm(reference))
 
 
-def _errorOfPrecision(config, mesh):
+def _errorOfPrecision(config: Config, mesh: Mesh) -> np.ndarray:
     """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by
     (h^2/2m) F beside what the velocities do, which are the same.
     """
@@ -402,15 +404,20 @@ def _errorOfPrecision(config, mesh):
     return 2 * config.sampling.mass / step**2 * (ends[0] - ends[1])
 
 
-def _reweight(series, observables, moduli, kT):
+def _reweight(
+    series: dict[str, np.ndarray], observables: dict[str, SeriesStatistics], moduli: Mapping[str, float], kT: float
+) -> tuple[dict[str, list[float]], float]:
     """Return the means and errors that averages have in an ensemble of other moduli, and the fraction of samples that
     is left.
     """
     if not moduli:
         return {}, 1.0
     change = sum(
-        (ratio - 1) * series[term if term in series and term not in ("area", "volume") else term + "Energy"]
-        for term, ratio in moduli.items()
+        (
+            (ratio - 1) * series[term if term in series and term not in ("area", "volume") else term + "Energy"]
+            for term, ratio in moduli.items()
+        ),
+        start=np.zeros(()),
     )
     weights = np.exp(change.min() - change)
     weights /= weights.sum()
@@ -433,26 +440,26 @@ class _DiffusionProbe:
     few.
     """
 
-    def __init__(self, mesh):
+    def __init__(self, mesh: Mesh) -> None:
         self.mesh, self._square = mesh, float(mesh.edgeLengths.mean()) ** 2
         self._frames: deque[Mesh] = deque(maxlen=FRAMES)
         self._spacing, self._count = 1, 0
 
-    def add(self, mesh):
+    def add(self, mesh: Mesh) -> None:
         if self._count % self._spacing == 0:
             self._frames.append(mesh)
             if len(self._frames) == FRAMES and self._displacements(1)[0] < 0.25 * self._square:
                 self._frames, self._spacing = deque(list(self._frames)[::2], FRAMES), 2 * self._spacing
         self._count += 1
 
-    def framesPerEdge(self):
+    def framesPerEdge(self) -> float:
         """Return the number of frames in which 4Dt is the square of a mean edge length."""
         if len(self._frames) < 8:
             return math.inf
         near, far = self._displacements(4)[[0, 3]]
         return 3 * self._spacing * self._square / (far - near) if far > near else math.inf
 
-    def _displacements(self, maxLag):
+    def _displacements(self, maxLag: int) -> np.ndarray:
         return vertexDiffusion(
             [mesh.vertices for mesh in self._frames], [mesh.triangles for mesh in self._frames], maxLag
         ).meanSquaredDisplacements

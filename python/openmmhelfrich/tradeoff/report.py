@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 from ..files import PathLike, replacing
 from ..pictures.plots import ownStyle, saveFigure
@@ -44,7 +45,7 @@ def tableText(search: Search, recommended: Point | None = None) -> str:
     return "\n".join(tables + ([_minimaText(search)] if search.minima else []))
 
 
-def _minimaText(search):
+def _minimaText(search: Search) -> str:
     lowest = min(minimum.energy for minimum in search.minima)
     lines = [
         "| tolerance, kT per length | s | iterations | energy above the lowest, kT | E_B, kT | end |",
@@ -58,12 +59,12 @@ def _minimaText(search):
     return "\n".join(lines) + "\n"
 
 
-def _head(search, point, recommended):
+def _head(search: Search, point: Point, recommended: Point | None) -> dict[str, str]:
     text = f"**{describe(point.setting)}**" if point is recommended else describe(point.choice or point.setting)
     return {"axis": point.axis, "setting": text if point.measurement else f"{text}: {point.problem.replace('|', '/')}"}
 
 
-def _costs(search, point):
+def _costs(search: Search, point: Point) -> dict[str, str]:
     m = point.measured
     bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep * m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
@@ -83,7 +84,7 @@ def _costs(search, point):
     }
 
 
-def _accuracies(search, point):
+def _accuracies(search: Search, point: Point) -> dict[str, str]:
     m, reference = point.measured, search.reference.measured.observables["bending"]
     corrected = ""
     if m.reweighted:
@@ -191,7 +192,7 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
     saveFigure(figure, file, dpi=110)
 
 
-def _plotCosts(axes, search, points, colors):
+def _plotCosts(axes: Any, search: Search, points: list[Point], colors: dict[str, Any]) -> None:
     cost = [search.seconds(point) for point in points]
     errors = [c * min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
@@ -204,6 +205,6 @@ def _plotCosts(axes, search, points, colors):
     axes.set(xscale="log", xlabel="s per independent sample of the shape", ylim=(-len(points), 1))
 
 
-def _bound(search, point):
+def _bound(search: Search, point: Point) -> float:
     """Return the largest deviation of an average, with its error."""
     return max(abs(deviation) + error for deviation, error in search.deviations(point).values())

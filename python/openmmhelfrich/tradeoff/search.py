@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import openmm as mm
 
@@ -25,6 +26,7 @@ from .measure import Measurement, measure
 from .minimization import FACTORS, Minimum, minimumOf
 from .settings import (
     COARSER,
+    Axis,
     apply,
     axes,
     changes,
@@ -112,7 +114,7 @@ class Search:
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
-        self._coarse = None
+        self._coarse: tuple[Config, Mesh] | None = None
 
     @property
     def baseline(self) -> Point:
@@ -155,7 +157,7 @@ class Search:
         """Return the number of force evaluations to an independent sample of the shape."""
         return point.measured.evaluationsPerStep * self.time(point)[0]
 
-    def _variances(self):
+    def _variances(self) -> tuple[Any, float]:
         known = [point.measurement for point in self._seen if point.measurement and _isAlike(point)]
         if not known:
             return None, 0.0
@@ -198,7 +200,7 @@ class Search:
         """
         return self.seconds(self.baseline) / self.seconds(point)
 
-    def _axes(self):
+    def _axes(self) -> list[Axis]:
         available = axes(self.config, self.scene, float(self._mesh.edgeLengths.mean()))
         known = [*(axis.name for axis in available), "minimization"]
         unknown = set(self._names or ()) - set(known)
@@ -206,11 +208,11 @@ class Search:
             raise ValueError(f"there is no axis '{sorted(unknown)[0]}'; this scene has {', '.join(known)}")
         return [axis for axis in available if self._names is None or axis.name in self._names]
 
-    def _reference(self):
+    def _reference(self) -> dict[str, Any]:
         """Return the scene's own distribution with short steps, and with moves that reach all of it."""
         return {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, **_moves(self.scene)}
 
-    def _descend(self, available):
+    def _descend(self, available: list[Axis]) -> Point:
         """Go through the axes once, from each with the best choice to the next, and return the point at the end after a
         longer run there.
         """
@@ -229,7 +231,7 @@ class Search:
         longer = self._measure("recommended", {}, best.setting, 2 * self._effort, accuracy=self.error / 4)
         return longer if longer.measurement else best
 
-    def _findMinima(self):
+    def _findMinima(self) -> None:
         if (self._names is not None and "minimization" not in self._names) or self.scene.membrane.bending_modulus == 0:
             return
         iterations = int(self._effort / len(self._mesh.vertices) / 10)
@@ -238,14 +240,22 @@ class Search:
             self.minima.append(minimumOf(self.scene, self._mesh, factor, max(1, iterations)))
             self._save()
 
-    def _checkTime(self):
+    def _checkTime(self) -> None:
         if time.process_time() > self._end:
             raise OutOfTime
 
-    def _isAdmissible(self, point):
+    def _isAdmissible(self, point: Point) -> bool:
         return point.measurement is not None and point.measurement.acceptance > 0.3 and self.bias(point) <= self.error
 
-    def _measure(self, axis, choice, others, effort, best=None, accuracy=math.inf):
+    def _measure(
+        self,
+        axis: str,
+        choice: dict[str, Any],
+        others: dict[str, Any],
+        effort: float,
+        best: Point | None = None,
+        accuracy: float = math.inf,
+    ) -> Point:
         """Return the Point of a choice beside others, from the file if it is there."""
         setting = {**others, **choice}
         for point in self.points:
@@ -267,7 +277,7 @@ class Search:
         self._progress(point)
         return point
 
-    def _run(self, setting, effort, best, accuracy):
+    def _run(self, setting: dict[str, Any], effort: float, best: Point | None, accuracy: float) -> Measurement:
         scene, mesh = self._place(setting)
         if COARSER in setting:
             setting = forEdges(setting, mesh.edgeLengths.mean() / self._mesh.edgeLengths.mean())
@@ -285,7 +295,7 @@ class Search:
             self._variances(),
         )
 
-    def _place(self, setting):
+    def _place(self, setting: dict[str, Any]) -> tuple[Config, Mesh]:
         """Return the scene that a setting changes, and the membrane to begin with."""
         if COARSER not in setting:
             return self.scene, self._mesh
@@ -295,7 +305,7 @@ class Search:
             self._coarse = self._begin(apply(config, tether, asWritten=True), "coarse")
         return self._coarse
 
-    def _begin(self, config, name):
+    def _begin(self, config: Config, name: str) -> tuple[Config, Mesh]:
         """Do all stages of a scene but the last, equilibrate, and return the scene with the mesh and targets of that
         moment.  The mesh is kept in a file.
         """
@@ -326,7 +336,7 @@ class Search:
         scene.stages = []
         return scene, Mesh.read(file)
 
-    def _prepare(self, scene, mesh, last, file):
+    def _prepare(self, scene: Config, mesh: Mesh, last: Any, file: Path) -> dict[str, float]:
         """Bring a membrane to where the last stage samples, keep it in a file, and return its targets."""
         # With whatever gets there fast, for it is the place that counts: a scene's own settings may take very long, and
         # with a tether that lets few edges flip, for ever.
@@ -352,7 +362,7 @@ class Search:
         mesh.write(file)
         return targets
 
-    def _load(self):
+    def _load(self) -> None:
         """Take the points of an earlier search of the same scene."""
         if self._file.exists():
             try:
@@ -371,7 +381,7 @@ class Search:
                 )
             self.points, self.minima = points, minima
 
-    def _save(self):
+    def _save(self) -> None:
         data = {
             "scene": self._identity(),
             "points": [asdict(point) for point in self.points],
@@ -380,12 +390,12 @@ class Search:
         with replacing(self._file) as part:
             part.write_text(json.dumps(data, indent=1), encoding="utf-8")
 
-    def _identity(self):
+    def _identity(self) -> dict[str, Any]:
         scene = self.scene.model_dump(mode="json", exclude_none=True, exclude={"output"})
         return {**scene, "versions": versions()}
 
 
-def _moves(scene):
+def _moves(scene: Config) -> dict[str, Any]:
     """Return a setting with many flips and some shear waves, which change no distribution."""
     sampling = scene.sampling
     return {
@@ -394,7 +404,7 @@ def _moves(scene):
     }
 
 
-def _isAlike(point):
+def _isAlike(point: Point) -> bool:
     """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it,
     unless it is left out.
     """
@@ -404,7 +414,7 @@ def _isAlike(point):
     )
 
 
-def _advance(config, mesh, stages):
+def _advance(config: Config, mesh: Mesh, stages: Sequence[Any]) -> tuple[Mesh, dict[str, float]]:
     """Do stages, and return the mesh and the targets that they lead to."""
     scene = Scene.of(config, mesh)
     force = scene.createForce()
@@ -416,7 +426,7 @@ def _advance(config, mesh, stages):
     return currentMesh(simulation, force), currentTargets(simulation.context, force)
 
 
-def _setTargets(config, targets):
+def _setTargets(config: Config, targets: dict[str, float]) -> None:
     membrane = config.membrane
     membrane.target_area, membrane.target_volume, membrane.target_area_difference, membrane.reduced_volume = (
         targets["area"],

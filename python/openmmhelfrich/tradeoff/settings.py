@@ -6,7 +6,7 @@ the scene has it.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
 
@@ -171,7 +171,7 @@ def moduliRatios(scene: Config, setting: Setting) -> dict[str, float]:
     return {term: ratio for term, ratio in ratios.items() if ratio != 1}
 
 
-def _title(name):
+def _title(name: str) -> str:
     section, key = name.split(".")
     return (f"{section} {key}" if section in ("mesh", "tether", "repulsion") else key).replace("_", " ")
 
@@ -197,7 +197,7 @@ def tetherPath(scene: Config, edge: float, stages: int = 6) -> list[dict[str, An
     ]
 
 
-def _naturalTether(edge, modulus, least, greatest):
+def _naturalTether(edge: float, modulus: float, least: float, greatest: float) -> dict[str, Any]:
     return {
         "tether.length_scale": edge,
         "tether.modulus": modulus,
@@ -206,18 +206,17 @@ def _naturalTether(edge, modulus, least, greatest):
     }
 
 
-def _tethers(scene, edge):
+def _tethers(scene: Config, edge: float) -> list[dict[str, Any]]:
     """Return a tether softer than the scene's, and some for which edges have the length 1, with the scene's bounds and
     with others.
 
     There, the wall against short edges, which goes as l^-r, is softer against the spring that holds long ones, which
     goes as l^r.
     """
-    modulus, least, greatest = (
-        float(x) for x in (scene.tether.modulus, scene.tether.min_length / edge, scene.tether.max_length / edge)
-    )
+    modulus, least, greatest = (valueOf(scene, f"tether.{key}") for key in ("modulus", "min_length", "max_length"))
     if modulus == 0:
         return []
+    least, greatest = float(least / edge), float(greatest / edge)
     natural = [
         _naturalTether(edge, *tether)
         for tether in ((100.0, least, greatest), (25.0, least, greatest), (100.0, 0.85, 1.35), (50.0, 0.9, 1.4))
@@ -225,7 +224,7 @@ def _tethers(scene, edge):
     return [{"tether.length_scale": scene.tether.length_scale, "tether.modulus": 0.1 * modulus}, *natural]
 
 
-def _softer(scene):
+def _softer(scene: Config) -> list[dict[str, Any]]:
     """Return settings with weaker constraints of area and volume."""
     moduli = {MODULI[term]: valueOf(scene, MODULI[term]) for term in ("area", "volume")}
     return [
@@ -235,22 +234,22 @@ def _softer(scene):
     ]
 
 
-def _coarser(config):
+def _coarser(config: Config) -> list[dict[str, Any]]:
     """Return a quarter of the vertices, for a mesh that can be made anew."""
     return _each(COARSER, [config.mesh.icosphere - 1]) if config.mesh.icosphere else []
 
 
-def _without(scene):
+def _without(scene: Config) -> list[dict[str, Any]]:
     """Return settings that leave out a term each.  Bending stays: without it there is no membrane."""
     return [{name: 0.0} for term, name in MODULI.items() if term != "bending" and valueOf(scene, name) != 0]
 
 
-def _literals(name):
+def _literals(name: str) -> list[dict[str, Any]]:
     """Return the values of a key that takes one of a few, if this version has it."""
     section, key = name.split(".")
     field = sections()[section].model_fields.get(key)
     return _each(name, get_args(field.annotation)) if field else []
 
 
-def _each(name, values):
+def _each(name: str, values: Iterable[Any]) -> list[dict[str, Any]]:
     return [{name: value} for value in values]

@@ -1,0 +1,45 @@
+"""The topology of a mesh for OpenMM, whose atoms and bonds are made when somebody asks for them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import app
+
+from . import connectivity
+
+
+class MeshTopology(app.Topology):
+    """An openmm.app.Topology of a mesh: a residue for each connected membrane, an atom for each vertex, a bond for each
+    edge.
+
+    These are Python objects, which take 2 kB a vertex.  A simulation does not use them; they are made when one is asked
+    for.
+    """
+
+    _MADE_LATER = ("_chains", "_numResidues", "_numAtoms", "_bonds")
+
+    def __init__(self, triangles: NDArray[np.integer], numVertices: int):
+        """Create a MeshTopology from arrays; the triangles are copied."""
+        super().__init__()
+        self._triangles, self._numVertices = triangles.copy(), numVertices
+        for name in self._MADE_LATER:
+            delattr(self, name)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._MADE_LATER:
+            raise AttributeError(f"a Topology has no attribute '{name}'")
+        self._make()
+        return getattr(self, name)
+
+    def _make(self):
+        self._chains, self._numResidues, self._numAtoms, self._bonds = [], 0, 0, []
+        chain = self.addChain("M")
+        _, label = connectivity.labelComponents(self._triangles, self._numVertices)
+        atoms, residue, current = [], None, None
+        for membrane in label.tolist():
+            if membrane != current:
+                residue, current = self.addResidue("MEM", chain, id=str(membrane + 1)), membrane
+            atoms.append(self.addAtom("V", None, residue))
+        for i, j in connectivity.edges(self._triangles, self._numVertices).tolist():
+            self.addBond(atoms[i], atoms[j])
