@@ -35,7 +35,7 @@ def edges(triangles: ArrayLike, numVertices: int) -> IndexArray:
     return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1)))
 
 
-def _edgeKeys(triangles, numVertices):
+def _edgeKeys(triangles: ArrayLike, numVertices: int) -> IndexArray:
     """Return a number for each halfedge, the same for those of an edge and in the order of edges."""
     origin, target = halfedges(triangles)
     return np.minimum(origin, target) * numVertices + np.maximum(origin, target)

@@ -1,6 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,7 +142,7 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
 
 
-def _touching(middles, radii, block):
+def _touching(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
     """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
     # Spheres of similar size together, so that a few large ones do not widen the search for all.
     sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
@@ -160,7 +160,7 @@ def _touching(middles, radii, block):
                 yield np.column_stack((a, b))[found["v"] <= SLACK * (radii[a] + radii[b])]
 
 
-def _touchingInSlabs(middles, radii, block):
+def _touchingInSlabs(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
     """Yield the pairs of spheres of similar size that touch, found in slabs across the longest axis, each with the
     spheres beyond it that its own can reach.
     """
@@ -178,7 +178,9 @@ def _touchingInSlabs(middles, radii, block):
         yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
 
 
-def _near(mesh, pairs, middles, radii):
+def _near(
+    mesh: Mesh, pairs: np.ndarray, middles: np.ndarray, radii: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
     first, second = mesh.triangles[pairs[:, 0]], mesh.triangles[pairs[:, 1]]
     same = first[:, :, np.newaxis] == second[:, np.newaxis, :]

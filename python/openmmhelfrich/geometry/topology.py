@@ -32,8 +32,10 @@ class MeshTopology(app.Topology):
         self._make()
         return getattr(self, name)
 
-    def _make(self):
-        self._chains, self._numResidues, self._numAtoms, self._bonds = [], 0, 0, []
+    def _make(self) -> None:
+        self._chains: list[Any] = []
+        self._bonds: list[Any] = []
+        self._numResidues = self._numAtoms = 0
         chain = self.addChain("M")
         _, label = connectivity.labelComponents(self._triangles, self._numVertices)
         atoms, residue, current = [], None, None

@@ -181,7 +181,7 @@ def _writePVD(file: Path, meshes: Iterable[Path], steps: Iterable[int]) -> None:
         ElementTree.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
 
-def _writeXYZ(file, frames):
+def _writeXYZ(file: Path, frames: Iterable[MeshFrame]) -> None:
     with replacing(file) as part, open(part, "w", encoding="utf-8") as out:
         for frame in frames:
             out.write(f"{len(frame.mesh.vertices)}\nstep {frame.step}\n")

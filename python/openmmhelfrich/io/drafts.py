@@ -134,7 +134,7 @@ class Draft:
     def flush(self) -> None:
         pass
 
-    def _page(self, number):
+    def _page(self, number: int) -> bytes:
         content = self._changes.get(number, b"")
         if not content and self._base:
             with self._noting():
@@ -142,7 +142,7 @@ class Draft:
         return content.ljust(PAGE, b"\0")
 
     @contextlib.contextmanager
-    def _noting(self):
+    def _noting(self) -> Iterator[None]:
         try:
             yield
         except Exception as error:
@@ -182,7 +182,7 @@ class GrowingFile:
         self._twin.unlink(missing_ok=True)
         self._spare.unlink(missing_ok=True)
 
-    def _exchange(self, draft):
+    def _exchange(self, draft: Draft) -> None:
         lag = None if draft.isNew or not self._linkSpare() else list(draft.changedPages)
         os.replace(self._twin, self._path)
         if lag is not None:
@@ -190,7 +190,7 @@ class GrowingFile:
         self._lag = lag
         syncFolder(self._path.parent)
 
-    def _linkSpare(self):
+    def _linkSpare(self) -> bool:
         """Give the file a second name under which it lives on, and return whether that is possible."""
         status = os.lstat(self._path)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
@@ -222,5 +222,5 @@ def signalsLater() -> Iterator[None]:
             handlers[number](number, frame)
 
 
-def _identityOf(status):
+def _identityOf(status: os.stat_result) -> tuple[int, int, int]:
     return status.st_dev, status.st_ino, status.st_mtime_ns

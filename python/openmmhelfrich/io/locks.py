@@ -88,7 +88,7 @@ def lockOf(prefix: PathLike) -> Path:
     return hidden(path.parent.resolve() / path.name, "lock")
 
 
-def _take(file, prefix, end):
+def _take(file: Path, prefix: PathLike, end: float) -> int:
     """Return the descriptor of the file, once it is ours."""
     while True:
         try:
@@ -102,7 +102,7 @@ def _take(file, prefix, end):
                 return descriptor
 
 
-def _tryToTake(file, prefix):
+def _tryToTake(file: Path, prefix: PathLike) -> int | None:
     """Return the descriptor of the file if it is ours now, or None if somebody removed it just now."""
     descriptor, isNew = _open(file)
     try:
@@ -123,7 +123,7 @@ def _tryToTake(file, prefix):
     return None
 
 
-def _open(file):
+def _open(file: Path) -> tuple[int, bool]:
     """Return a descriptor of the file and whether it was made just now."""
     while True:
         for flags in (os.O_EXCL | os.O_CREAT, 0):
@@ -138,7 +138,7 @@ def _open(file):
                 raise _unwritable(error, file) from None
 
 
-def _write(descriptor, file):
+def _write(descriptor: int, file: Path) -> None:
     """Write who holds the lock; without room for that nobody does."""
     try:
         os.ftruncate(descriptor, 0)
@@ -149,11 +149,11 @@ def _write(descriptor, file):
         raise _unwritable(error, file) from None
 
 
-def _unwritable(error, file):
+def _unwritable(error: OSError, file: Path) -> OSError:
     return type(error)(f"{file} cannot be written ({error.strerror}); choose another folder")
 
 
-def _lock(descriptor, prefix):
+def _lock(descriptor: int, prefix: PathLike) -> bool:
     """Return whether the file system could lock the file; raise an InUseError if somebody else has."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -166,7 +166,7 @@ def _lock(descriptor, prefix):
     return True
 
 
-def _requireGone(holder, hasLock, file, prefix):
+def _requireGone(holder: dict[str, Any], hasLock: bool, file: Path, prefix: PathLike) -> None:
     """Raise an error unless it is known that the holder that the file names is gone."""
     me = _myself()
     isHere = holder.get("boot") == me["boot"]
@@ -185,17 +185,17 @@ def _requireGone(holder, hasLock, file, prefix):
     )
 
 
-def _inUse(holder, prefix):
+def _inUse(holder: dict[str, Any], prefix: PathLike) -> InUseError:
     return InUseError(f"{prefix} is in use by {_describe(holder)}; wait for its end, or choose another name")
 
 
-def _describe(holder):
+def _describe(holder: dict[str, Any]) -> str:
     if not holder:
         return "another process"
     return f"process {holder['process']} on {holder['host']}, since {holder['since']}"
 
 
-def _myself():
+def _myself() -> dict[str, Any]:
     """Return what tells the present process from all others."""
     return {
         "process": os.getpid(),
@@ -207,13 +207,13 @@ def _myself():
     }
 
 
-def _startOf(process):
+def _startOf(process: int) -> list[str]:
     """Return when a process started, in ticks since the start of the machine, or nothing if it has ended."""
     fields = _text(f"/proc/{process}/stat").rpartition(")")[2].split()
     return [] if fields[:1] in (["Z"], ["X"]) else fields[19:20]
 
 
-def _processes():
+def _processes() -> str:
     """Return what numbers of processes refer to: those of a container mean others outside of it."""
     try:
         return os.readlink("/proc/self/ns/pid")
@@ -221,7 +221,7 @@ def _processes():
         return ""
 
 
-def _text(file):
+def _text(file: PathLike) -> str:
     try:
         return Path(file).read_text(encoding="utf-8", errors="surrogateescape").strip()
     except OSError:
@@ -237,16 +237,17 @@ def _read(descriptor: int) -> dict[str, Any]:
     return holder if isinstance(holder, dict) and holder.keys() == _myself().keys() else {}
 
 
-def _isSame(descriptor, file):
+def _isSame(descriptor: int, file: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(descriptor), os.stat(file))
     except FileNotFoundError:
         return False
 
 
-def _reachesAllHosts(file):
+def _reachesAllHosts(file: Path) -> bool:
     """Return whether locks on a file hold on every host that sees it, as far as its mount tells."""
-    found, kind, options = Path(), "", set()
+    options: set[str] = set()
+    found, kind = Path(), ""
     for line in _text("/proc/self/mountinfo").splitlines():
         left, _, right = line.partition(" - ")
         point = Path(re.sub(r"\\(\d{3})", lambda code: chr(int(code[1], 8)), left.split()[4]))

@@ -16,9 +16,9 @@ import os
 import shutil
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
 import h5py
 import numpy as np
@@ -41,6 +41,8 @@ MAX_WAITING = 64e6
 # No deflated data become larger than this many times their size, and no array is refused that is smaller than this
 # many bytes.
 MAX_RATIO, SMALL = 1032, 1 << 20
+
+Found = TypeVar("Found")
 
 
 class MeshFrame(NamedTuple):
@@ -287,7 +289,7 @@ class MeshTrajectory(Frames):
         )
 
     @contextlib.contextmanager
-    def _complaint(self, what):
+    def _complaint(self, what: str) -> Iterator[None]:
         with super()._complaint(what):
             try:
                 yield
@@ -295,7 +297,7 @@ class MeshTrajectory(Frames):
                 if self._draft:
                     self._draft.check()  # what HDF5 made of an error of the disk is beside the point
 
-    def _settled(self, read):
+    def _settled(self, read: Callable[[], Found]) -> Found:
         """Return what a function reads.
 
         The program that writes the file may do so meanwhile.  What was read then may be of any time, and is read again.
@@ -312,26 +314,28 @@ class MeshTrajectory(Frames):
                     raise
             self._draft = None
 
-    def _open(self):
+    def _open(self) -> None:
         with self._complaint("is not a VTKHDF file, or not a complete one"):
             self._draft = Draft(self._path)
             self._file = h5py.File(self._draft, "r")
             self._root = _polyData(self._file)
         with self._complaint("is damaged"):
-            steps, self._arrays, self._blocks = self._root["Steps"], {}, {}
+            steps = self._root["Steps"]
+            self._arrays: dict[str, Any] = {}
+            self._blocks: dict[str, tuple[int, np.ndarray]] = {}
             self._hasParts, self._dataNames = "NumberOfParts" in steps, list(steps.get("PointDataOffsets", ()))
 
-    def _describe(self):
+    def _describe(self) -> tuple[NDArray[np.int64], str]:
         with self._complaint("is damaged"):
             steps = self._rows("Steps/Values", 0, int(self._root["Steps"].attrs["NSteps"]))
             if not np.all(np.abs(steps) < 2**53):
                 raise ValueError("the number of a step is not a number")
             return steps.astype(np.int64), str(_textOf(self._file.attrs, "lengthUnit") or "nm")
 
-    def _read(self, i):
+    def _read(self, i: int) -> MeshFrame:
         return self._settled(lambda: self._frame(i))
 
-    def _frame(self, i):
+    def _frame(self, i: int) -> MeshFrame:
         if self._hasParts and self._number("Steps/NumberOfParts", i) != 1:
             raise ValueError("it has several parts; one is expected")
         part = self._number("Steps/PartOffsets", i)
@@ -348,16 +352,16 @@ class MeshTrajectory(Frames):
         data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
         return MeshFrame(self._number("Steps/Values", i), mesh, data)
 
-    def _rows(self, name, start, count):
+    def _rows(self, name: str, start: int, count: int) -> np.ndarray:
         """Return rows of an array."""
         return _rows(self._array(name), start, start + count)
 
-    def _array(self, name):
+    def _array(self, name: str) -> Any:
         if name not in self._arrays:
             self._arrays[name] = _numbers(self._root[name])
         return self._arrays[name]
 
-    def _number(self, name, row, column=()):
+    def _number(self, name: str, row: int, column: int | tuple[()] = ()) -> int:
         """Return a number of an array of small rows, of which a block is read at a time."""
         first = row // BLOCK * BLOCK
         if self._blocks.get(name, (None,))[0] != first:
@@ -365,7 +369,7 @@ class MeshTrajectory(Frames):
         return int(self._blocks[name][1][row - first][column])
 
 
-def _count(path, keep):
+def _count(path: Path, keep: int | None) -> int:
     """Return the number of frames in a file, 0 if there is none.
 
     Those where others are to be added or dropped must not be damaged: HDF5 can crash then.
@@ -391,7 +395,7 @@ def _requireFolder(path: Path) -> None:
         raise PermissionError(f"{path.parent} is not writable; {path.name} cannot be made there")
 
 
-def _polyData(file):
+def _polyData(file: Any) -> Any:
     """Return the group of an open file that holds the PolyData."""
     root = file.get("VTKHDF")
     kind = _textOf(root.attrs, "Type") if isinstance(root, h5py.Group) else None
@@ -403,7 +407,7 @@ def _polyData(file):
     return root
 
 
-def _numbers(array):
+def _numbers(array: Any) -> Any:
     """Return an array of numbers, of a kind that numpy has too: HDF5 can crash where it converts what is of no kind."""
     isArray = isinstance(array, h5py.Dataset) and array.dtype.kind in "iuf" and array.ndim > 0
     if not isArray or array.id.get_type() != h5py.h5t.py_create(array.dtype):
@@ -411,7 +415,7 @@ def _numbers(array):
     return array
 
 
-def _rows(array, start, stop):
+def _rows(array: Any, start: int, stop: int) -> np.ndarray:
     """Return rows of an array.
 
     HDF5 takes zeros for what a file does not hold, and sets aside as much memory as a damaged one claims: both are
@@ -424,7 +428,7 @@ def _rows(array, start, stop):
     return array[start:stop]
 
 
-def _storedSize(array, start, stop):
+def _storedSize(array: Any, start: int, stop: int) -> int:
     """Return how many bytes of a file have some rows of an array."""
     if not array.chunks or start == stop:
         return min(array.id.get_storage_size(), array.file.id.get_filesize())
@@ -440,7 +444,7 @@ def _storedSize(array, start, stop):
     return total
 
 
-def _chunkSize(array, place):
+def _chunkSize(array: Any, place: tuple[int, ...]) -> int:
     """Return how many bytes of a file have a chunk of an array."""
     if array.compression or array.shuffle:
         return len(array.id.read_direct_chunk(place)[1])  # asking for the size alone visits all chunks
@@ -450,18 +454,18 @@ def _chunkSize(array, place):
     return chunk.size
 
 
-def _requireStored(size, stored, name):
+def _requireStored(size: int, stored: int, name: str) -> None:
     if size > max(SMALL, MAX_RATIO * stored):
         raise ValueError(f"{name} claims {size} bytes, of which {stored} are there")
 
 
-def _textOf(attributes, name):
+def _textOf(attributes: Any, name: str) -> str | None:
     """Return a text among the attributes of a file or group, or None."""
     text = attributes.get(name)
     return text.decode(errors="replace") if isinstance(text, bytes) else text
 
 
-def _edit(draft, path, frames, keep, precision, lengthUnit):
+def _edit(draft: Draft, path: Path, frames: Sequence[MeshFrame], keep: int, precision: str, lengthUnit: str) -> None:
     """Let a draft have the first frames that it has, and others after them."""
     if not keep and not frames:
         raise ValueError(f"{path}: there are no frames to write")
@@ -475,7 +479,7 @@ def _edit(draft, path, frames, keep, precision, lengthUnit):
             draft.check()
 
 
-def _verify(file, frames, keep):
+def _verify(file: Path, frames: Sequence[MeshFrame], keep: int) -> None:
     """Raise an OSError unless a file that has just been written has these frames after the first ones."""
     try:
         trajectory = MeshTrajectory(file)
@@ -489,7 +493,7 @@ def _verify(file, frames, keep):
         raise OSError("reading it back gives other frames")
 
 
-def _batches(frames):
+def _batches(frames: Iterable[MeshFrame]) -> Iterator[list[MeshFrame]]:
     """Yield frames in lists of as many as may wait, the last of which may be empty."""
     batch, size = [], 0
     for frame in frames:
@@ -501,7 +505,7 @@ def _batches(frames):
     yield batch
 
 
-def _existing(out, path, keep):
+def _existing(out: Any, path: Path, keep: int) -> Any:
     """Return the group to which to append, with `keep` frames in it."""
     root = _polyData(out)
     count = int(root["Steps"].attrs["NSteps"])
@@ -560,7 +564,7 @@ def _growing(group: Any, name: str, columns: int | None = None, kind: str = "i8"
     group.create_dataset(name, (0, *tail), kind, maxshape=(None, *tail), chunks=(BLOCK, *tail))
 
 
-def _growingArrays(root, count):
+def _growingArrays(root: Any, count: int) -> list[tuple[Any, int]]:
     """Return the arrays that grow, each with the rows that it has for a number of frames."""
     numVertices, numCorners = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfConnectivityIds"][0])
     steps = root["Steps"]
@@ -610,7 +614,7 @@ def _append(root: Any, frame: MeshFrame) -> None:
         steps[name][count] = entry
 
 
-def _sizeOf(frame):
+def _sizeOf(frame: MeshFrame) -> int:
     """Return the number of bytes of a frame in a file, before compression; indices have 64 bits there."""
     return (
         frame.mesh.vertices.nbytes

@@ -45,7 +45,7 @@ def smoothMeanCurvature(mesh: Mesh, rounds: int = 2) -> NDArray[np.float64]:
     return _smooth(mesh.edges, mesh.vertexMeanCurvatures, mesh.vertexAreas, rounds)
 
 
-def _smooth(edges, curvature, area, rounds):
+def _smooth(edges: NDArray[np.integer], curvature: np.ndarray, area: np.ndarray, rounds: int) -> NDArray[np.float64]:
     """Return integrated curvatures over areas, each summed over neighbors a number of times."""
     a, b = edges.T
     for _ in range(rounds):

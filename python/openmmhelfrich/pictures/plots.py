@@ -79,11 +79,11 @@ def _plotCurve(axes: Any, table: Table, observable: Observable, isThin: bool) ->
         )
 
 
-def _mathUnit(observable, lengthUnit, energyUnit):
+def _mathUnit(observable: Observable, lengthUnit: str, energyUnit: str) -> str:
     return re.sub(r"\^(\d)", r"$^\1$", _plain(observable.unitIn(lengthUnit, energyUnit)))
 
 
-def _plain(text):
+def _plain(text: str) -> str:
     """Return a text such that matplotlib finds no formula in it."""
     return text.replace("$", r"\$")
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import openmm as mm
+from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
@@ -208,12 +209,12 @@ def _base64(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(np.rint(values), dtype="<" + kind).tobytes()).decode()
 
 
-def _forPlotly(text):
+def _forPlotly(text: str) -> str:
     """Return a text in which plotly finds no markup."""
     return html.escape(text, quote=False)
 
 
-def _panels(table, units):
+def _panels(table: Table, units: dict[str, str]) -> dict[str, Any]:
     """Return the curves of each panel of the plot."""
     rows = np.unique(np.linspace(0, len(table["step"]) - 1, MAX_ROWS).round().astype(int))
 

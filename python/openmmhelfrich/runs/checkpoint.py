@@ -13,10 +13,10 @@ import json
 import shutil
 import uuid
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import openmm as mm
 from openmm import app
@@ -30,6 +30,8 @@ FORMAT = 1
 # Texts like ours become no more than so many times smaller, beside a small part.
 MAX_RATIO, SMALL = 200, 1 << 20
 RECORD = "record.json"
+
+Parsed = TypeVar("Parsed")
 
 
 @dataclass
@@ -136,7 +138,7 @@ def naming(file: PathLike) -> Iterator[None]:
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 
 
-def _read(file, parse):
+def _read(file: PathLike, parse: Callable[[zipfile.ZipFile], Parsed]) -> Parsed:
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     with naming(file), zipfile.ZipFile(file) as archive:
@@ -144,14 +146,14 @@ def _read(file, parse):
         return parse(archive)
 
 
-def _requireStored(archive):
+def _requireStored(archive: zipfile.ZipFile) -> None:
     """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
     parts = archive.infolist()
     if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
         raise ValueError("it claims more than it has")
 
 
-def _runStateIn(archive):
+def _runStateIn(archive: zipfile.ZipFile) -> RunState | None:
     """Return a RunState, or None if its format is another version's."""
     text = archive.read("run.json")
     if json.loads(text).get("format") != FORMAT:
@@ -164,7 +166,7 @@ def _runStateIn(archive):
     return state
 
 
-def _simulationIn(archive):
+def _simulationIn(archive: zipfile.ZipFile) -> list[Any]:
     """Return a System, an Integrator and a State."""
     names = ("system.xml", "integrator.xml", "state.xml")
     return [mm.XmlSerializer.deserialize(archive.read(name).decode()) for name in names]

@@ -257,9 +257,10 @@ def _createPoint(
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
         return Point(name, parameters, config, _checkRun(config, meshes))
+    return None
 
 
-def _checkRun(config, meshes):
+def _checkRun(config: Config, meshes: dict[str, Mesh]) -> float:
     """Raise what a run would raise before its first step, and return how much room on the disk it takes."""
     key = config.mesh.model_dump_json()
     if key not in meshes:

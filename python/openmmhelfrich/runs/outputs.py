@@ -130,7 +130,7 @@ class Outputs:
         old = {*existing, *self._earlier()} - kept
         return [path for path in old if path.is_file() and not (source and path.samefile(source))]
 
-    def _earlier(self):
+    def _earlier(self) -> list[Path]:
         """Return the paths of the files of the run whose checkpoint is there, which may have had other settings."""
         try:
             config = parseConfig(loadRunState(self.checkpoint).config)
@@ -242,11 +242,11 @@ class Recorder:
         return [reporter for reporter in (self._trajectory, self._meshes, self.table) if reporter]
 
 
-def _describe(file, isWhole):
+def _describe(file: Path, isWhole: bool) -> dict[str, Any]:
     """Return the size of a file, and its checksum if that is asked for; nothing if there is no such file."""
     if not file.is_file():
         return {}
-    described = {"size": file.stat().st_size}
+    described: dict[str, Any] = {"size": file.stat().st_size}
     if isWhole:
         checksum = hashlib.sha256()
         with open(file, "rb") as content:
@@ -256,7 +256,7 @@ def _describe(file, isWhole):
     return described
 
 
-def _checkLength(file, size):
+def _checkLength(file: Path, size: int) -> None:
     length = file.stat().st_size if file.exists() else 0
     if length < size:
         raise ValueError(

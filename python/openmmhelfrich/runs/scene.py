@@ -389,7 +389,7 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     back.
     """
     tether = config.tether
-    given = Tether(tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    given = (tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
     mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:

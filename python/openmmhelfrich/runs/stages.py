@@ -167,7 +167,7 @@ class Stage(ABC):
             numDiverged(integrator),
         ]
 
-    def _endTargets(self):
+    def _endTargets(self) -> dict[str, float]:
         return endTargets(self._settings, self._startTargets)
 
     def _startAdaptation(self) -> None:
@@ -289,7 +289,7 @@ class Sample(MonteCarlo):
             requireTrajectories(scene.config.sampling)
         return super().check(settings, scene, start)
 
-    def _createAdapter(self):
+    def _createAdapter(self) -> Adapter | None:
         integrator, own = self._simulation.integrator, self._settings.step_size
         if own == "auto" or (own is None and self._scene.adaptsStepSize):
             return StepSizeAdapter.of(integrator, self._scene.config.sampling.target_acceptance)
@@ -379,7 +379,7 @@ class Continue(MonteCarlo):
         self._path = self._createPath(self._settings, self._startTargets)
 
     @staticmethod
-    def _createPath(s, start):
+    def _createPath(s: Any, start: dict[str, float]) -> ContinuationPath:
         path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
         return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 

@@ -325,7 +325,7 @@ class Study:
                 f"the results of {self.config.output.prefix} cannot be written: {what}; {self._whatIsLeft()}"
             ) from None
 
-    def _whatIsLeft(self):
+    def _whatIsLeft(self) -> str:
         """Return what there is to go on from, if that has not been deleted."""
         missing = [path for path in self.outputs.growing() if not path.exists()]
         if missing:
@@ -333,7 +333,7 @@ class Study:
         prefix = self.config.output.prefix
         return f"everything up to step {self._savedAt[1]} is safe: openmm-helfrich resume {prefix} goes on from there"
 
-    def _summary(self, newSteps, seconds, signal):
+    def _summary(self, newSteps: int, seconds: float, signal: int | None) -> Summary:
         """Return the Summary of what was done."""
         moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
         acceptance, flipAcceptance = self.stage.acceptance()

@@ -12,7 +12,7 @@ import math
 import signal
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -222,7 +222,7 @@ def _resultFile(config: Config) -> Path:
     return _folder(config) / "result.json"
 
 
-def _goOn(config, progress):
+def _goOn(config: Config, progress: Callable[[Study], None]) -> Summary | None:
     """Begin a run, or go on with it, and return its Summary; None if it has come to its end already."""
     outputs = Outputs.of(config)
     if not outputs.checkpoint.exists():
@@ -273,7 +273,7 @@ class _Messenger:
             )
 
 
-def _writeResult(config):
+def _writeResult(config: Config) -> dict[str, Any]:
     """Write what came of a point, with the record of the files that tell it, and return it."""
     observables, record = observe(config), loadRunState(Outputs.of(config).checkpoint).record
     with replacing(_resultFile(config)) as part:
@@ -281,7 +281,7 @@ def _writeResult(config):
     return observables
 
 
-def _finished(config):
+def _finished(config: Config) -> dict[str, Any] | None:
     """Return what came of a point, or None if it is not finished, or its files are not those of its last step."""
     try:
         record = dict(json.loads(_resultFile(config).read_text(encoding="utf-8")))
@@ -323,7 +323,7 @@ def _takeFinished(states: list[PointStatus]) -> None:
 
 
 @contextlib.contextmanager
-def _client(scheduler, workers):
+def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long.
 
     The ports of the latter take the certificate that it makes for itself, and are open to nobody else.
@@ -358,11 +358,11 @@ def _client(scheduler, workers):
         yield client
 
 
-def _closeHTTP(dask_scheduler):
+def _closeHTTP(dask_scheduler: Any) -> None:
     dask_scheduler.http_server.stop()
 
 
-def _prepareWorker(dask_worker):
+def _prepareWorker(dask_worker: Any) -> None:
     """Leave Ctrl-C, which a terminal sends to every process, to the sweep, and close the HTTP server."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     dask_worker.http_server.stop()

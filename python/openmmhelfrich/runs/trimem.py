@@ -67,11 +67,8 @@ class _Source:
         if not path.exists():
             raise FileNotFoundError(f"there is no configuration file {path}")
         self.stem = str(path.with_suffix(""))
-        self._parser, self.path, self._asked = (
-            configparser.ConfigParser(inline_comment_prefixes=("#", ";")),
-            path,
-            set(),
-        )
+        self._parser, self.path = configparser.ConfigParser(inline_comment_prefixes=("#", ";")), path
+        self._asked: set[tuple[str, str]] = set()
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
         except (configparser.Error, UnicodeDecodeError) as error:

@@ -80,7 +80,16 @@ def tradeoff(
         return _search(config, prefix, error, effort, minutes, axes, overwrite, progress)
 
 
-def _search(config, prefix, error, effort, minutes, axes, overwrite, progress):
+def _search(
+    config: Config,
+    prefix: str,
+    error: float,
+    effort: float,
+    minutes: float | None,
+    axes: Sequence[str] | None,
+    overwrite: bool,
+    progress: Callable[[Point], None] | None,
+) -> tuple[Search, Point | None]:
     """Go on with a search, or begin one, and write down what it found."""
     if overwrite:
         for ending in (".json", "_start.ply", "_start.json", "_coarse.ply", "_coarse.json"):
