@@ -12,6 +12,7 @@ from typing import Any
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
+from ..messages import quoted, shortened
 from ..units import thermalEnergy
 from .config import parseConfig
 from .configfile import configText
@@ -72,7 +73,9 @@ class _Source:
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
         except (configparser.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a configuration of TriMem: {' '.join(str(error).split())}") from None
+            raise ValueError(
+                f"{path} is not a configuration of TriMem: {shortened(' '.join(str(error).split()))}"
+            ) from None
         if not self._parser.has_section("ENERGY"):
             raise ValueError(f"{path} is not a configuration of TriMem: it has no section [ENERGY]")
         self.mesh = Path(self.text("GENERAL", "input", str(path.with_suffix(".stl"))))
@@ -95,7 +98,7 @@ class _Source:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(
-                f"{self.path}: [{section}] {key} is {text!r}; it must be "
+                f"{self.path}: [{section}] {key} is {quoted(text)}; it must be "
                 f"{'a whole number' if isinstance(default, int) else 'a number'}"
             )
         return value
