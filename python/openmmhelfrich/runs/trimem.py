@@ -87,7 +87,10 @@ class _Source:
     def text(self, section: str, key: str, default: str | None) -> Any:
         """Return a value as a string."""
         self._asked.add((section.lower(), key))
-        return self._parser.get(section, key, fallback=default)
+        try:
+            return self._parser.get(section, key, fallback=default)
+        except configparser.Error as error:
+            raise ValueError(f"{self.path}: {shortened(' '.join(str(error).split()))}") from None
 
     def number(self, section: str, key: str, default: float) -> Any:
         """Return a value as a number of the type of the default."""
