@@ -173,7 +173,7 @@ void CpuEdgeFlipSweep::help(Copy* copy) {
         else
             waitForOthers(tries);
     }
-    if (copy != NULL && !isAbandoned)
+    if (copy != NULL)
         finish(*copy);
 }
 
@@ -186,7 +186,7 @@ void CpuEdgeFlipSweep::carryOut(Copy& copy, int numDecided) {
 }
 
 void CpuEdgeFlipSweep::finish(Copy& copy) {
-    carryOut(copy, numBatches);
+    carryOut(copy, numDecided.load(memory_order_acquire));
     if (statistics.accepted > 0)
         copy.mesh.markChanged();
     if (needsNeighborList(p))
