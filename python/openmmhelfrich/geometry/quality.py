@@ -205,7 +205,7 @@ def _passing(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray
     x = mesh.vertices[mesh.triangles[triangles]]
     side, other, offset = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], a - x[:, 0]
     p, q = np.cross(d, other), np.cross(offset, side)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):  # a triangle that the edge runs along has no such point
         scale = 1 / _dot(side, p)
         u, v, s = _dot(offset, p) * scale, _dot(d, q) * scale, _dot(other, q) * scale
         passes = (u >= 0) & (v >= 0) & (u + v <= 1) & (s >= 0) & (s <= 1)
