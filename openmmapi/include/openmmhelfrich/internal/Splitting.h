@@ -85,9 +85,9 @@ private:
     static std::vector<KickAndDrift> divideDrifts(const std::vector<KickAndDrift>& sequence, int tetherSubsteps) {
         std::vector<KickAndDrift> result;
         double before = 0;
-        for (auto& whole : sequence) {
-            double step = whole.drift / tetherSubsteps;
-            result.push_back({whole.kick, step, TermMask::ALL, 0.5 * (before + step) / whole.kick});
+        for (auto& outer : sequence) {
+            double step = outer.drift / tetherSubsteps;
+            result.push_back({outer.kick, step, TermMask::ALL, 0.5 * (before + step) / outer.kick});
             for (int i = 1; i < tetherSubsteps && step != 0; i++)
                 result.push_back({step, step, Term::Tether});
             before = step;
