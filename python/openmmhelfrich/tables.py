@@ -68,6 +68,11 @@ class Table(dict[str, NDArray[np.float64]]):
         table.source = str(file)
         return table
 
+    def requireRows(self) -> None:
+        """Raise a ValueError if the table has no rows."""
+        if not all(map(len, self.values())):
+            raise ValueError(f"{self.source} has no rows")
+
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame of the same columns."""
         return dataFrame(self)

@@ -21,7 +21,9 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -192,31 +194,25 @@ class Attacked:
     """A scene in a folder of its own, and what comes of it undisturbed."""
 
     def __init__(self, scene: Scene, place: Path):
-        self._scene, self._start, self._disk = scene, place / "start", place / "disk"
-        self._start.mkdir()
-        self._disk.mkdir()
-        for file, text in scene.files.items():
-            (self._start / file).write_text(text)
-        for i, command in enumerate(scene.before, 1):
-            killedAt = scene.killedAt if i == len(scene.before) else 0
-            _require(execute(command, self._start, "kill" if killedAt else "watch", killedAt))
-        self._before, self._folder = contentsOf(self._start), place / "folder"
-        shutil.copytree(self._start, self._folder)
-        self._watched = execute(scene.command, self._folder)
-        _require(self._watched)
-        self._expected = contentsOf(self._folder)
+        self._scene, self._start = scene, _start(scene, place)
+        self._before = contentsOf(self._start)
+        with temporaryFolder() as folder:
+            shutil.copytree(self._start, folder, dirs_exist_ok=True)
+            watched = execute(scene.command, folder)
+            _require(watched)
+            self._expected = contentsOf(folder)
+        self._names = [operation.split()[0] for operation in watched.operations]
 
-    def count(self, mode: str) -> int:
-        """Return how many attacks of a mode there are, or a few more."""
-        names = [operation.split()[0] for operation in self._watched.operations]
-        numbers = {"torn": names.count("write"), "full": sum(map(names.count, ROOMY)), "filled": TIMES_FILLED}
-        return numbers.get(mode, len(names))
+    def attacks(self, modes: Iterable[str]) -> list[tuple[str, int]]:
+        """Return all attacks of some modes; they may be a few more than there are operations."""
+        names = self._names
+        counts = {"torn": names.count("write"), "full": sum(map(names.count, ROOMY)), "filled": TIMES_FILLED}
+        return [(mode, n) for mode in modes for n in range(1, counts.get(mode, len(names)) + 1)]
 
     def attack(self, mode: str, n: int) -> str:
         """Return what is wrong after an attack, "" if nothing is."""
-        with _mounted(self._disk) if mode == "filled" else contextlib.nullcontext():
-            folder = self._disk / "folder" if mode == "filled" else self._folder
-            shutil.rmtree(folder, ignore_errors=True)
+        with temporaryFolder() as disk, _mounted(disk) if mode == "filled" else contextlib.nullcontext():
+            folder = disk / "folder"
             shutil.copytree(self._start, folder)
             outcome = execute(self._scene.command, folder, mode, n)
             try:
@@ -263,6 +259,19 @@ OTHERS = ("run.csv", "run.dcd", "summary.csv")
 ROOMY = ("open", "write", "link", "mkdir")
 
 
+def _start(scene, place):
+    """Return a folder with what is there before, the same for all scenes where that is the same."""
+    folder = place / f"{zlib.crc32(repr((scene.files, scene.before, scene.killedAt)).encode())}"
+    if not folder.exists():
+        folder.mkdir()
+        for file, text in scene.files.items():
+            (folder / file).write_text(text)
+        for i, command in enumerate(scene.before, 1):
+            killedAt = scene.killedAt if i == len(scene.before) else 0
+            _require(execute(command, folder, "kill" if killedAt else "watch", killedAt))
+    return folder
+
+
 @contextlib.contextmanager
 def _mounted(folder):
     """Let a folder be a small disk of its own."""
@@ -292,9 +301,25 @@ def main() -> None:
     _warmUp()
     if options.mode is None:
         options.mode = [mode for mode in MODES[1:] if mode != "filled" or _canMount()]
-    jobs = [fork(functools.partial(_attackPart, options, part)) for part in range(options.jobs)]
-    codes = [waitFor(job) for job in jobs]
+    with temporaryFolder() as place:
+        scenes = {name: Attacked(SCENES[name], place) for name in options.scenes or SCENES}
+        attacks = [(name, *each) for name in scenes for each in scenes[name].attacks(options.mode)[:: options.every]]
+        parts = [attacks[i :: options.jobs] for i in range(options.jobs)]
+        jobs = [fork(functools.partial(_attackAll, scenes, part)) for part in parts]
+        codes = [waitFor(job) for job in jobs]
+    print(f"{len(attacks)} attacks: {', '.join(map('{0[0]} {0[1]}'.format, Counter(a[0] for a in attacks).items()))}")
     sys.exit(any(codes))
+
+
+def _attackAll(scenes, attacks):
+    """Make attacks, say what is wrong after them, and return whether something is."""
+    hasFault = False
+    for name, mode, n in attacks:
+        complaint = scenes[name].attack(mode, n)
+        if complaint:
+            print(f"{name}: {complaint}", flush=True)
+            hasFault = True
+    return hasFault
 
 
 def _startPreloaded():
@@ -329,25 +354,6 @@ def _warmUp():
     Figure.set_layout_engine = lambda *_, **__: None
     with temporaryFolder() as place:
         drawMesh(mh.Mesh.icosphere(0), place / "a.png")
-
-
-def _attackPart(options, part):
-    """Do a part of the attacks, and return whether something is wrong."""
-    allFaults = 0
-    for name in options.scenes or SCENES:
-        count, faults = 0, 0
-        with temporaryFolder() as place:
-            attacked = Attacked(SCENES[name], place)
-            for mode in options.mode:
-                for n in range(1 + part * options.every, attacked.count(mode) + 1, options.every * options.jobs):
-                    complaint = attacked.attack(mode, n)
-                    count += 1
-                    if complaint:
-                        faults += 1
-                        print(f"{name}: {complaint}", flush=True)
-        print(f"{name}: {count} attacks, {faults} faults", flush=True)
-        allFaults += faults
-    return allFaults > 0
 
 
 if __name__ == "__main__":

@@ -234,13 +234,15 @@ XML = ("system.xml", "integrator.xml", "state.xml")
 MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh")
 KINDS = {
     "toml": Kind("other.toml", _create, r"\[\w+\] \w+"),
-    "grid": Kind("grid.toml", lambda: readGrid("grid.toml"), "there is no configuration file "),
+    "grid": Kind("grid.toml", lambda: readGrid("grid.toml"), "there is no configuration file | is a folder"),
     "trimem": Kind("trimem.inp", lambda: _do("config", "--from-trimem", "trimem.inp")),
     **{suffix: Kind(f"mesh.{suffix}", functools.partial(_check, f"mesh.{suffix}")) for suffix in MESHES},
     "vtkhdf": Kind("run.vtkhdf", lambda: _convert("run.vtkhdf")),
     "dcd": Kind("run.dcd", lambda: _convert("run.dcd", "--topology", "run.ply")),
     "psf": Kind("run.psf", lambda: _convert("run.dcd", "--topology", "run.psf")),
     "csv": Kind("run.csv", lambda: _do("plot", "run.csv", "-o", "out.png", "--overwrite")),
+    "page": Kind("run.csv", lambda: _do("report", "run", "--overwrite")),
+    "settings": Kind("run.resolved.toml", lambda: _do("report", "run", "--overwrite"), r"\[\w+\] \w+"),
     "checkpoint": Kind("run.checkpoint", _resume, damage=damagedArchive),
     **{name.split(".")[0]: Kind(name, functools.partial(_simulate, name)) for name in XML},
 }

@@ -47,16 +47,16 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
     """
     from matplotlib.figure import Figure
 
-    if not len(table["step"]):
-        raise ValueError(f"{table.source} has no rows; there is nothing to plot")
+    table.requireRows()
     panels = [panel for panel in PANELS if curves(panel, table)]
-    own = [panel.title for panel in panels if not panel.beside]
+    titles = {panel.title for panel in panels}
+    own = [panel.title for panel in panels if panel.beside not in titles]
     figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
     axes = dict(zip(own, figure.subplots(len(own), 1, sharex=True, squeeze=False)[:, 0]))
     axes[own[-1]].set_xlabel("Monte Carlo step")
     for panel in panels:
         shown = curves(panel, table)
-        place = axes[panel.beside].twinx() if panel.beside else axes[panel.title]
+        place = axes[panel.title] if panel.title in axes else axes[panel.beside].twinx()
         for observable in shown:
             _plotCurve(place, table, observable, isThin=observable.isTerm or bool(panel.beside))
         isShared = panel.beside or panel.title in {other.beside for other in panels}

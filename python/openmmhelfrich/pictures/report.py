@@ -146,15 +146,14 @@ def _readTable(prefix: Path, warnings: list[str]) -> tuple[Table | None, dict[st
         warnings.append(f"There is no table of observables {file.name}.")
         return None, {}
     units, table = observableUnits(file), readObservables(file)
-    if not len(table["step"]):
-        raise ValueError(f"{file} has no rows")
+    table.requireRows()
     return table, units
 
 
 def _readSettings(prefix: Path, warnings: list[str]) -> str:
     file = _beside(prefix, ".resolved.toml")
     if file.exists():
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8", errors="replace")
     warnings.append(f"There are no settings {file.name}.")
     return ""
 

@@ -111,6 +111,8 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     path = Path(file)
     if not path.exists():
         raise FileNotFoundError(f"there is no configuration file {path}")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder; the name of a configuration file is expected")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -62,7 +62,7 @@ class Scene:
     targets : dict of float
         by the names of :mod:`openmmhelfrich.sampling.targets`, in powers of nm: each surface has its own
     ownMeasures : dict of float
-        the same of the mesh, but for an area difference that of a sphere of its area
+        the areas and volumes of the mesh, by the same names
     tether : Tether
         the bounds of edges
     repulsionOnset : float
@@ -126,7 +126,7 @@ class Scene:
             kT=kT,
             moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
             targets=_targets(surfaces),
-            ownMeasures=measuresOf(config, mesh),
+            ownMeasures=measuresOf(mesh),
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
@@ -294,10 +294,9 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
 
 def checkSizes(config: Config, mesh: Mesh) -> None:
     """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
-    own = measuresOf(config, mesh)
-    for name, target in _targets(_surfaces(config, mesh)).items():
-        key = name.replace("areaDifference", "area_difference")
-        requireComparable(f"[membrane] target_{key}", target, own[name], f"the {name} of the mesh,")
+    targets = _targets(_surfaces(config, mesh))
+    for name, measure in measuresOf(mesh).items():
+        requireComparable(f"[membrane] target_{name}", targets[name], measure, f"the {name} of the mesh,")
     length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -335,17 +334,15 @@ def requireTrajectories(sampling: SamplingSection) -> None:
         )
 
 
-def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what the targets are compared with, by their names: the areas and volumes of the mesh's surfaces, and the
-    area differences of spheres.
+def measuresOf(mesh: Mesh) -> dict[str, float]:
+    """Return what targets are compared with, of each surface.  Area differences may be of any size: far away, they pull
+    evenly.
     """
-    thickness = 2 * config.membrane.leaflet_separation
-    return _targets(
-        [
-            _Surface(len(each.vertices), each.area, each.volume, thickness * 4 * math.pi * _radius(each.area))
-            for each in mesh.components()
-        ]
-    )
+    surfaces = mesh.components()
+    return {
+        **numberedTargets("area", [surface.area for surface in surfaces]),
+        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+    }
 
 
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
+from ..messages import quoted, shortened
 from ..units import thermalEnergy
 from .config import parseConfig
 from .configfile import configText
@@ -72,7 +73,9 @@ class _Source:
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
         except (configparser.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a configuration of TriMem: {' '.join(str(error).split())}") from None
+            raise ValueError(
+                f"{path} is not a configuration of TriMem: {shortened(' '.join(str(error).split()))}"
+            ) from None
         if not self._parser.has_section("ENERGY"):
             raise ValueError(f"{path} is not a configuration of TriMem: it has no section [ENERGY]")
         self.mesh = Path(self.text("GENERAL", "input", str(path.with_suffix(".stl"))))
@@ -84,7 +87,10 @@ class _Source:
     def text(self, section: str, key: str, default: str | None) -> Any:
         """Return a value as a string."""
         self._asked.add((section.lower(), key))
-        return self._parser.get(section, key, fallback=default)
+        try:
+            return self._parser.get(section, key, fallback=default)
+        except configparser.Error as error:
+            raise ValueError(f"{self.path}: {shortened(' '.join(str(error).split()))}") from None
 
     def number(self, section: str, key: str, default: float) -> Any:
         """Return a value as a number of the type of the default."""
@@ -95,7 +101,7 @@ class _Source:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(
-                f"{self.path}: [{section}] {key} is {text!r}; it must be "
+                f"{self.path}: [{section}] {key} is {quoted(text)}; it must be "
                 f"{'a whole number' if isinstance(default, int) else 'a number'}"
             )
         return value

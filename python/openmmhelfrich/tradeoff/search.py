@@ -365,16 +365,21 @@ class Search:
     def _load(self) -> None:
         """Take the points of an earlier search of the same scene."""
         if self._file.exists():
-            data = json.loads(self._file.read_text(encoding="utf-8"))
-            if data["scene"] != self._identity():
+            try:
+                data = json.loads(self._file.read_text(encoding="utf-8"))
+                scene, points = data["scene"], [Point(**point) for point in data["points"]]
+                minima = [Minimum(**minimum) for minimum in data.get("minima", ())]
+            except (ValueError, LookupError, TypeError, AttributeError):
+                raise ValueError(
+                    f"{self._file} is not the file of a search, or is damaged; choose another output prefix, or ask to "
+                    "overwrite files"
+                ) from None
+            if scene != self._identity():
                 raise ValueError(
                     f"{self._file} has the measurements of another scene, or of other versions; choose another output "
                     "prefix, or ask to overwrite files"
                 )
-            self.points, self.minima = (
-                [Point(**point) for point in data["points"]],
-                [Minimum(**minimum) for minimum in data.get("minima", ())],
-            )
+            self.points, self.minima = points, minima
 
     def _save(self) -> None:
         data = {
