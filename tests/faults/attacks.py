@@ -102,8 +102,12 @@ Contents: TypeAlias = dict[str, Any]
 
 
 def contentsOf(folder: Path) -> Contents:
-    """Return what equal files have in common, by the names of all files in a folder."""
-    return {str(file.relative_to(folder)): _contentOf(file) for file in sorted(folder.rglob("*")) if not file.is_dir()}
+    """Return what equal files have in common, by the names of all files in a folder.
+
+    A file that is no lock any more may be left of a lock.
+    """
+    files = (file for file in sorted(folder.rglob("*")) if not file.is_dir() and file.suffix != ".lock")
+    return {str(file.relative_to(folder)): _contentOf(file) for file in files}
 
 
 def _contentOf(file):
