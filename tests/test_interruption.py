@@ -111,7 +111,7 @@ def test_after_an_interruption_the_step_is_the_same():
 
     def run(*answers):
         mesh, asked = createBlob(2), []
-        force, integrator = createForce(mesh), mh.EdgeFlipIntegrator(300, 3000)
+        force, integrator = createForce(mesh), mh.EdgeFlipIntegrator(300, 15000)
         integrator.setRandomNumberSeed(1)
         context = createContext(mesh, force, "CPU", integrator)
         for answer in answers:

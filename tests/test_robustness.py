@@ -311,8 +311,8 @@ def test_a_mesh_that_claims_gigabytes(folder, kind):
 TABLES = {
     "a,b\n1,2\n": "is not a table of observables; it has no columns",
     "": "is not a table of observables",
-    "step,energy (kT),area (nm^2)\n1,2\n": "has 2 values in row 2; it has 3 columns",
-    "step,energy (kT),area (nm^2)\n1,x,3\n": "energy (kT) is 'x' in row 2; it must be a number",
+    "step,energy (kT),area (nm^2)\n1,2\n": "has 2 values in line 2; its first line names 3",
+    "step,energy (kT),area (nm^2)\n1,x,3\n": "energy (kT) is 'x' in line 2; it must be a number",
 }
 
 
