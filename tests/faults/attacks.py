@@ -39,7 +39,7 @@ from openmmhelfrich.runs.config import readTOML
 # What lets a program mount disks that no other sees.
 OWN_DISKS = ["unshare", "--user", "--map-root-user", "--mount"]
 # How often another process fills the disk, and how large that is.
-TIMES_FILLED, DISK = 300, "4m"
+TIMES_FILLED, DISK = 300, "12m"
 
 RUN = """
 [mesh]
@@ -228,6 +228,8 @@ class Attacked:
             return f"it dies of {signal.Signals(-outcome.code).name}"
         if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
             return f"exit code {outcome.code}, and it says: {outcome.errors}"
+        if outcome.code > 0 and not any(Path(name).stem in outcome.errors for name in self._expected):
+            return f"it names no file: {outcome.errors}"
         for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
             if int(step) > loadRunState(folder / f"{prefix}.checkpoint").step:
                 return f"the checkpoint is of an earlier step than it says: {outcome.errors}"
