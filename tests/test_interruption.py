@@ -156,7 +156,7 @@ def test_a_signal_ends_a_run(inFolder, key, number):
         time.sleep(0.1)
     time.sleep(1)
     process.send_signal(number)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=600)
     assert process.returncode == 128 + number and "Traceback" not in errors
     assert "resume run goes on" in output
     assert len(mh.Mesh.read("run.ply").triangles) == 320
