@@ -267,8 +267,8 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     back.
     """
     tether = config.tether
-    given = Tether(tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
-    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
+    isGiven = None not in (tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
+    mean = math.nan if isGiven else mesh.edgeLengths.mean()  # which takes a while for a large mesh
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(

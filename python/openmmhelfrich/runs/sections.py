@@ -326,8 +326,8 @@ class OutputSection(Section):
     )
     psf: bool | None = Field(
         None,
-        description="write PREFIX.psf, the atoms and bonds that VMD and mdtraj want beside PREFIX.dcd; by default for no "
-        "more than 200,000 vertices, since it is as large as a dozen frames",
+        description="write PREFIX.psf, the atoms and bonds that VMD and mdtraj want beside PREFIX.dcd; by default for "
+        "no more than 200,000 vertices, since it is as large as a dozen frames",
     )
     observables_interval: int = Field(10, ge=1, description="steps between rows of PREFIX.csv")
     checkpoint_interval: int | None = Field(

@@ -339,7 +339,7 @@ def _client(scheduler, workers):
         return
     require("cryptography", "a sweep", "sweep")  # for the certificate
     # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
-    silent = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
         require("dask", "a sweep", "sweep").config.set(silent),
         distributed.LocalCluster(
