@@ -295,7 +295,9 @@ def testPointThatFails(tmp_path, cluster):
     """Its reason is told; the others are done, and it is tried again by the next sweep."""
     grid = tmp_path / "grid.toml"
     grid.write_text(
-        """[base]\nmesh.icosphere = 1\n[base.sampling]\nsteps = 10\n[grid]\nmembrane.bending_modulus = [20, 1e308]\n"""
+        "[base]\nmesh.icosphere = 1\nsampling.steps = 10\n"
+        "tether = {modulus = 50.0, length_scale = 1e-5, min_length = 0.2, exponent = 60}\n"
+        "[grid]\ntether.max_length = [10.0, 0.3]\n"
     )
     folder = tmp_path / "results"
     result = CliRunner().invoke(

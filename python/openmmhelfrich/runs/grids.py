@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
@@ -138,6 +138,12 @@ class Grid(Section):
     base: Annotated[
         Any, Field(description="the configuration from which the points differ: the name of a file, or a table")
     ]
+
+    @field_validator("*")
+    @classmethod
+    def _range(cls, value: Any) -> Any:
+        return value  # the points' configurations have ranges
+
     seeds: int = Field(
         1,
         ge=1,

@@ -62,7 +62,7 @@ class Scene:
     targets : dict of float
         "area", "volume" and "areaDifference", in powers of nm
     ownMeasures : dict of float
-        the same of the mesh, but for an area difference that of a sphere of its area
+        the "area" and "volume" of the mesh
     tether : Tether
         the bounds of edges
     repulsionOnset : float
@@ -126,7 +126,7 @@ class Scene:
             kT=kT,
             moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
             targets={"area": area, "volume": volume, "areaDifference": areaDifference},
-            ownMeasures=measuresOf(config, mesh),
+            ownMeasures=measuresOf(mesh),
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
@@ -296,10 +296,8 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
 
 def checkSizes(config: Config, mesh: Mesh) -> None:
     """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
-    own = measuresOf(config, mesh)
-    for (name, measure), target in zip(own.items(), _targets(config, mesh)):
-        key = {"areaDifference": "area_difference"}.get(name, name)
-        requireComparable(f"[membrane] target_{key}", target, measure, f"the {name} of the mesh,")
+    for (name, measure), target in zip(measuresOf(mesh).items(), _targets(config, mesh)):
+        requireComparable(f"[membrane] target_{name}", target, measure, f"the {name} of the mesh,")
     length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -338,11 +336,9 @@ def requireTrajectories(sampling: SamplingSection) -> None:
         )
 
 
-def measuresOf(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what targets are compared with: the area and volume of a mesh, and the area difference of a sphere."""
-    area = mesh.area
-    areaDifference = 2 * config.membrane.leaflet_separation * 4 * math.pi * _radius(area)
-    return {"area": area, "volume": mesh.volume, "areaDifference": areaDifference}
+def measuresOf(mesh: Mesh) -> dict[str, float]:
+    """Return what targets are compared with.  Area differences may be of any size: far away, they pull evenly."""
+    return {"area": mesh.area, "volume": mesh.volume}
 
 
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:

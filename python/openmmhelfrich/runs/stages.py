@@ -86,9 +86,8 @@ class Stage(ABC):
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
         """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
         end = endTargets(settings, start)
-        own = scene.ownMeasures
-        for name, value in end.items():
-            requireComparable(f"the target {name}", value, own[name], f"the {name} of the mesh,")
+        for name, own in scene.ownMeasures.items():
+            requireComparable(f"the target {name}", end.get(name), own, f"the {name} of the mesh,")
         if end and not any(scene.moduli[name] > 0 for name in end):
             raise ValueError(f"it has a target for the {' and the '.join(end)}, whose modulus is 0; give it a modulus")
         return start | end
@@ -365,9 +364,10 @@ class Continue(MonteCarlo):
         super().check(settings, scene, start)
         path = cls._createPath(settings, start)
         for window in range(len(path.lambdas)):
-            for name, value in path.targets(window).items():
-                own = scene.ownMeasures[name]
-                requireComparable(f"the target {name} of window {window}", value, own, f"the {name} of the mesh,")
+            targets = path.targets(window)
+            for name, own in scene.ownMeasures.items():
+                what = f"the target {name} of window {window}"
+                requireComparable(what, targets.get(name), own, f"the {name} of the mesh,")
         return start | path.targets(len(path.lambdas) - 1)
 
     @classmethod

@@ -167,7 +167,7 @@ class StepSizeAdapter(_Adapter):
         """
         super().__init__(stepSize, acceptance)
         self._direction: int | None = 0  # of the search, as a power of 2; None when it is over
-        self._center = self._logStepSize
+        self._centre = self._logStepSize  # spelled as in checkpoints of version 0.1.0
         self._count, self._error, self._logAverage = 0, 0.0, 0.0
         self._isFrozen = False
 
@@ -225,12 +225,12 @@ class StepSizeAdapter(_Adapter):
             self._direction = direction
             self._logStepSize += direction * math.log(2)
         else:
-            self._direction, self._center = None, self._logStepSize
+            self._direction, self._centre = None, self._logStepSize
 
     def _average(self, probability: float) -> None:
         self._count += 1
         self._error += (self._acceptance - probability - self._error) / (self._count + self.T0)
-        self._logStepSize = self._center - math.sqrt(self._count) / self.GAMMA * self._error
+        self._logStepSize = self._centre - math.sqrt(self._count) / self.GAMMA * self._error
         self._logAverage += self._count**-self.KAPPA * (self._logStepSize - self._logAverage)
 
 
