@@ -36,7 +36,7 @@ def shownSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
     return surface, _smooth(surface.edges, curvature, area, 1)
 
 
-def _survivors(count, collapses):
+def _survivors(count: int, collapses: np.ndarray) -> NDArray[np.int64]:
     """Return which vertex of those left each of a number of vertices became, if pairs (kept, gone) collapsed."""
     graph = coo_array((np.ones(len(collapses), dtype=bool), collapses.T), shape=(count, count))
     numLeft, label = connected_components(graph, directed=False)
