@@ -111,7 +111,7 @@ def test_after_an_interruption_the_step_is_the_same():
 
     def run(*answers):
         mesh, asked = createBlob(2), []
-        force, integrator = createForce(mesh), mh.EdgeFlipIntegrator(300, 3000)
+        force, integrator = createForce(mesh), mh.EdgeFlipIntegrator(300, 15000)
         integrator.setRandomNumberSeed(1)
         context = createContext(mesh, force, "CPU", integrator)
         for answer in answers:
@@ -156,7 +156,7 @@ def test_a_signal_ends_a_run(inFolder, key, number):
         time.sleep(0.1)
     time.sleep(1)
     process.send_signal(number)
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=600)
     assert process.returncode == 128 + number and "Traceback" not in errors
     assert "resume run goes on" in output
     assert len(mh.Mesh.read("run.ply").triangles) == 320

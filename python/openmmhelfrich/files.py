@@ -24,9 +24,11 @@ def replacing(file: PathLike) -> Iterator[Path]:
         yield part
         sync(part)
         os.replace(part, path)
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(OSError):  # the first error tells more
             part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno and not error.filename:
+            error.filename = str(path)  # an error of a write does not know it
         raise
     syncFolder(path.parent)
 

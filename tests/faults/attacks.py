@@ -39,7 +39,7 @@ from openmmhelfrich.runs.config import readTOML
 # What lets a program mount disks that no other sees.
 OWN_DISKS = ["unshare", "--user", "--map-root-user", "--mount"]
 # How often another process fills the disk, and how large that is.
-TIMES_FILLED, DISK = 300, "4m"
+TIMES_FILLED, DISK = 300, "12m"
 
 RUN = """
 [mesh]
@@ -102,8 +102,12 @@ Contents: TypeAlias = dict[str, Any]
 
 
 def contentsOf(folder: Path) -> Contents:
-    """Return what equal files have in common, by the names of all files in a folder."""
-    return {str(file.relative_to(folder)): _contentOf(file) for file in sorted(folder.rglob("*")) if not file.is_dir()}
+    """Return what equal files have in common, by the names of all files in a folder.
+
+    A file that is no lock any more may be left of a lock.
+    """
+    files = (file for file in sorted(folder.rglob("*")) if not file.is_dir() and file.suffix != ".lock")
+    return {str(file.relative_to(folder)): _contentOf(file) for file in files}
 
 
 def _contentOf(file):
@@ -228,6 +232,8 @@ class Attacked:
             return f"it dies of {signal.Signals(-outcome.code).name}"
         if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
             return f"exit code {outcome.code}, and it says: {outcome.errors}"
+        if outcome.code > 0 and not any(Path(name).stem in outcome.errors for name in self._expected):
+            return f"it names no file: {outcome.errors}"
         for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
             if int(step) > loadRunState(folder / f"{prefix}.checkpoint").step:
                 return f"the checkpoint is of an earlier step than it says: {outcome.errors}"

@@ -235,7 +235,7 @@ MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh")
 KINDS = {
     "toml": Kind("other.toml", _create, r"\[\w+\] \w+"),
     "grid": Kind("grid.toml", lambda: readGrid("grid.toml"), "there is no configuration file | is a folder"),
-    "trimem": Kind("trimem.inp", lambda: _do("config", "--from-trimem", "trimem.inp")),
+    "trimem": Kind("trimem.inp", lambda: _do("config", "--from-trimem", "trimem.inp"), "File name too long"),
     **{suffix: Kind(f"mesh.{suffix}", functools.partial(_check, f"mesh.{suffix}")) for suffix in MESHES},
     "vtkhdf": Kind("run.vtkhdf", lambda: _convert("run.vtkhdf")),
     "dcd": Kind("run.dcd", lambda: _convert("run.dcd", "--topology", "run.ply")),

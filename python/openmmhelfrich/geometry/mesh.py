@@ -412,7 +412,8 @@ def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) 
 
 def _floats(vertices: Any) -> np.ndarray:
     try:
-        vertices = np.array(vertices, dtype=np.float64)
+        with np.errstate(invalid="ignore"):  # what is no number is found later
+            vertices = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError("the vertices must be an array of numbers of shape (N, 3)") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:

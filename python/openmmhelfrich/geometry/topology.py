@@ -17,12 +17,13 @@ class MeshTopology(app.Topology):
     for.
     """
 
-    _MADE_LATER = ("_chains", "_numResidues", "_numAtoms", "_bonds")
+    _MADE_LATER = ("_chains", "_numResidues", "_bonds")
 
     def __init__(self, triangles: NDArray[np.integer], numVertices: int):
         """Create a MeshTopology from arrays; the triangles are copied."""
         super().__init__()
         self._triangles, self._numVertices = triangles.copy(), numVertices
+        self._numAtoms = numVertices
         for name in self._MADE_LATER:
             delattr(self, name)
 

@@ -17,7 +17,7 @@ from .scene import Scene
 PICTURES_LIBRARY, VERTEX = 40e6, 5000
 # Of the disk, in bytes: a vertex in a frame of each trajectory, and in the files that are there once (of a checkpoint
 # there are two while one takes the place of the other); a row of the table; pictures.
-DCD_FRAME, MESH_FRAME, SINGLE_FILES, ROW, PICTURES = 12, 30, 375, 250, 200e3
+DCD_FRAME, MESH_FRAME, SINGLE_FILES, PSF, ROW, PICTURES = 12, 30, 226, 149, 250, 200e3
 
 
 def requireRoom(scene: Scene, outputs: Outputs, step: int = 0) -> None:
@@ -65,7 +65,8 @@ def diskSize(config: Config, numVertices: int, step: int = 0) -> float:
     size = frames * DCD_FRAME * numVertices + count(output.observables_interval) * ROW
     if output.mesh_trajectory:  # of which a second copy lies beside it while it grows
         size += (frames + steps // output.trajectory_interval) * MESH_FRAME * numVertices
-    return size + (SINGLE_FILES * numVertices + PICTURES if step == 0 else 0)
+    once = SINGLE_FILES + (PSF if output.psf else 0)
+    return size + (once * numVertices + PICTURES if step == 0 else 0)
 
 
 def _freeMemory() -> float:
