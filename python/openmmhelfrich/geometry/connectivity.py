@@ -297,8 +297,12 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, s
 
 def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
     count, label = labelComponents(triangles, len(vertices))
-    for membrane in range(count):
-        part = triangles[label[triangles[:, 0]] == membrane] if count > 1 else triangles
+    parts = [triangles]
+    if count > 1:
+        mine = label[triangles[:, 0]]
+        order, sizes = np.argsort(mine, kind="stable"), np.bincount(mine, minlength=count)
+        parts = np.split(triangles[order], np.cumsum(sizes)[:-1])
+    for part in parts:
         v = signedVolume(vertices, part)
         if v <= 0:
             raise ValueError(

@@ -247,7 +247,8 @@ class Mesh:
             return [self]
         order = np.argsort(label, kind="stable")
         parts = np.split(self.triangles[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
-        return [Mesh(self.vertices, part, self.box)._withoutLooseVertices() for part in parts]
+        whole = (np.unique(part, return_inverse=True) for part in parts)
+        return [Mesh(self.vertices[used], part.reshape(-1, 3), self.box) for used, part in whole]
 
     def check(self) -> None:
         """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
