@@ -130,8 +130,12 @@ def _contentOf(file):
     return re.sub(OWN, b"", file.read_bytes())
 
 
-# What is of a time or a run: dates, checksums of files that have dates, the identity of a run.
-OWN = rb"(?<=Created by meshio v)[^\n<]*|\d{4}-\d\d-\d\d \d\d:\d\d UTC|\b[0-9a-f]{64}\b|\b[0-9a-f]{32}\b"
+# What is of a time, a run or a place: dates, checksums of files that have dates, the identity of a run, the folder of a
+# sweep and the size of a file that has it.
+OWN = re.compile(
+    rb"(?<=Created by meshio v)[^\n<]*|\d{4}-\d\d-\d\d \d\d:\d\d UTC|\b[0-9a-f]{64}\b|\b[0-9a-f]{32}\b"
+    rb'|(?<=")/[^"\n]*(?=/grid/)|(?<="settings": {\n   "size": )\d+'
+)
 
 
 def differences(found: Contents, expected: Contents) -> str:
@@ -232,7 +236,7 @@ class Attacked:
             return f"it dies of {signal.Signals(-outcome.code).name}"
         if outcome.code > 0 and not re.fullmatch("(openmm-helfrich: .+\n)+", outcome.errors):
             return f"exit code {outcome.code}, and it says: {outcome.errors}"
-        if outcome.code > 0 and not any(Path(name).stem in outcome.errors for name in self._expected):
+        if outcome.code > 0 and not any(Path(name).stem in outcome.errors for name in (*self._expected, folder)):
             return f"it names no file: {outcome.errors}"
         for prefix, step in re.findall(r"the results of (\S+) cannot .* up to step (\d+) is safe", outcome.errors):
             if int(step) > loadRunState(folder / f"{prefix}.checkpoint").step:
