@@ -47,7 +47,7 @@ def surfaceOf(labels: np.ndarray, voxelSize: float, file: Path) -> None:
 
 def picture(meshes: dict[str, mh.Mesh], file: Path) -> None:
     """Draw meshes beside each other, with their edges."""
-    plotter = pyvista.Plotter(shape=(1, len(meshes)), off_screen=True, window_size=(500 * len(meshes), 520))
+    plotter = pyvista.Plotter(shape=(1, len(meshes)), off_screen=True, window_size=[500 * len(meshes), 520])
     for place, (title, mesh) in enumerate(meshes.items()):
         plotter.subplot(0, place)
         faces = np.column_stack((np.full(len(mesh.triangles), 3), mesh.triangles))

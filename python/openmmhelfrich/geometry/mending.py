@@ -23,6 +23,8 @@ _NEEDLE = 1e-2
 _ROUNDS = 30
 # How far the sheets of a surface that touched itself move apart, in parts of their edges.
 _PARTING = 0.1
+# An open surface is inside out if its volume is less than this multiple of its area to the power of 3/2.
+_CLEARLY = -0.01
 # How many things of a kind are named one by one.
 _NAMED = 10
 
@@ -75,15 +77,19 @@ def repair(
     elif (sentence := foldedEdges(vertices, triangles)) is not None:
         raise ValueError(f"{sentence}; the lengths of the box must be given (--box) to unfold it")
     _weld(surface, wanted.tolerance)
-    if wanted.reverse:
-        surface.triangles = surface.triangles[:, ::-1].copy()
-        surface.notes.append("all facets were turned round, as asked for")
     repeated = _dropTwice(surface)
     _dropRepeated(surface)
-    _orient(surface, outwards=not wanted.reverse)
+    _agree(surface)
+    isTurned = _turnAll(surface)
     _dropFlat(surface, repeated)
     _part(surface)
     _keepSurfaces(surface, wanted)
+    if not wanted.reverse:
+        _turnOutwards(surface, isTurned)
+    elif not isTurned:
+        surface.triangles = surface.triangles[:, ::-1]
+    if wanted.reverse:
+        surface.notes.append("all facets were turned round, as asked for")
     _holes(surface, wanted.closeHoles)
     return surface.vertices, surface.triangles, surface.notes
 
@@ -319,25 +325,32 @@ def _components(a, b, size):
     return connected_components(graph, directed=False)
 
 
-def _orient(surface, outwards):
-    """Turn triangles that run against their neighbors, and then surfaces that are inside out.
+def _patches(surface):
+    """Return the halfedges of edges with two triangles, as two arrays, and the number and the patch of each triangle
+    that such edges join.
+    """
+    order, start, counts = surface.edges()
+    first, second = order[start[counts == 2]], order[start[counts == 2] + 1]
+    count, patch = _components(first // 3, second // 3, len(surface.triangles))
+    return first, second, count, patch
+
+
+def _agree(surface):
+    """Turn triangles that run against their neighbors.
 
     Every triangle is two nodes of a graph, one for each way round, and neighbors are joined in the ways that agree: a
     surface with two sides is two components.
     """
-    order, start, counts = surface.edges()
+    first, second, numPatches, patch = _patches(surface)
     origin, _ = connectivity.halfedges(surface.triangles)
-    first, second = order[start[counts == 2]], order[start[counts == 2] + 1]
     f, g, differ = first // 3, second // 3, (origin[first] == origin[second]).astype(np.int64)
     size = len(surface.triangles)
-    _, patch = _components(f, g, size)
     way = np.concatenate((f, f + size)), np.concatenate((g + size * differ, g + size * (1 - differ)))
     _, label = _components(*way, 2 * size)
     if np.any(label[:size] == label[size:]):
         surface.notes.append("a surface has one side only, like a Moebius strip; it cannot be oriented")
         return
     # The component of the first triangle of a patch is the one whose way round the patch keeps, unless most would turn.
-    numPatches = int(patch.max()) + 1 if size else 0
     _, example = np.unique(patch, return_index=True)
     isTurned = label[:size] != label[:size][example][patch]
     most = np.bincount(patch, isTurned, numPatches) > np.bincount(patch, minlength=numPatches) / 2
@@ -345,24 +358,39 @@ def _orient(surface, outwards):
     surface.triangles = np.where(isTurned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
     if isTurned.any():
         surface.notes.append(f"{counted(int(isTurned.sum()), 'facet')} turned round, to agree with the neighbors")
-    if outwards:
-        _turnOutwards(surface, patch, numPatches)
 
 
-def _turnOutwards(surface, patch, numPatches):
-    """Turn surfaces whose volume is negative, or clearly so if they are open."""
+def _volumes(surface, patch, numPatches):
+    """Return the volumes and areas of patches of triangles."""
     x = surface.vertices[surface.triangles]
-    weights = np.bincount(patch, minlength=numPatches)[:, np.newaxis]
-    centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) for k in range(3)]) / np.maximum(weights, 1)
+    weights = np.maximum(np.bincount(patch, minlength=numPatches), 1)
+    centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) / weights for k in range(3)])
     x = x - centers[patch][:, np.newaxis]
-    volumes = np.bincount(patch, np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2])), numPatches) / 6
-    areas = np.bincount(patch, surface.areas()[0] / 2, numPatches)
+    volumes = np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6
+    return np.bincount(patch, volumes, numPatches), np.bincount(patch, surface.areas()[0] / 2, numPatches)
+
+
+def _turnAll(surface):
+    """Turn everything round if it is clearly inside out, and return whether it was."""
+    (volume,), (area,) = _volumes(surface, np.zeros(len(surface.triangles), dtype=np.int64), 1)
+    isInside = bool(volume < _CLEARLY * area**1.5)
+    if isInside:
+        surface.triangles = surface.triangles[:, ::-1]
+    return isInside
+
+
+def _turnOutwards(surface, isTurned):
+    """Turn surfaces whose volume is negative, or clearly so if they are open, and note how many are now the other way
+    round than they were at first, if all of them were turned before.
+    """
+    _, _, numPatches, patch = _patches(surface)
+    volumes, areas = _volumes(surface, patch, numPatches)
     isOpen = np.bincount(patch, np.any(surface.facetsPerHalfedge() == 1, axis=1), numPatches) > 0
-    isInside = np.where(isOpen, volumes < -0.01 * areas**1.5, volumes < 0)
-    turned = isInside[patch]
-    surface.triangles = np.where(turned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
-    if isInside.any():
-        surface.notes.append(f"{counted(int(isInside.sum()), 'surface')} inside out and turned")
+    isInside = np.where(isOpen, volumes < _CLEARLY * areas**1.5, volumes < 0)
+    surface.triangles = np.where(isInside[patch][:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
+    count = int(np.sum(isInside != isTurned))
+    if count:
+        surface.notes.append(f"{counted(count, 'surface')} inside out and turned")
 
 
 def _part(surface):
@@ -387,10 +415,11 @@ def _part(surface):
 
 def _partVertices(surface):
     """Give each fan of triangles around a vertex a vertex of its own, and return how many that added."""
-    first, second = (np.concatenate(halves) for halves in zip(*_sheets(surface)))
+    (first, second), (some, others) = _sheets(surface)
     corner = np.arange(surface.triangles.size)
     following = _next(corner)
-    _, fan = _components(np.r_[first, following[first]], np.r_[following[second], second], len(corner))
+    links = [(first, following[second]), (following[first], second), (some, others)]
+    _, fan = _components(*(np.concatenate(ends) for ends in zip(*links)), len(corner))
     vertex = surface.triangles.ravel()
     _, example, member = np.unique(fan, return_index=True, return_inverse=True)
     owner = vertex[example]  # of each fan
@@ -415,7 +444,7 @@ def _divideEdges(surface):
     """Divide edges at which sheets touch that share their ends, with a vertex in the middle for each sheet; return how
     many vertices that added.
     """
-    (_, _), (first, second) = _sheets(surface)
+    first, second = _crowded(surface)[0]
     vertices: list[Points] = []
     triangles, isTouched = [surface.triangles], np.zeros(len(surface.triangles), dtype=bool)
     for h, o in zip(first.tolist(), second.tolist()):
@@ -434,18 +463,34 @@ def _divideEdges(surface):
 
 
 def _sheets(surface):
-    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet: those of edges
-    with two triangles, and those of edges with more, where they can be told.
+    """Return pairs of halfedges that run in opposite directions along an edge of one sheet, and pairs of corners that
+    belong together all the same, as two rows each: where triangles run against each other, or sheets cannot be told.
+    """
+    first, second, _, _ = _patches(surface)
+    origin, target = connectivity.halfedges(surface.triangles)
+    agree = origin[first] != origin[second]
+    told, untold = _crowded(surface)
+    f, g = np.concatenate((np.stack((first[~agree], second[~agree])), untold), axis=1)
+    sameWay = origin[f] == origin[g]
+    corners = np.where(sameWay, g, _next(g)), np.where(sameWay, _next(g), g)
+    together = np.stack((np.concatenate((f, _next(f))), np.concatenate(corners)))
+    return np.concatenate((np.stack((first[agree], second[agree])), told), axis=1), together
+
+
+def _crowded(surface):
+    """Return pairs of the halfedges of edges with more than two triangles, as two rows: those of one sheet each, and,
+    where that is not certain, each with the next.
     """
     order, start, counts = surface.edges()
     origin, _ = connectivity.halfedges(surface.triangles)
-    two = start[counts == 2]
-    first, second = order[two], order[two + 1]
-    agree = origin[first] != origin[second]
-    crowded = [np.zeros((2, 0), dtype=np.int64)]
+    told, untold = [np.zeros((2, 0), dtype=np.int64)], [np.zeros((2, 0), dtype=np.int64)]
     for e in np.flatnonzero(counts > 2).tolist():
-        crowded.append(_pairAround(surface, order[start[e] : start[e] + counts[e]], origin))
-    return (first[agree], second[agree]), np.concatenate(crowded, axis=1)
+        some = order[start[e] : start[e] + counts[e]]
+        paired = _pairAround(surface, some, origin)
+        told.append(paired)
+        if not paired.size:
+            untold.append(np.stack((some[:-1], some[1:])))
+    return np.concatenate(told, axis=1), np.concatenate(untold, axis=1)
 
 
 def _pairAround(surface, some, origin):
