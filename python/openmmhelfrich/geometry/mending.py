@@ -415,11 +415,12 @@ def _part(surface):
 
 def _partVertices(surface):
     """Give each fan of triangles around a vertex a vertex of its own, and return how many that added."""
-    (first, second), (some, others) = _sheets(surface)
+    (first, second), together = _sheets(surface)
     corner = np.arange(surface.triangles.size)
     following = _next(corner)
-    links = [(first, following[second]), (following[first], second), (some, others)]
-    _, fan = _components(*(np.concatenate(ends) for ends in zip(*links)), len(corner))
+    links = [(first, following[second]), (following[first], second), together]
+    ends, others = (np.concatenate(halves) for halves in zip(*links))
+    _, fan = _components(ends, others, len(corner))
     vertex = surface.triangles.ravel()
     _, example, member = np.unique(fan, return_index=True, return_inverse=True)
     owner = vertex[example]  # of each fan
@@ -582,7 +583,8 @@ def _loops(surface):
         while v != first and v in after:
             loop.append(v)
             v = after.pop(v)
-        loops.append(np.array(loop))
+        if v == first and len(loop) > 2:  # others come of edges with more than two facets
+            loops.append(np.array(loop))
     return loops
 
 
