@@ -25,6 +25,8 @@ _NEEDLE = 1e-2
 _ROUNDS = 30
 # How far the sheets of a surface that touched itself move apart, in parts of their edges.
 _PARTING = 0.1
+# An open surface is inside out if its volume is less than this multiple of its area to the power of 3/2.
+_CLEARLY = -0.01
 # How many things of a kind are named one by one.
 _NAMED = 10
 
@@ -77,22 +79,19 @@ def repair(
     elif (sentence := foldedEdges(vertices, triangles)) is not None:
         raise ValueError(f"{sentence}; the lengths of the box must be given (--box) to unfold it")
     _weld(surface, wanted.tolerance)
-    if wanted.reverse:
-        surface.triangles = surface.triangles[:, ::-1].copy()
-        surface.notes.append("all facets were turned round, as asked for")
     repeated = _dropTwice(surface)
     _dropRepeated(surface)
-    patch, hasTwoSides = _orient(surface)
-    isToTurn = hasTwoSides and not wanted.reverse
-    # Patches that agree where they touch would not do so any more if each were turned by itself.
-    turnsLater = isToTurn and _touchesInAgreement(surface)
-    if isToTurn and not turnsLater:
-        _turnOutwards(surface, patch)
+    _agree(surface)
+    isTurned = _turnAll(surface)
     _dropFlat(surface, repeated)
     _part(surface)
-    if turnsLater:
-        _turnOutwards(surface, surfaces(surface.triangles, len(surface.vertices))[1])
     _keepSurfaces(surface, wanted)
+    if not wanted.reverse:
+        _turnOutwards(surface, isTurned)
+    elif not isTurned:
+        surface.triangles = surface.triangles[:, ::-1]
+    if wanted.reverse:
+        surface.notes.append("all facets were turned round, as asked for")
     _holes(surface, wanted.closeHoles)
     return surface.vertices, surface.triangles, surface.notes
 
@@ -330,26 +329,32 @@ def _components(a: NDArray[np.int64], b: NDArray[np.int64], size: int) -> tuple[
     return connected_components(graph, directed=False)
 
 
-def _orient(surface: _Surface) -> tuple[NDArray[np.int64], bool]:
-    """Turn triangles that run against their neighbors, and return the number of the patch that each belongs to, and
-    whether each has two sides.
+def _patches(surface: _Surface) -> tuple[Halfedges, Halfedges, int, NDArray[np.int64]]:
+    """Return the halfedges of edges with two triangles, as two arrays, and the number and the patch of each triangle
+    that such edges join.
+    """
+    order, start, counts = surface.edges()
+    first, second = order[start[counts == 2]], order[start[counts == 2] + 1]
+    count, patch = _components(first // 3, second // 3, len(surface.triangles))
+    return first, second, count, patch
+
+
+def _agree(surface: _Surface) -> None:
+    """Turn triangles that run against their neighbors.
 
     Every triangle is two nodes of a graph, one for each way round, and neighbors are joined in the ways that agree: a
     surface with two sides is two components.
     """
-    order, start, counts = surface.edges()
+    first, second, numPatches, patch = _patches(surface)
     origin, _ = connectivity.halfedges(surface.triangles)
-    first, second = order[start[counts == 2]], order[start[counts == 2] + 1]
     f, g, differ = first // 3, second // 3, (origin[first] == origin[second]).astype(np.int64)
     size = len(surface.triangles)
-    _, patch = _components(f, g, size)
     way = np.concatenate((f, f + size)), np.concatenate((g + size * differ, g + size * (1 - differ)))
     _, label = _components(*way, 2 * size)
     if np.any(label[:size] == label[size:]):
         surface.notes.append("a surface has one side only, like a Moebius strip; it cannot be oriented")
-        return patch, False
+        return
     # The component of the first triangle of a patch is the one whose way round the patch keeps, unless most would turn.
-    numPatches = int(patch.max()) + 1 if size else 0
     _, example = np.unique(patch, return_index=True)
     isTurned = label[:size] != label[:size][example][patch]
     most = np.bincount(patch, isTurned, numPatches) > np.bincount(patch, minlength=numPatches) / 2
@@ -357,32 +362,39 @@ def _orient(surface: _Surface) -> tuple[NDArray[np.int64], bool]:
     surface.triangles = np.where(isTurned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
     if isTurned.any():
         surface.notes.append(f"{counted(int(isTurned.sum()), 'facet')} turned round, to agree with the neighbors")
-    return patch, True
 
 
-def _touchesInAgreement(surface: _Surface) -> bool:
-    """Return whether there are edges of more than two facets, and as many of these run one way as the other."""
-    order, start, counts = surface.edges()
-    origin, target = connectivity.halfedges(surface.triangles)
-    way = np.where(origin[order] < target[order], 1, -1)
-    return bool(np.any(counts > 2) and not np.any(np.add.reduceat(way, start)[counts > 2]))
-
-
-def _turnOutwards(surface: _Surface, patch: NDArray[np.int64]) -> None:
-    """Turn patches whose volume is negative, or clearly so if they are open."""
-    numPatches = int(patch.max(initial=-1)) + 1
+def _volumes(surface: _Surface, patch: NDArray[np.int64], numPatches: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the volumes and areas of patches of triangles."""
     x = surface.vertices[surface.triangles]
-    weights = np.bincount(patch, minlength=numPatches)[:, np.newaxis]
-    centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) for k in range(3)]) / np.maximum(weights, 1)
+    weights = np.maximum(np.bincount(patch, minlength=numPatches), 1)
+    centers = np.column_stack([np.bincount(patch, x[:, 0, k], numPatches) / weights for k in range(3)])
     x = x - centers[patch][:, np.newaxis]
-    volumes = np.bincount(patch, np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2])), numPatches) / 6
-    areas = np.bincount(patch, surface.areas()[0] / 2, numPatches)
+    volumes = np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6
+    return np.bincount(patch, volumes, numPatches), np.bincount(patch, surface.areas()[0] / 2, numPatches)
+
+
+def _turnAll(surface: _Surface) -> bool:
+    """Turn everything round if it is clearly inside out, and return whether it was."""
+    (volume,), (area,) = _volumes(surface, np.zeros(len(surface.triangles), dtype=np.int64), 1)
+    isInside = bool(volume < _CLEARLY * area**1.5)
+    if isInside:
+        surface.triangles = surface.triangles[:, ::-1]
+    return isInside
+
+
+def _turnOutwards(surface: _Surface, isTurned: bool) -> None:
+    """Turn surfaces whose volume is negative, or clearly so if they are open, and note how many are now the other way
+    round than they were at first, if all of them were turned before.
+    """
+    _, _, numPatches, patch = _patches(surface)
+    volumes, areas = _volumes(surface, patch, numPatches)
     isOpen = np.bincount(patch, np.any(surface.facetsPerHalfedge() == 1, axis=1), numPatches) > 0
-    isInside = np.where(isOpen, volumes < -0.01 * areas**1.5, volumes < 0)
-    turned = isInside[patch]
-    surface.triangles = np.where(turned[:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
-    if isInside.any():
-        surface.notes.append(f"{counted(int(isInside.sum()), 'surface')} inside out and turned")
+    isInside = np.where(isOpen, volumes < _CLEARLY * areas**1.5, volumes < 0)
+    surface.triangles = np.where(isInside[patch][:, np.newaxis], surface.triangles[:, ::-1], surface.triangles)
+    count = int(np.sum(isInside != isTurned))
+    if count:
+        surface.notes.append(f"{counted(count, 'surface')} inside out and turned")
 
 
 def _part(surface: _Surface) -> None:
@@ -407,10 +419,12 @@ def _part(surface: _Surface) -> None:
 
 def _partVertices(surface: _Surface) -> int:
     """Give each fan of triangles around a vertex a vertex of its own, and return how many that added."""
-    first, second = (np.concatenate(halves) for halves in zip(*_sheets(surface)))
+    (first, second), together = _sheets(surface)
     corner = np.arange(surface.triangles.size)
     following = _next(corner)
-    _, fan = _components(np.r_[first, following[first]], np.r_[following[second], second], len(corner))
+    links = [(first, following[second]), (following[first], second), together]
+    ends, others = (np.concatenate(halves) for halves in zip(*links))
+    _, fan = _components(ends, others, len(corner))
     vertex = surface.triangles.ravel()
     _, example, member = np.unique(fan, return_index=True, return_inverse=True)
     owner = vertex[example]  # of each fan
@@ -435,7 +449,7 @@ def _divideEdges(surface: _Surface) -> int:
     """Divide edges at which sheets touch that share their ends, with a vertex in the middle for each sheet; return how
     many vertices that added.
     """
-    (_, _), (first, second) = _sheets(surface)
+    first, second = _crowded(surface)[0]
     vertices: list[Points] = []
     triangles, isTouched = [surface.triangles], np.zeros(len(surface.triangles), dtype=bool)
     for h, o in zip(first.tolist(), second.tolist()):
@@ -453,19 +467,35 @@ def _divideEdges(surface: _Surface) -> int:
     return len(vertices)
 
 
-def _sheets(surface: _Surface) -> tuple[tuple[Halfedges, Halfedges], Halfedges]:
-    """Return pairs of halfedges that run in opposite directions along an edge and belong to one sheet: those of edges
-    with two triangles, and those of edges with more, where they can be told.
+def _sheets(surface: _Surface) -> tuple[Halfedges, Halfedges]:
+    """Return pairs of halfedges that run in opposite directions along an edge of one sheet, and pairs of corners that
+    belong together all the same, as two rows each: where triangles run against each other, or sheets cannot be told.
+    """
+    first, second, _, _ = _patches(surface)
+    origin, target = connectivity.halfedges(surface.triangles)
+    agree = origin[first] != origin[second]
+    told, untold = _crowded(surface)
+    f, g = np.concatenate((np.stack((first[~agree], second[~agree])), untold), axis=1)
+    sameWay = origin[f] == origin[g]
+    corners = np.where(sameWay, g, _next(g)), np.where(sameWay, _next(g), g)
+    together = np.stack((np.concatenate((f, _next(f))), np.concatenate(corners)))
+    return np.concatenate((np.stack((first[agree], second[agree])), told), axis=1), together
+
+
+def _crowded(surface: _Surface) -> tuple[Halfedges, Halfedges]:
+    """Return pairs of the halfedges of edges with more than two triangles, as two rows: those of one sheet each, and,
+    where that is not certain, each with the next.
     """
     order, start, counts = surface.edges()
     origin, _ = connectivity.halfedges(surface.triangles)
-    two = start[counts == 2]
-    first, second = order[two], order[two + 1]
-    agree = origin[first] != origin[second]
-    crowded = [np.zeros((2, 0), dtype=np.int64)]
+    told, untold = [np.zeros((2, 0), dtype=np.int64)], [np.zeros((2, 0), dtype=np.int64)]
     for e in np.flatnonzero(counts > 2).tolist():
-        crowded.append(_pairAround(surface, order[start[e] : start[e] + counts[e]], origin))
-    return (first[agree], second[agree]), np.concatenate(crowded, axis=1)
+        some = order[start[e] : start[e] + counts[e]]
+        paired = _pairAround(surface, some, origin)
+        told.append(paired)
+        if not paired.size:
+            untold.append(np.stack((some[:-1], some[1:])))
+    return np.concatenate(told, axis=1), np.concatenate(untold, axis=1)
 
 
 def _pairAround(surface: _Surface, some: Halfedges, origin: NDArray[np.int64]) -> Halfedges:
@@ -484,17 +514,11 @@ def _pairAround(surface: _Surface, some: Halfedges, origin: NDArray[np.int64]) -
     v = np.cross(axis, u)
     angles = np.arctan2(apexes @ u * np.linalg.norm(axis), -apexes @ v)
     around = some[np.argsort(angles, kind="stable")]
+    isForward = origin[around] == i
     # With the outside in front of each facet, the inside is between one that runs backward and the next that runs
-    # forward; where a cavity has been turned outwards, also between those that are next when such pairs are gone.
-    isForward = dict(zip(around.tolist(), (origin[around] == i).tolist()))
-    waiting: list[int] = []
-    pairs: dict[int, int] = {}
-    for h in [*isForward, *isForward]:
-        if isForward[h] and h not in pairs and waiting:
-            pairs[h] = waiting.pop()
-        elif not isForward[h] and len(waiting) + len(pairs) < len(around) // 2:
-            waiting.append(h)
-    return np.array([*pairs.items()], dtype=np.int64).reshape(-1, 2).T
+    # forward.
+    begin = np.flatnonzero(~isForward & np.roll(isForward, -1))
+    return none if 2 * len(begin) != len(around) else np.stack((np.roll(around, -1)[begin], around[begin]))
 
 
 def _keepSurfaces(surface: _Surface, wanted: Wanted) -> None:
@@ -563,7 +587,8 @@ def _loops(surface: _Surface) -> list[NDArray[np.int64]]:
         while v != first and v in after:
             loop.append(v)
             v = after.pop(v)
-        loops.append(np.array(loop))
+        if v == first and len(loop) > 2:  # others come of edges with more than two facets
+            loops.append(np.array(loop))
     return loops
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 def main(source: str, output: str) -> None:
     """Read the source and write points, types, sizes and corners of cells to the output."""
-    limit = int(os.environ["READER_BYTES"])
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    for name, kind in (("READER_BYTES", resource.RLIMIT_DATA), ("READER_SECONDS", resource.RLIMIT_CPU)):
+        limit = int(os.environ[name])
+        resource.setrlimit(kind, (limit, limit + 1))
     import numpy as np
 
     data = _read(source)

@@ -9,6 +9,7 @@ a damaged file can end the process that reads it.
 import importlib.util
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,7 @@ from ...optional import require
 from . import meshiofiles
 from .content import Content, trianglesOfStrip
 
-_SECONDS = 10
+_SECONDS = 10  # of the processor, for a small file
 _BYTES = 2**31
 
 # The types of VTK's cells: what becomes of them.
@@ -62,16 +63,21 @@ def _readWithoutVTK(path: Path) -> Content:
 
 def _readElsewhere(path: Path, output: Path) -> None:
     """Have VTK read a file in a process of its own, which leaves arrays in another file."""
+    size = path.stat().st_size
+    seconds = _SECONDS + size // 1000000
+    limits = {"OPENBLAS_NUM_THREADS": "1", "READER_BYTES": str(_BYTES + 40 * size), "READER_SECONDS": str(seconds)}
     try:
         done = subprocess.run(
             [sys.executable, "-I", str(Path(__file__).with_name("_vtkreader.py")), str(path), str(output)],
             capture_output=True,
-            timeout=_SECONDS + path.stat().st_size / 1e6,
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "READER_BYTES": str(_BYTES + 40 * path.stat().st_size)},
+            timeout=12 * seconds,
+            env=os.environ | limits,
             check=False,
         )
     except subprocess.TimeoutExpired:
         raise ValueError("VTK does not come to an end of reading it") from None
+    if done.returncode == -signal.SIGXCPU:
+        raise ValueError("VTK does not come to an end of reading it")
     if done.returncode != 0 or not output.exists():
         raise ValueError(f"VTK cannot read it: {_reason(done.stderr.decode('utf-8', 'replace'))}")
 
