@@ -180,7 +180,7 @@ def test_many_triangles():
 @pytest.mark.parametrize(
     "make, versions",
     [
-        (completeForce, "1 to 4"),
+        (completeForce, "1 to 5"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),
