@@ -190,6 +190,7 @@ def test_many_triangles():
     "make, versions",
     [
         (forceOfSurfaces, "1 to 5"),
+        (completeForce, "1 to 5"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),
