@@ -292,12 +292,14 @@ def _stopAfter(step):
 
 def judge(kind: Kind) -> str:
     """Read a file in the working folder, and return what is wrong with how that ends; "" if nothing is."""
-    said = io.StringIO()
+    said, printed = io.StringIO(), io.StringIO()
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(printed):
             kind.read()
         return said.getvalue()
     except SystemExit:
+        if "ready after" in printed.getvalue():  # the verdict of check
+            return said.getvalue()
         lines = said.getvalue().splitlines()
         if not lines or not all(line.startswith("openmm-helfrich: ") for line in lines):
             return f"it says: {said.getvalue()}"

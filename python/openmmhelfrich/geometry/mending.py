@@ -31,6 +31,10 @@ _CLEARLY = -0.01
 _NAMED = 10
 
 
+# Coordinates that are too large for areas or volumes are named by Mesh.check().
+_unwarned = np.errstate(over="ignore", invalid="ignore")
+
+
 @dataclass
 class Wanted:
     """What :func:`repair` is asked for; see :meth:`Mesh.repaired`."""
@@ -69,6 +73,7 @@ class _Surface:
         return np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1), sides
 
 
+@_unwarned
 def repair(
     vertices: Points, triangles: NDArray[np.integer], box: Points | None, wanted: Wanted
 ) -> tuple[Points, Triangles, list[str]]:
@@ -109,6 +114,7 @@ def place(point: Points) -> str:
 # --- periodic boxes
 
 
+@_unwarned
 def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | None = None) -> str | None:
     """Return a sentence on edges that lead through the sides of a box, as those of a surface do that was folded into
     it, or None if there are none.
