@@ -5,6 +5,7 @@ import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
+from conftest import together
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf, positionsOf
 
 T = 3000
@@ -61,10 +62,11 @@ INTEGRATORS = {
 
 def createChanged(create, platform, numMembranes=1):
     """Return a Context with other triangles than its forces have, the forces and the triangles."""
-    mesh = createBlob(1)
-    forces = []
+    blob, forces = createBlob(1), []
+    mesh = together(*[blob] * numMembranes)
     for i in range(numMembranes):
-        forces.append(createForce(mesh))
+        forces.append(createForce(blob))
+        forces[-1].setTriangles(blob.triangles + i * len(blob.vertices))
         forces[-1].setName(f"Vesicle{i}")
     context = createContext(mesh, forces, platform, create())
     changed = []
