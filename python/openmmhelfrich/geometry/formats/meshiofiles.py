@@ -61,11 +61,16 @@ def suffixes() -> set[str]:
 
 def _reason(error: BaseException, said: str) -> str:
     """Return why the library failed: what it printed or raised."""
-    lines = [" ".join(line.split()) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
+    lines = [_inWords(line) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
     if isinstance(error, SystemExit) or not str(error):
         return lines[0] if lines else "it is damaged, or of another format"
-    words = " ".join(str(error).split())[:300]
+    words = _inWords(str(error))
     return words if isinstance(error, (ValueError, OSError)) else f"{type(error).__name__} {words}"
+
+
+def _inWords(text: str) -> str:
+    """Return the beginning of a text that may hold bytes of a file, on one line."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split())[:300])
 
 
 def _content(mesh: Any) -> Content:
