@@ -1,8 +1,11 @@
 import os
+import signal
 from pathlib import Path
 
 # Tests have small meshes, which one thread serves best, also beside other work.
 os.environ.setdefault("OPENMM_CPU_THREADS", "1")
+# Jobs in the background of a script do not get Ctrl-C, nor would the programs that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import numpy as np
 import pytest
