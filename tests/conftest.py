@@ -1,4 +1,5 @@
 import os
+import signal
 from pathlib import Path
 
 # Tests have small meshes, which one thread serves best, also beside other work.
@@ -11,6 +12,12 @@ import openmmhelfrich as mh
 from membranes import flipped
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session", autouse=True)
+def hearingCtrlC():
+    """Jobs in the background of a script do not get Ctrl-C, nor would the programs that tests start."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

@@ -108,6 +108,11 @@ bool changes(int flags) {
     return (flags & O_ACCMODE) != O_RDONLY;
 }
 
+template <class O>
+int openAs(const char* path, int flags, O operation) {
+    return changes(flags) ? doAs("open", pathOf(path), flags & O_CREAT ? Room : Nothing, operation) : operation();
+}
+
 } // namespace
 
 extern "C" {
@@ -121,17 +126,18 @@ void attack(const char* below, int how, long n, int file) {
     journal = file;
 }
 
+// The rights for a new file, if there may be one, are the last of variable arguments.
+#define RIGHTS                                                                                                         \
+    va_list arguments;                                                                                                 \
+    va_start(arguments, flags);                                                                                        \
+    mode_t rights = flags & (O_CREAT | O_TMPFILE) ? va_arg(arguments, mode_t) : 0;                                     \
+    va_end(arguments)
+
 #define OPENS(function)                                                                                                \
     int function(const char* path, int flags, ...) {                                                                   \
         NEXT(function);                                                                                                \
-        va_list arguments;                                                                                             \
-        va_start(arguments, flags);                                                                                    \
-        mode_t rights = flags & (O_CREAT | O_TMPFILE) ? va_arg(arguments, mode_t) : 0;                                 \
-        va_end(arguments);                                                                                             \
-        if (!changes(flags))                                                                                           \
-            return next##function(path, flags, rights);                                                                \
-        return doAs("open", pathOf(path), flags & O_CREAT ? Room : Nothing,                                            \
-                    [&] { return next##function(path, flags, rights); });                                              \
+        RIGHTS;                                                                                                        \
+        return openAs(path, flags, [&] { return next##function(path, flags, rights); });                               \
     }
 OPENS(open)
 OPENS(open64)
@@ -139,14 +145,8 @@ OPENS(open64)
 #define OPENS_AT(function)                                                                                             \
     int function(int place, const char* path, int flags, ...) {                                                        \
         NEXT(function);                                                                                                \
-        va_list arguments;                                                                                             \
-        va_start(arguments, flags);                                                                                    \
-        mode_t rights = flags & (O_CREAT | O_TMPFILE) ? va_arg(arguments, mode_t) : 0;                                 \
-        va_end(arguments);                                                                                             \
-        if (!changes(flags))                                                                                           \
-            return next##function(place, path, flags, rights);                                                         \
-        return doAs("open", pathOf(path), flags & O_CREAT ? Room : Nothing,                                            \
-                    [&] { return next##function(place, path, flags, rights); });                                       \
+        RIGHTS;                                                                                                        \
+        return openAs(path, flags, [&] { return next##function(place, path, flags, rights); });                        \
     }
 OPENS_AT(openat)
 OPENS_AT(openat64)

@@ -328,6 +328,7 @@ def _requireGood(kind):
 def readAll(name: str, seed: int, numbers: range) -> Iterator[tuple[int, str]]:
     """Yield, for each of some damaged files, its number and what is wrong with how it is read."""
     kind, content = KINDS[name], Path(f"good/{KINDS[name].name}").read_bytes()
+    shutil.copy(f"good/{kind.name}", kind.name)
     _requireGood(kind)
     for number in numbers:
         random = np.random.default_rng([seed, list(KINDS).index(name), number])

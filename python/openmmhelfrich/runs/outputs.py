@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,11 +75,15 @@ class Outputs:
         """Return the paths of all files that the run writes."""
         return [path for path in vars(self).values() if path is not None]
 
-    def record(self, run: str, step: int) -> dict[str, Any]:
-        """Return what tells the files as they are now from all others: the run and its step; the size of each file; and
-        the checksum of each that is written as a whole.
+    def record(self, run: str, step: int, among: Container[str] | None = None) -> dict[str, Any]:
+        """Return what tells the files as they are now, or some among them, from all others: the run and its step; the
+        size of each file; and the checksum of each that is written as a whole.
         """
-        files = {name: path for name, path in vars(self).items() if path is not None and name != "checkpoint"}
+        files = {
+            name: path
+            for name, path in vars(self).items()
+            if path is not None and name != "checkpoint" and (among is None or name in among)
+        }
         return {
             "run": run,
             "step": step,
@@ -88,8 +92,7 @@ class Outputs:
 
     def match(self, record: dict[str, Any]) -> bool:
         """Return whether the files that a record tells are there, as it tells them."""
-        now, told = self.record(record.get("run", ""), record.get("step", 0)), record.get("files", {})
-        return record == {**now, "files": {name: file for name, file in now["files"].items() if name in told}}
+        return record == self.record(record.get("run", ""), record.get("step", 0), record.get("files", {}))
 
     def makeFolder(self) -> None:
         """Create the folder of the files.  Raises an OSError if it does not take files."""
