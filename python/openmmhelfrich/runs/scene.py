@@ -255,7 +255,7 @@ def _checkThreads(threads: int | None) -> None:
     count, most = threads or processors, THREADS_PER_PROCESSOR * processors
     if count > most:
         raise ValueError(
-            f"[platform] threads is {count}; it must be at most {most}, {THREADS_PER_PROCESSOR} for each of the "
+            f"the number of threads is {count}; it must be at most {most}, {THREADS_PER_PROCESSOR} for each of the "
             f"{processors} processors that there are"
         )
     done, started = threading.Event(), 0
@@ -265,8 +265,8 @@ def _checkThreads(threads: int | None) -> None:
             started += 1
     except RuntimeError:
         raise ValueError(
-            f"[platform] threads is {count}, and the system lets this program start {started // 2}; ask for fewer, or "
-            "look at its limits of processes and memory"
+            f"the number of threads is {count}, and the system lets this program start {started // 2}; ask for fewer, "
+            "or look at its limits of processes and memory"
         ) from None
     finally:
         done.set()
