@@ -121,6 +121,7 @@ def resume(
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
         config.output.prefix = str(prefix)
+        config.sampling.approach = "none"  # stages are what they were at the beginning
         if config.output.psf is None:  # version 0.1.0 always wrote one
             config.output.psf = True
         outputs = Outputs.of(config)
