@@ -21,7 +21,7 @@ def sample(**targets):
 
 
 def kindsOf(stages, targets=MEASURES):
-    return [stage.kind for stage in withApproaches(stages, MEASURES, targets)[0]]
+    return [stage.kind for stage in withApproaches(stages, MEASURES, targets, 642)[0]]
 
 
 def configOf(tmp_path, **sections):
@@ -40,15 +40,16 @@ def configOf(tmp_path, **sections):
 @pytest.mark.parametrize("factor", [1 + 0.9 * FAR, 1 / (1 + 0.9 * FAR), 1.0])
 def test_near_targets_are_taken_at_once(factor):
     targets = {"area": 12.0, "volume": 4.0 * factor}
-    assert withApproaches([sample()], MEASURES, targets) == ([sample()], targets)
+    assert withApproaches([sample()], MEASURES, targets, 642) == ([sample()], targets)
 
 
 @pytest.mark.parametrize("factor", [1 + 1.1 * FAR, 1 / (1 + 1.1 * FAR), 0.1, 10.0])
-def test_far_targets_are_led_to(factor):
-    (approach, last), first = withApproaches([sample()], MEASURES, {"area": 12.0, "volume": 4.0 * factor})
+@pytest.mark.parametrize("numVertices, slowness", [(42, 1), (642, 1), (4 * 642, 2)])
+def test_far_targets_are_led_to(factor, numVertices, slowness):
+    (approach, last), first = withApproaches([sample()], MEASURES, {"area": 12.0, "volume": 4.0 * factor}, numVertices)
     assert (approach.kind, last, first) == ("approach", sample(), MEASURES)
     assert (approach.target_area, approach.target_volume) == (12.0, 4.0 * factor)
-    assert approach.steps == math.ceil(STEPS_PER_E_FOLD * abs(math.log(factor)))
+    assert approach.steps == math.ceil(STEPS_PER_E_FOLD * abs(math.log(factor)) * slowness)
 
 
 def test_stages_that_change_targets_little_by_little_need_no_other():
@@ -68,7 +69,7 @@ def test_stages_that_change_targets_little_by_little_need_no_other():
 
 
 def test_a_stage_is_led_to_at_its_own_temperature():
-    led, _ = withApproaches([sample(target_volume=3.0, temperature=150.0)], MEASURES, MEASURES)
+    led, _ = withApproaches([sample(target_volume=3.0, temperature=150.0)], MEASURES, MEASURES, 642)
     assert led[0].temperature == 150.0
 
 

@@ -177,7 +177,7 @@ def test_targets_are_followed_from_stage_to_stage():
     scene = Scene.of(
         parseConfig(
             configOf(
-                sampling={"seed": 1},
+                sampling={"seed": 1, "approach": "none"},
                 stages=[
                     {**SAMPLE, "target_area": 10.0},
                     {**SAMPLE, "reduced_volume": 0.5},

@@ -138,7 +138,7 @@ def convert(
 
     openmm-helfrich convert results/cell.vtkhdf cell.pvd --every 10
 
-    openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
+    openmm-helfrich convert results/cell.dcd last.stl --topology results/cell.ply --frame -1
     """
     from ..io.conversion import convert as convertFile
     from ..io.runfiles import shapesOf

@@ -16,9 +16,11 @@ TARGET_NAMES = {
 }
 # A target farther than this from what a membrane has, as a part of itself, is not to be reached suddenly.
 FAR = 0.05
-# Steps for each change by a factor of e.  Spheres of 162 to 2,562 vertices that were led to reduced volumes of 0.3 to
-# 0.9 were then what they were after ten times as many: docs/studies.md.
-STEPS_PER_E_FOLD = 3000
+# By so much a target may differ from the mesh's own; farther ones are errors.
+GREATEST_FACTOR = 1e6
+# Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
+# proportion to the root of their number.  docs/studies.md has what comes of it.
+STEPS_PER_E_FOLD, VERTICES = 3000, 642
 
 
 def endTargets(settings: StageSettings, start: Mapping[str, float]) -> dict[str, float]:
@@ -28,7 +30,7 @@ def endTargets(settings: StageSettings, start: Mapping[str, float]) -> dict[str,
 
 
 def withApproaches(
-    stages: Sequence[StageSettings], measures: Mapping[str, float], targets: Mapping[str, float]
+    stages: Sequence[StageSettings], measures: Mapping[str, float], targets: Mapping[str, float], numVertices: int
 ) -> tuple[list[Any], dict[str, float]]:
     """Return stages with those between them that lead to far targets, and the targets to begin with.
 
@@ -40,28 +42,31 @@ def withApproaches(
         what the mesh has of the targets whose terms are on, by their names
     targets : dict
         those before the first stage, by the same names
+    numVertices : int
+        how many the membrane has
     """
     led: list[Any] = []
-    here, before, first = dict(measures), dict(targets), dict(targets)
+    here, before, first = (
+        {name: float(value) for name, value in each.items()} for each in (measures, targets, targets)
+    )
     for stage in stages:
         end = before | endTargets(stage, before)
         goal = {name: value for name, value in stage.suddenTargets(before, end).items() if name in here}
         distance = max(
             [abs(math.log(abs(goal[name] / here[name]))) for name in goal if goal[name] * here[name] > 0] + [0]
         )
-        if distance > math.log1p(FAR):
+        if math.log1p(FAR) < distance <= math.log(GREATEST_FACTOR):
             if not led:
                 first = before | here
-            led.append(_approachTo(goal, distance, getattr(stage, "temperature", None)))
+            steps = math.ceil(STEPS_PER_E_FOLD * distance * max(1.0, math.sqrt(numVertices / VERTICES)))
+            led.append(_approachTo(goal, steps, getattr(stage, "temperature", None)))
         led.append(stage)
         here, before = {name: end[name] for name in here}, end
     return led, first
 
 
-def _approachTo(goal: Mapping[str, float], distance: float, temperature: float | None) -> ApproachStage:
+def _approachTo(goal: Mapping[str, float], steps: int, temperature: float | None) -> ApproachStage:
     given: dict[str, Any] = {
         key: listedTargets(goal, name) for key, name in TARGET_NAMES.items() if name in map(totalOf, goal)
     }
-    return ApproachStage(
-        kind="approach", steps=math.ceil(STEPS_PER_E_FOLD * distance), temperature=temperature, **given
-    )
+    return ApproachStage(kind="approach", steps=steps, temperature=temperature, **given)

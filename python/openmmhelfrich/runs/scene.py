@@ -20,13 +20,11 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
-from .approach import withApproaches
+from .approach import GREATEST_FACTOR, withApproaches
 from .config import Config, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
-# By so much a length or a target may differ from the mesh's own, and a step size from the rule of thumb.
-GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
@@ -378,7 +376,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     targets = _targets(surfaces)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
-        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets)
+        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices))
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
         listedTargets(targets, "area"),
