@@ -262,7 +262,8 @@ def testDefaultsWrittenOut():
     stages = "\n".join(line.removeprefix("# ") for line in text[start:].splitlines()).replace(
         "# end_temperature =", "end_temperature = 3.0"
     )
-    stages = stages.replace('kind = "continue"', 'kind = "continue"\ntarget_area = 9.0')
+    for kind in ("approach", "continue"):
+        stages = stages.replace(f'kind = "{kind}"', f'kind = "{kind}"\ntarget_area = 9.0')
     config = parseConfig(tomllib.loads(text[:start] + stages))
     assert [stage.kind for stage in config.stages] == list(STAGES)
     assert max(map(len, text.splitlines())) <= 122
@@ -334,6 +335,7 @@ def convert(folder, case="sphere", kT=2.0, **values):
 def testEnergiesOfTriMem(tmp_path, case):
     """The converted membrane has TriMem's energy and gradient, divided by its temperature."""
     config, _ = convert(tmp_path, case)
+    config.sampling.approach = "none"  # the targets are TriMem's from the beginning
     mesh = loadMesh(config)
     scene = Scene.of(config, mesh)
     force = scene.createForce()

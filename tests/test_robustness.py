@@ -67,7 +67,7 @@ def write(name, config):
 # --- numbers at the extremes
 
 EXTREMES = [
-    ("platform", "threads", 100000, "[platform] threads is 100000; it must be at most"),
+    ("platform", "threads", 100000, "the number of threads is 100000; it must be at most"),
     ("sampling", "step_size", 1e150, "[sampling] step_size is 1e+150; it must be"),
     ("sampling", "step_size", 1e20, "[sampling] step_size is 1e+20; it must be within a factor"),
     ("sampling", "mass", 1e300, "[sampling] mass is 1e+300; it must be"),
@@ -177,7 +177,7 @@ def test_targets_are_followed_from_stage_to_stage():
     scene = Scene.of(
         parseConfig(
             configOf(
-                sampling={"seed": 1},
+                sampling={"seed": 1, "approach": "none"},
                 stages=[
                     {**SAMPLE, "target_area": 10.0},
                     {**SAMPLE, "reduced_volume": 0.5},
@@ -244,7 +244,7 @@ def test_threads_that_the_system_does_not_start(folder, monkeypatch):
         raise RuntimeError("can't start new thread")
 
     monkeypatch.setattr("threading.Thread.start", refuse)
-    with pytest.raises(ValueError, match=r"threads is 2, and the system lets this program start 0"):
+    with pytest.raises(ValueError, match=r"number of threads is 2, and the system lets this program start 0"):
         mh.run(configOf(platform={"threads": 2}))
 
 

@@ -15,7 +15,7 @@ def runStages(prefix, stages, progress=None, **sampling):
                 "mesh": {"icosphere": 2},
                 "platform": {"threads": 1},
                 "stages": stages,
-                "sampling": {"seed": 3, "steps_per_trajectory": 20, **sampling},
+                "sampling": {"seed": 3, "steps_per_trajectory": 20, "approach": "none", **sampling},
                 "output": {"prefix": str(prefix), "observables_interval": 1, "trajectory_interval": 10},
             }
         ),

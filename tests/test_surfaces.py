@@ -148,7 +148,7 @@ def configure(folder, mesh, **sections):
     mesh.write(folder / "start.ply")
     config = {
         "mesh": {"file": str(folder / "start.ply")},
-        "sampling": {"seed": 4, "steps": 300, "step_size": "auto", "burn_in": 150, "steps_per_trajectory": 40},
+        "sampling": {"seed": 4, "steps": 300, "step_size": "auto", "steps_per_trajectory": 40},
         "platform": {"threads": 1},
         "output": {"prefix": str(folder / "run"), "trajectory_interval": 100, "observables_interval": 5},
     }
@@ -157,19 +157,19 @@ def configure(folder, mesh, **sections):
     return parseConfig(config)
 
 
-def pair():
-    return together(mh.Mesh.icosphere(1), moved(mh.Mesh.icosphere(1), (3, 0, 0), 0.8))
+def pair(level=1):
+    return together(mh.Mesh.icosphere(level), moved(mh.Mesh.icosphere(level), (3, 0, 0), 0.8))
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """The summary of a run that leads two surfaces far, each to its own reduced volume."""
-    config = configure(tmp_path_factory.mktemp("surfaces"), pair(), membrane={"reduced_volume": [0.65, 0.8]})
+    config = configure(tmp_path_factory.mktemp("surfaces"), pair(2), membrane={"reduced_volume": [0.65, 0.8]})
     return run(config)
 
 
 def test_a_run_brings_each_surface_to_its_targets(done):
-    for k, (v, area) in enumerate(zip((0.65, 0.8), (surface.area for surface in pair().components()))):
+    for k, (v, area) in enumerate(zip((0.65, 0.8), (surface.area for surface in pair(2).components()))):
         assert done.mean(f"reducedVolume[{k}]") == pytest.approx(v, abs=0.005)
         assert done.mean(f"area[{k}]") == pytest.approx(area, rel=0.01)
         assert done.drift(f"volume[{k}]") < 0.03
@@ -177,7 +177,8 @@ def test_a_run_brings_each_surface_to_its_targets(done):
     assert np.array_equal(done.table["area"], done.table["area[0]"] + done.table["area[1]"])
     first = done.table.where(done.table["step"] == 5)
     assert first["targetVolume[0]"] > 1.3 * done.table["targetVolume[0]"][-1]  # which it is led to
-    assert not np.any(done.table["equilibrated"][done.table["step"] < 75])
+    assert not np.any(done.table["equilibrated"][done.table["stage"] == 1])
+    assert [stage.kind for stage in done.config.stages] == ["approach", "sample"]
 
 
 def test_results_are_those_of_each_surface(done):
@@ -191,7 +192,7 @@ def test_results_are_those_of_each_surface(done):
     result = observe(done.config)
     assert result["shapeClass"] == ", ".join(done.shapeClasses)
     assert {"reducedVolume[0]", "reducedAreaDifference[1]", "volume[1] (nm^3)"} <= {*result}
-    assert done.config.membrane.target_volume == pytest.approx(
+    assert done.config.stages[0].target_volume == pytest.approx(
         [done.table[f"targetVolume[{k}]"][-1] for k in range(2)], rel=1e-15
     )
 
@@ -212,18 +213,10 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path):
     resume(prefix)
     assertSame(prefix, contentsOf(config("whole").output.prefix))
 
-    # More steps, with which the burn-in would have been longer, do not lead it once more.
+    # More steps do not lead it once more.
 
-    table = resume(prefix, steps=700).table
-    assert len(table["step"]) > 100 and np.ptp(table["targetVolume[1]"][2:]) == 0
-
-
-def test_one_surface_is_led_if_asked(tmp_path):
-    led = {"approach_steps": 20, "steps": 40, "steps_per_trajectory": 5, "step_size": 1e-4, "burn_in": 10}
-    table = run(configure(tmp_path, mh.Mesh.icosphere(1), membrane={"reduced_volume": 0.7}, sampling=led)).table
-    targets = table["targetVolume"]
-    assert np.all(np.diff(targets[1:5]) < 0) and np.all(targets[4:] == targets[-1])
-    assert np.array_equal(table["equilibrated"], table["step"] > 20)
+    table = resume(prefix, steps=100).table
+    assert np.ptp(table.where(table["stage"] == 2)["targetVolume[1]"]) == 0
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import friendly
+from .terminal import show
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..runs.summary import Summary
@@ -54,7 +55,8 @@ def run(
 @friendly
 def resume(
     prefix: Annotated[
-        str, typer.Argument(metavar="PREFIX", help="Folder and first part of the names of the run's files.")
+        Path,
+        typer.Argument(metavar="PREFIX|FILE", help="Folder and first part of the names of the run's files, or one."),
     ],
     steps: Annotated[
         int | None, typer.Option(min=1, help="Make so many more Monte Carlo steps than were asked for.")
@@ -69,7 +71,7 @@ def resume(
     """
     from ..runs.studies import resume as resumeRun
 
-    _report(lambda progress: resumeRun(prefix.removesuffix(".checkpoint"), steps, progress, platform, threads), quiet)
+    _report(lambda progress: resumeRun(prefix, steps, progress, platform, threads), quiet)
 
 
 @app.command(epilog="Example: openmm-helfrich config > vesicle.toml")
@@ -107,7 +109,6 @@ def _report(work: Callable[["Progress"], "Summary"], quiet: bool) -> None:
     with Progress(quiet) as progress:
         summary = work(progress)
     if not quiet:
-        for label, text in summary.lines():
-            print(f"{label:>15}  {text}")
+        show(summary.lines())
     if summary.interrupted:
         raise typer.Exit(128 + (summary.signal or signal.SIGINT))

@@ -2,13 +2,13 @@
 
 import contextlib
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .errors import friendly
+from .terminal import show
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..geometry.mesh import Mesh
@@ -56,14 +56,14 @@ def check(
     surface = Mesh.read(mesh, unit=section.scale)
     verdict = judge(surface, mesh)
     with contextlib.suppress(ValueError):  # the verdict says it
-        _print(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
-    _print([("note", note) for note in surface.notes])
+        show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
+    show([("note", note) for note in surface.notes])
     if verdict.reason is None:
-        _print([("verdict", "ready")])
+        show([("verdict", "ready")])
         return
     if not verdict.commands:
         raise ValueError(f"{mesh}: {verdict.reason}")
-    _print([("reason", verdict.reason), *(("repair", note) for note in verdict.notes), ("verdict", "ready after")])
+    show([("reason", verdict.reason), *(("repair", note) for note in verdict.notes), ("verdict", "ready after")])
     print("\n".join(verdict.commands))
     raise typer.Exit(1)
 
@@ -111,7 +111,10 @@ def remesh(
 @friendly
 def convert(
     source: Annotated[
-        Path, typer.Argument(metavar="INPUT", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")
+        Path,
+        typer.Argument(
+            metavar="INPUT", help="A mesh trajectory (.vtkhdf), a DCD file, a mesh, or the prefix of a run."
+        ),
     ],
     output: Annotated[
         Path,
@@ -135,11 +138,12 @@ def convert(
 
     openmm-helfrich convert results/cell.vtkhdf cell.pvd --every 10
 
-    openmm-helfrich convert results/cell.dcd cell.vtkhdf --topology results/cell.psf
+    openmm-helfrich convert results/cell.dcd last.stl --topology results/cell.ply --frame -1
     """
     from ..io.conversion import convert as convertFile
+    from ..io.runfiles import shapesOf
 
-    files = convertFile(source, output, frame, every, topology, overwrite)
+    files = convertFile(shapesOf(source, topology), output, frame, every, topology, overwrite)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
 
 
@@ -147,7 +151,7 @@ def convert(
 @friendly
 def plot(
     source: Annotated[
-        Path, typer.Argument(metavar="PREFIX|TABLE.csv", help="The prefix of a run, or its table of observables.")
+        Path, typer.Argument(metavar="PREFIX|FILE", help="The prefix of a run or one of its files, or a table (.csv).")
     ],
     output: Annotated[
         Path | None,
@@ -162,10 +166,13 @@ def plot(
     Example: openmm-helfrich plot results/cell -o cell.pdf
     """
     from ..io.conversion import requireNew
+    from ..io.runfiles import beside, prefixOf
     from ..pictures.plots import plotObservables
     from ..sampling.observables import observableUnits, readObservables
 
-    table = source if source.suffix.lower() == ".csv" else source.with_name(source.name + ".csv")
+    table = beside(prefixOf(source), ".csv")
+    if not table.exists() and source.suffix.lower() == ".csv":
+        table = source
     if not table.exists():
         raise FileNotFoundError(f"there is no table of observables {table}")
     output = output or table.with_name(table.stem + "_plot.png")
@@ -178,7 +185,12 @@ def plot(
 @app.command()
 @friendly
 def render(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh trajectory (.vtkhdf), a DCD file, or a mesh.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PREFIX|FILE", help="The prefix of a run or one of its files, a .vtkhdf or DCD file, or a mesh."
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -216,8 +228,10 @@ def render(
     openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
     """
     from ..io.conversion import ChosenFrames, openFrames, requireNew, selectFrames
+    from ..io.runfiles import shapesOf
     from ..pictures.rendering import render as renderFrames, requireFormat
 
+    source = shapesOf(source, topology)
     output = output or source.with_suffix(".png")
     requireFormat(output)
     requireNew([output], source, overwrite)
@@ -231,7 +245,7 @@ def render(
 @app.command()
 @friendly
 def report(
-    prefix: Annotated[Path, typer.Argument(metavar="PREFIX", help="The prefix of a run.")],
+    prefix: Annotated[Path, typer.Argument(metavar="PREFIX|FILE", help="The prefix of a run, or one of its files.")],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="The page; by default PREFIX_report.html.")
     ] = None,
@@ -279,8 +293,3 @@ def _suggestions(mesh: "Mesh") -> list[tuple[str, str]]:
     bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
     energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"
     return [("tether", f"{bounds}, {energy} by default"), ("step size", f"{scene.stepSize:.3g} ps by default")]
-
-
-def _print(lines: Iterable[tuple[str, str]]) -> None:
-    for label, text in lines:
-        print(f"{label:>15}  {text}")

@@ -9,7 +9,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -46,6 +46,14 @@ def say(text: str) -> None:
     """Print a message for the user on standard error."""
     for line in text.splitlines():
         print(f"openmm-helfrich: {line}", file=sys.stderr, flush=True)
+
+
+def show(lines: Iterable[tuple[str, str]]) -> None:
+    """Print a label and a text on each line, the texts below each other."""
+    lines = list(lines)
+    width = max([15, *(len(label) for label, _ in lines)])
+    for label, text in lines:
+        print(f"{label:>{width}}  {text}")
 
 
 class _Screen(io.FileIO):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .errors import friendly
+from .terminal import show
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..tradeoff.search import Point
@@ -78,7 +79,7 @@ def tradeoff(
         raise typer.Exit(3)
     if quiet:
         return
-    for label, text in (
+    lines = (
         ("recommended", describe(best.setting)),
         ("step size", f"{best.measured.stepSize:.3g} ps, {best.measured.acceptance:.0%} accepted"),
         (
@@ -88,8 +89,8 @@ def tradeoff(
         ),
         ("gain", f"{search.gain(best):.3g} times more of them than the scene as it stands"),
         ("files", f"{prefix}.toml, {prefix}.md, {prefix}.png, {prefix}.json"),
-    ):
-        print(f"{label:>15}  {text}")
+    )
+    show(lines)
 
 
 class _Progress:

@@ -3,6 +3,10 @@
 DCD has positions alone: the triangles come from a topology, and stay as they are there.
 """
 
+import contextlib
+import ctypes
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +14,14 @@ import numpy as np
 from ..files import PathLike
 from ..geometry.connectivity import trianglesFromEdges
 from ..geometry.mesh import Mesh
+from ..geometry.quality import dihedralAngles
 from ..optional import require
+from .runfiles import TRAJECTORY
 from .vtkhdf import Frames, MeshFrame, meshFrame
+
+# A surface whose edges have flipped, drawn with those that it had before, is folded at many edges: by more than this
+# angle, in degrees, at more than this part of them.
+_FOLD, _MOST_FOLDS = 120.0, 0.02
 
 
 class DCDTrajectory(Frames):
@@ -34,8 +44,8 @@ class DCDTrajectory(Frames):
         FileNotFoundError
             if there is no such file
         ValueError
-            if a file is damaged, the topology is missing or has another number of vertices, or its bonds do not tell
-            triangles
+            if a file is damaged, the topology is missing or has another number of vertices, its bonds do not tell
+            triangles, or these are no longer those of the last frame, as edges have flipped
         """
         formats = require("mdtraj", "reading DCD files").formats
         self._path = Path(file)
@@ -47,18 +57,46 @@ class DCDTrajectory(Frames):
             if not path.exists():
                 raise FileNotFoundError(f"there is no file {path}")
         with self._complaint("is not a complete DCD file"):
-            self._file = formats.DCDTrajectoryFile(str(file))
+            with _silentLibraries():
+                self._file = formats.DCDTrajectoryFile(str(file))
             start, interval = np.fromfile(file, "<i4", 5)[3:5].tolist()
             self.steps = start + interval * np.arange(len(self._file), dtype=np.int64)
             first = self._positions(0)
         self._triangles = _trianglesOf(Path(topology), first, self._path)
+        if len(self) and _folds(self[-1].mesh) > _MOST_FOLDS:
+            whole = self._path.with_suffix(TRAJECTORY)
+            better = f"{whole} has" if whole.exists() else f"a mesh trajectory ({TRAJECTORY}) would have"
+            raise ValueError(
+                f"{topology} does not have the triangles of the last frame of {file}: edges have flipped since; "
+                f"{better} those of each frame"
+            )
 
     def _positions(self, i: int) -> np.ndarray:
-        self._file.seek(i)
-        return self._file.read(1)[0][0].astype(np.float64) / 10
+        with _silentLibraries():
+            self._file.seek(i)
+            return self._file.read(1)[0][0].astype(np.float64) / 10
 
     def _read(self, i: int) -> MeshFrame:
         return meshFrame(int(self.steps[i]), Mesh(self._positions(i), self._triangles))
+
+
+def _folds(mesh: Mesh) -> float:
+    """Return the part of a mesh's edges at which it is folded."""
+    return float((np.abs(dihedralAngles(mesh)) > _FOLD).mean())
+
+
+@contextlib.contextmanager
+def _silentLibraries() -> Iterator[None]:
+    """Keep the DCD library's own remarks, which C prints, from the screen."""
+    screen, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+        ctypes.CDLL(None).fflush(None)
+    finally:
+        os.dup2(screen, 1)
+        os.close(screen)
+        os.close(nowhere)
 
 
 def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.quality import assess
 from ..io.conversion import requireNew
+from ..io.runfiles import beside, finalMesh, prefixOf
 from ..io.vtkhdf import MeshFrame, readMeshTrajectory
 from ..optional import require
 from ..sampling.averages import lateRows
@@ -56,7 +57,7 @@ def writeReport(
     Parameters
     ----------
     prefix : path
-        the prefix of the run's files
+        the prefix of the run's files, or one of them
     file : path, optional
         the page to write; PREFIX_report.html by default
     maxFrames : int
@@ -80,10 +81,10 @@ def writeReport(
     """
     if maxFrames < 1:
         raise ValueError(f"the number of frames is {maxFrames}; it must be 1 or more")
-    prefix = Path(prefix)
-    file = _beside(prefix, "_report.html") if file is None else Path(file)
+    prefix = prefixOf(prefix)
+    file = beside(prefix, "_report.html") if file is None else Path(file)
     plotly = require("plotly.offline", "writing a report").get_plotlyjs()
-    requireNew([file], _beside(prefix, ".csv"), overwrite)
+    requireNew([file], beside(prefix, ".csv"), overwrite)
     warnings: list[str] = []
     frames, (table, units), settings = (
         _readFrames(prefix, warnings),
@@ -120,28 +121,22 @@ def writeReport(
     return file
 
 
-def _beside(prefix: Path, ending: str) -> Path:
-    return prefix.with_name(prefix.name + ending)
-
-
 def _readFrames(prefix: Path, warnings: list[str]) -> Sequence[MeshFrame]:
     """Return the frames of the trajectory, or the final mesh as the only one, or none."""
-    trajectory = _beside(prefix, ".vtkhdf")
+    trajectory = beside(prefix, ".vtkhdf")
     if trajectory.exists():
         return readMeshTrajectory(trajectory)
-    for suffix in (".ply", ".stl", ".obj", ".off", ".vtu", ".vtk", ".msh"):
-        if _beside(prefix, suffix).exists():
-            warnings.append(
-                f"There is no mesh trajectory {trajectory.name}; the shape is that of {prefix.name}{suffix}."
-            )
-            return [MeshFrame(0, Mesh.read(_beside(prefix, suffix)), {})]
+    final = finalMesh(prefix)
+    if final is not None:
+        warnings.append(f"There is no mesh trajectory {trajectory.name}; the shape is that of {final.name}.")
+        return [MeshFrame(0, Mesh.read(final), {})]
     warnings.append(f"There is neither a mesh trajectory {trajectory.name} nor a final mesh; no shape can be shown.")
     return []
 
 
 def _readTable(prefix: Path, warnings: list[str]) -> tuple[Table | None, dict[str, str]]:
     """Return the table and its units, or None and no units."""
-    file = _beside(prefix, ".csv")
+    file = beside(prefix, ".csv")
     if not file.exists():
         warnings.append(f"There is no table of observables {file.name}.")
         return None, {}
@@ -151,7 +146,7 @@ def _readTable(prefix: Path, warnings: list[str]) -> tuple[Table | None, dict[st
 
 
 def _readSettings(prefix: Path, warnings: list[str]) -> str:
-    file = _beside(prefix, ".resolved.toml")
+    file = beside(prefix, ".resolved.toml")
     if file.exists():
         return file.read_text(encoding="utf-8", errors="replace")
     warnings.append(f"There are no settings {file.name}.")

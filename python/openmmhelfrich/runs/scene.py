@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import openmm as mm
@@ -18,14 +18,13 @@ from openmm import app
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
-from ..sampling.targets import numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
+from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
+from .approach import GREATEST_FACTOR, withApproaches
 from .config import Config, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
-# By so much a length or a target may differ from the mesh's own, and a step size from the rule of thumb.
-GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
@@ -255,7 +254,7 @@ def _checkThreads(threads: int | None) -> None:
     count, most = threads or processors, THREADS_PER_PROCESSOR * processors
     if count > most:
         raise ValueError(
-            f"[platform] threads is {count}; it must be at most {most}, {THREADS_PER_PROCESSOR} for each of the "
+            f"the number of threads is {count}; it must be at most {most}, {THREADS_PER_PROCESSOR} for each of the "
             f"{processors} processors that there are"
         )
     done, started = threading.Event(), 0
@@ -265,8 +264,8 @@ def _checkThreads(threads: int | None) -> None:
             started += 1
     except RuntimeError:
         raise ValueError(
-            f"[platform] threads is {count}, and the system lets this program start {started // 2}; ask for fewer, or "
-            "look at its limits of processes and memory"
+            f"the number of threads is {count}, and the system lets this program start {started // 2}; ask for fewer, "
+            "or look at its limits of processes and memory"
         ) from None
     finally:
         done.set()
@@ -345,6 +344,15 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
     }
 
 
+def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
+    """Return what the mesh has of the targets whose terms are on, by their names."""
+    surfaces = [
+        _surface(MembraneSection(leaflet_separation=config.membrane.leaflet_separation), surface, k)
+        for k, surface in enumerate(mesh.components())
+    ]
+    return {name: value for name, value in _targets(surfaces).items() if valueOf(config, MODULI[totalOf(name)]) > 0}
+
+
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
     """Raise a ValueError if a number, unless it is none, is not within a large factor of another one."""
     if not isinstance(value, float):
@@ -365,18 +373,22 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     for stage in stagesOf(config):
         for name in stage.targetNames():
             requireOnePerSurface(f"{stage.title}: {name}", getattr(stage, name), len(surfaces))
+    targets = _targets(surfaces)
+    config.stages = stagesOf(config)
+    if sampling.approach == "auto":
+        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices))
+        sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
-        _oneOrEach([surface.area for surface in surfaces]),
-        _oneOrEach([surface.volume for surface in surfaces]),
+        listedTargets(targets, "area"),
+        listedTargets(targets, "volume"),
         None,
     )
-    areaDifferences = [surface.areaDifference for surface in surfaces]
-    membrane.target_area_difference = _oneOrEach(areaDifferences) if all(areaDifferences) else None
+    areaDifferences = listedTargets(targets, "areaDifference")
+    membrane.target_area_difference = areaDifferences if np.all(areaDifferences) else None
     tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, mesh)
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
-    config.stages = stagesOf(config)
     sampling.model_fields_set.discard("steps")
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
@@ -483,11 +495,6 @@ def _targets(surfaces: list[_Surface]) -> dict[str, float]:
         **numberedTargets("volume", [surface.volume for surface in surfaces]),
         **numberedTargets("areaDifference", [surface.areaDifference for surface in surfaces]),
     }
-
-
-def _oneOrEach(values: list[float]) -> Any:
-    """Return what a configuration has for the values of the surfaces: a number, or a list for several."""
-    return values[0] if len(values) == 1 else values
 
 
 def _radius(area: float) -> float:

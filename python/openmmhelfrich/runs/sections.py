@@ -310,12 +310,10 @@ class SamplingSection(Section):
         description='steps at the start of each sampling stage during which an "auto" step size adapts; by default a '
         "fifth of the stage, but no more than 1000, which determine it to a few percent",
     )
-    approach_steps: int | None = Field(
-        None,
-        ge=0,
-        description="steps at the start of each sampling stage in which area and volume are led from what they are to "
-        "their targets, where these are more than 5% away: a sudden change crumples a membrane.  By default none for "
-        "one surface, and half the burn-in for several",
+    approach: Literal["auto", "none"] = Field(
+        "auto",
+        description='"auto" leads area, volume and area difference to targets that are more than 5% away by a stage of '
+        'its own, since a sudden change crumples a membrane; "none" changes them at once',
     )
     target_acceptance: float = Field(
         0.75,

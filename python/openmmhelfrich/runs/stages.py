@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from openmm import app
 from pydantic import Field, TypeAdapter
-from typing_extensions import NotRequired, TypedDict
+from typing_extensions import TypedDict
 
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
@@ -29,19 +29,13 @@ from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.minimization import minimize, minimizeFluid
 from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
+from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
+from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
 from .scene import Scene, requireComparable, requireTrajectories
 from .sections import SamplingSection
-from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
-
-_TARGET_NAMES = {
-    "target_area": "area",
-    "target_volume": "volume",
-    "reduced_volume": "reducedVolume",
-    "target_area_difference": "areaDifference",
-}
+from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
 
 class _Memory(TypedDict):
@@ -52,12 +46,6 @@ class _Memory(TypedDict):
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
-    approachSteps: NotRequired[Annotated[int, Field(ge=0, strict=True)]]
-    origins: NotRequired[dict[str, float]]
-
-
-# The relative distance of an area or volume from its target that is not to be closed suddenly.
-FAR = 0.05
 
 
 class Stage(ABC):
@@ -294,49 +282,6 @@ class Sample(MonteCarlo):
             requireTrajectories(scene.config.sampling)
         return super().check(settings, scene, start)
 
-    def __init__(self, *arguments: Any):
-        super().__init__(*arguments)
-        self._approachSteps = self._countApproachSteps()
-        self._origins = self._findOrigins() if self._approachSteps > 0 else {}
-
-    def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "approachSteps": self._approachSteps, "origins": self._origins}
-
-    def setState(self, state: dict[str, Any]) -> None:
-        super().setState(state)
-        self._approachSteps, self._origins = state.get("approachSteps", 0), state.get("origins", {})
-
-    def window(self) -> tuple[int, bool]:
-        window, isEquilibrated = super().window()
-        return window, isEquilibrated and not self._isApproaching(self.position)
-
-    def _targets(self, n: int) -> dict[str, float]:
-        targets = super()._targets(n)
-        if self._isApproaching(n):
-            progress, end = (n + 1) / self._approachSteps, {**self._startTargets, **self._endTargets()}
-            targets |= {name: (1 - progress) * origin + progress * end[name] for name, origin in self._origins.items()}
-        return targets
-
-    def _isApproaching(self, n: int) -> bool:
-        return len(self._origins) > 0 and n < self._approachSteps
-
-    def _countApproachSteps(self) -> int:
-        sampling, context = self._scene.config.sampling, self._simulation.context
-        if sampling.approach_steps is not None:
-            return min(sampling.approach_steps, self.steps)
-        return 0 if self._force.getNumSurfacesInContext(context) == 1 else burnIn(sampling, self.steps) // 2
-
-    def _findOrigins(self) -> dict[str, float]:
-        """Return the areas and volumes that are far from their targets, by the targets' names."""
-        measures = measuredTargets(self._simulation.context, self._force)
-        return {
-            name: measures[name]
-            for name, target in {**self._startTargets, **self._endTargets()}.items()
-            if totalOf(name) in ("area", "volume")
-            and self._scene.moduli[totalOf(name)] > 0
-            and abs(measures[name] / target - 1) > FAR
-        }
-
     def _createAdapter(self) -> Adapter | None:
         integrator, own = self._simulation.integrator, self._settings.step_size
         if own == "auto" or (own is None and self._scene.adaptsStepSize):
@@ -429,7 +374,7 @@ class Continue(MonteCarlo):
 
     @staticmethod
     def _createPath(s: Any, start: dict[str, float]) -> ContinuationPath:
-        path = {_TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
+        path = {TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
         return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 
     def _place(self, n: int) -> tuple[int, int]:
@@ -440,11 +385,7 @@ class Continue(MonteCarlo):
         return self._path.targets(window) if step == 0 else {}
 
     def _createAdapter(self) -> StepSizeTracker | None:
-        integrator = self._simulation.integrator
-        if self._scene.adaptsStepSize:
-            return StepSizeTracker.of(integrator, self._scene.config.sampling.target_acceptance)
-        integrator.setStepSize(self._scene.stepSize)
-        return None
+        return _createTracker(self._simulation, self._scene)
 
     def _isAdapting(self, n: int) -> bool:
         return super()._isAdapting(n) and self._place(n)[1] < self._settings.equilibration
@@ -454,11 +395,40 @@ class Continue(MonteCarlo):
         return window, step >= self._settings.equilibration
 
 
+class Approach(MonteCarlo):
+    """Targets that move a little with each step; an automatic step size follows."""
+
+    def _targets(self, n: int) -> dict[str, float]:
+        start, progress = self._startTargets, (n + 1) / self.steps
+        return {name: (1 - progress) * start[name] + progress * end for name, end in self._endTargets().items()}
+
+    def _createAdapter(self) -> StepSizeTracker | None:
+        return _createTracker(self._simulation, self._scene)
+
+    def window(self) -> tuple[int, bool]:
+        return 0, False
+
+    def notes(self) -> list[str]:
+        goals = ", ".join(
+            f"{name} from {self._startTargets[name]:.4g} to {end:.4g}" for name, end in self._endTargets().items()
+        )
+        return [f"{self.title}: {goals} in {self.steps} steps", *super().notes()]
+
+
+def _createTracker(simulation: app.Simulation, scene: Scene) -> StepSizeTracker | None:
+    """Return what keeps an automatic step size right while targets move; make the step size what it is otherwise."""
+    if scene.adaptsStepSize:
+        return StepSizeTracker.of(simulation.integrator, scene.config.sampling.target_acceptance)
+    simulation.integrator.setStepSize(scene.stepSize)
+    return None
+
+
 _KINDS: dict[type[StageSettings], type[Stage]] = {
     MinimizeStage: Minimize,
     SampleStage: Sample,
     AnnealStage: Anneal,
     ContinueStage: Continue,
+    ApproachStage: Approach,
 }
 
 
@@ -492,12 +462,6 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
             except ValueError as error:
                 raise ValueError(f"stage {i + 1} ({settings.title}): {error}") from None
     return found
-
-
-def endTargets(settings: StageSettings, start: dict[str, float]) -> dict[str, float]:
-    """Return the targets that a stage gives, in powers of nm, by "area", "volume" and "areaDifference"."""
-    given = {_TARGET_NAMES[name]: getattr(settings, name) for name in settings.targetNames()}
-    return absoluteTargets(given, start) if given else {}
 
 
 def averagesOf(settings: StageSettings, rows: Table) -> Table | None:

@@ -53,6 +53,10 @@ class StageSettings(Targets):
         """Return what of the run is averaged if this is its last stage, or its only one."""
         return "run" if isOnly else "last stage"
 
+    def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
+        """Return the targets, of those at its start and at its end, to which its first step would bring a membrane."""
+        return end
+
     def extended(self, steps: int) -> list[Any]:
         """Return the stages that take this one's place, as a run's last, if the run is to make more steps."""
         return [self, SampleStage(kind="sample", steps=steps)]
@@ -90,6 +94,9 @@ class MinimizeStage(StageSettings):
     def totalSteps(self) -> int:
         return 1
 
+    def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
+        return {}  # far from them it softens the penalties
+
 
 class SampleStage(StageSettings):
     """Samples at a temperature; the targets that it gives hold from its first step."""
@@ -107,6 +114,29 @@ class SampleStage(StageSettings):
 
     def extended(self, steps: int) -> list[Any]:
         return [self.model_copy(update={"steps": self.steps + steps})]
+
+
+class ApproachStage(StageSettings):
+    """Leads area, volume and area difference to its targets, a little with each step, while the membrane follows.  A
+    run adds such a stage by itself where a stage would begin far from its targets.
+    """
+
+    kind: Literal["approach"] = Field(description="which kind of stage")
+    steps: int = Field(1000, ge=1, description="number of Monte Carlo steps")
+    temperature: Temperature | None = Field(None, gt=0, description="in K; that of [sampling] by default")
+
+    @model_validator(mode="after")
+    def _goal(self) -> "ApproachStage":
+        if not self.targetNames():
+            raise ValueError(f"has no target to go to; give one of {', '.join(Targets.model_fields)}")
+        return self
+
+    @property
+    def totalSteps(self) -> int:
+        return self.steps
+
+    def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
+        return {}
 
 
 class AnnealStage(StageSettings):
@@ -206,6 +236,9 @@ class ContinueStage(StageSettings):
     def longestInterval(self) -> float:
         return self.steps
 
+    def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
+        return start
+
     def lastPart(self, isOnly: bool) -> str:
         return "last window"
 
@@ -213,10 +246,13 @@ class ContinueStage(StageSettings):
 STAGES: dict[str, type[StageSettings]] = {
     "minimize": MinimizeStage,
     "sample": SampleStage,
+    "approach": ApproachStage,
     "anneal": AnnealStage,
     "continue": ContinueStage,
 }
-AnyStage: TypeAlias = Annotated[MinimizeStage | SampleStage | AnnealStage | ContinueStage, Field(discriminator="kind")]
+AnyStage: TypeAlias = Annotated[
+    MinimizeStage | SampleStage | ApproachStage | AnnealStage | ContinueStage, Field(discriminator="kind")
+]
 
 
 def _checkTable(table: list[list[float]]) -> None:

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import version as versionOf
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -21,6 +20,7 @@ from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.locks import locked
 from ..io.psf import writePSF
+from ..io.runfiles import beside, prefixOf
 from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.moves import numDiverged
@@ -93,7 +93,7 @@ def resume(
     Parameters
     ----------
     prefix : path
-        the first part of the names of the run's files
+        the first part of the names of the run's files, one of them, or the folder that has them alone
     steps : int, optional
         more Monte Carlo steps than were asked for, by the last stage if it samples and otherwise by a new one that does
     progress : callable, optional
@@ -110,7 +110,8 @@ def resume(
     InUseError
         if another process runs with this prefix
     """
-    file = Path(f"{prefix}.checkpoint")
+    prefix = prefixOf(prefix)
+    file = beside(prefix, ".checkpoint")
     if not file.exists():
         raise FileNotFoundError(
             f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has "
@@ -120,6 +121,7 @@ def resume(
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
         config.output.prefix = str(prefix)
+        config.sampling.approach = "none"  # stages are what they were at the beginning
         if config.output.psf is None:  # version 0.1.0 always wrote one
             config.output.psf = True
         outputs = Outputs.of(config)

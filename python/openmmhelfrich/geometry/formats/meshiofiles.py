@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from .content import Content
 _FORMAT = {".msh": "gmsh"}  # meshio would take it for an Ansys file first
 _CORNERS = {"triangle": 3, "quad": 4}
 _LEFT_OUT = {"vertex": "points", "line": "lines"}
+# Where meshio writes the time into a comment: without it equal meshes become equal files.
+_DATED, _DATE, _HEAD = (".ply", ".obj"), re.compile(rb"(?m)^(comment|#) Created by meshio.*\n"), 1000
 
 
 def read(path: Path) -> Content:
@@ -50,6 +53,9 @@ def write(
             meshio.write(path, mesh, file_format=kind, **({"binary": True} if suffix == ".stl" else {}))
     except meshio.WriteError as error:
         raise ValueError(str(error)) from None
+    if suffix in _DATED:
+        content = path.read_bytes()
+        path.write_bytes(_DATE.sub(b"", content[:_HEAD]) + content[_HEAD:])
 
 
 def suffixes() -> set[str]:

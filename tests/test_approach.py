@@ -1,0 +1,121 @@
+"""Targets that are far from the mesh are reached by a stage that a run adds by itself."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import openmmhelfrich as mh
+from openmmhelfrich.runs.approach import FAR, STEPS_PER_E_FOLD, withApproaches
+from openmmhelfrich.runs.config import parseConfig, readTOML
+from openmmhelfrich.runs.scene import Scene
+from openmmhelfrich.runs.stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage
+from test_restarted_runs import StopAt, assertSame, contentsOf
+
+MEASURES = {"area": 12.0, "volume": 4.0}
+
+
+def sample(**targets):
+    return SampleStage(kind="sample", steps=10, **targets)
+
+
+def kindsOf(stages, targets=MEASURES):
+    return [stage.kind for stage in withApproaches(stages, MEASURES, targets, 642)[0]]
+
+
+def configOf(tmp_path, **sections):
+    config = {
+        "mesh": {"icosphere": 1},
+        "membrane": {"reduced_volume": 0.8},
+        "platform": {"threads": 1},
+        "sampling": {"seed": 3, "steps": 20, "steps_per_trajectory": 5},
+        "output": {"prefix": str(tmp_path / "run"), "observables_interval": 1},
+    }
+    for name, values in sections.items():
+        config[name] = {**config.get(name, {}), **values} if isinstance(values, dict) else values
+    return config
+
+
+@pytest.mark.parametrize("factor", [1 + 0.9 * FAR, 1 / (1 + 0.9 * FAR), 1.0])
+def test_near_targets_are_taken_at_once(factor):
+    targets = {"area": 12.0, "volume": 4.0 * factor}
+    assert withApproaches([sample()], MEASURES, targets, 642) == ([sample()], targets)
+
+
+@pytest.mark.parametrize("factor", [1 + 1.1 * FAR, 1 / (1 + 1.1 * FAR), 0.1, 10.0])
+@pytest.mark.parametrize("numVertices, slowness", [(42, 1), (642, 1), (4 * 642, 2)])
+def test_far_targets_are_led_to(factor, numVertices, slowness):
+    (approach, last), first = withApproaches([sample()], MEASURES, {"area": 12.0, "volume": 4.0 * factor}, numVertices)
+    assert (approach.kind, last, first) == ("approach", sample(), MEASURES)
+    assert (approach.target_area, approach.target_volume) == (12.0, 4.0 * factor)
+    assert approach.steps == math.ceil(STEPS_PER_E_FOLD * abs(math.log(factor)) * slowness)
+
+
+def test_stages_that_change_targets_little_by_little_need_no_other():
+    far = {"area": 12.0, "volume": 2.0}
+    anneal = AnnealStage(kind="anneal", end_temperature=3.0)
+    going = ContinueStage(kind="continue", target_volume=2.0)
+    assert kindsOf([MinimizeStage(kind="minimize"), sample()], far) == ["minimize", "sample"]
+    assert kindsOf([going, sample()]) == ["continue", "sample"]
+    assert kindsOf([going, sample()], far) == ["approach", "continue", "sample"]  # it would begin far away
+    assert kindsOf([anneal], far) == ["approach", "anneal"]
+    assert kindsOf([sample(), sample(target_volume=3.0), sample(target_volume=2.9)]) == [
+        "sample",
+        "approach",
+        "sample",
+        "sample",
+    ]
+
+
+def test_a_stage_is_led_to_at_its_own_temperature():
+    led, _ = withApproaches([sample(target_volume=3.0, temperature=150.0)], MEASURES, MEASURES, 642)
+    assert led[0].temperature == 150.0
+
+
+def test_terms_that_are_off_ask_for_nothing(tmp_path):
+    config = parseConfig(configOf(tmp_path, membrane={"volume_modulus": 0.0, "reduced_volume": None}))
+    config.membrane.target_volume = 1.0
+    assert [stage.kind for stage in Scene.of(config).stages] == ["sample"]
+
+
+def test_targets_go_in_equal_parts_to_their_end(tmp_path):
+    summary = mh.run(configOf(tmp_path))
+    approach = summary.config.stages[0]
+    led = summary.table.where(summary.table["stage"] == 1)
+    start, steps = mh.Mesh.icosphere(1).volume, led["step"]
+    assert np.allclose(
+        led["targetVolume"], start + (approach.target_volume - start) * steps / approach.steps, rtol=1e-12
+    )
+    assert steps[-1] == approach.steps and not led["equilibrated"].any()
+    assert summary.mean("reducedVolume") == pytest.approx(0.8, abs=0.01)
+    assert any("stage 1, approach: area from" in note for note in summary.notes)
+
+
+def test_it_can_be_switched_off(tmp_path):
+    scene = Scene.of(parseConfig(configOf(tmp_path, sampling={"approach": "none"})))
+    assert [stage.kind for stage in scene.stages] == ["sample"]
+    assert scene.targets["volume"] < 0.9 * scene.mesh.volume
+
+
+def test_resolved_settings_make_the_same_run(tmp_path):
+    mh.run(configOf(tmp_path))
+    config = readTOML(tmp_path / "run.resolved.toml")
+    config["output"]["prefix"] = str(tmp_path / "again")
+    mh.run(config)
+    for ending in (".csv", ".dcd", ".ply", ".psf"):
+        assert Path(f"{tmp_path}/run{ending}").read_bytes() == Path(f"{tmp_path}/again{ending}").read_bytes()
+
+
+def test_a_run_goes_on_in_the_middle_of_an_approach(tmp_path):
+    (tmp_path / "parts").mkdir()
+    mh.run(configOf(tmp_path))
+    config = configOf(tmp_path / "parts")
+    assert mh.run(config, progress=StopAt(7)).interrupted
+    mh.resume(config["output"]["prefix"])
+    assertSame(config["output"]["prefix"], contentsOf(str(tmp_path / "run")))
+
+
+def test_an_approach_needs_a_goal():
+    with pytest.raises(ValueError, match="has no target to go to; give one of target_area, target_volume"):
+        parseConfig({"mesh": {"icosphere": 1}, "stages": [{"kind": "approach"}]})
