@@ -99,12 +99,6 @@ class _SweepProgress(Bars):
             ]
             self._say(f"{self._count(states)} of {len(states)} points{''.join('; ' + text for text in running)}")
 
-    def _say(self, text: str) -> None:
-        if self._bar:
-            self._bar.console.print(text, markup=False, highlight=False)
-        else:
-            print(text, file=sys.stderr, flush=True)
-
     def _draw(self, bar: Any, states: list["PointStatus"]) -> None:
         self._show(bar, "points", self._count(states), len(states), "")
         for state in states:

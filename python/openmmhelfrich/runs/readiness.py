@@ -54,7 +54,7 @@ def requireReady(scene: Scene, simulation: app.Simulation, force: HelfrichForce,
         )
 
 
-class Verdict(NamedTuple):
+class Readiness(NamedTuple):
     """Whether a mesh is ready for a run.
 
     Attributes
@@ -72,11 +72,11 @@ class Verdict(NamedTuple):
     notes: Sequence[str] = ()
 
 
-def judge(mesh: Mesh, file: PathLike) -> Verdict:
-    """Return the Verdict on a mesh that was read from a file, for a run with default settings."""
+def readinessOf(mesh: Mesh, file: PathLike) -> Readiness:
+    """Return the Readiness of a mesh that was read from a file, for a run with default settings."""
     reason, repair, notes = _obstacleOf(mesh), [], []
     if reason is None:
-        return Verdict()
+        return Readiness()
     try:
         repaired = mesh.repaired()
     except ValueError:
@@ -87,12 +87,12 @@ def judge(mesh: Mesh, file: PathLike) -> Verdict:
         mesh, file = repaired, target
     left = _obstacleOf(mesh)
     if left is None:
-        return Verdict(reason, repair, notes)
+        return Readiness(reason, repair, notes)
     try:
         mesh.check()
     except ValueError:
-        return Verdict(reason)
-    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
+        return Readiness(reason)
+    return Readiness(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
 
 
 def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:

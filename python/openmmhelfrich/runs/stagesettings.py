@@ -51,7 +51,7 @@ class StageSettings(Targets):
 
     def lastPart(self, isOnly: bool) -> str:
         """Return what of the run is averaged if this is its last stage, or its only one."""
-        return "run" if isOnly else "last stage"
+        return f"second half of the {'run' if isOnly else 'last stage'}"
 
     def extended(self, steps: int) -> list[Any]:
         """Return the stages that take this one's place, as a run's last, if the run is to make more steps."""
@@ -207,7 +207,7 @@ class ContinueStage(StageSettings):
         return self.steps
 
     def lastPart(self, isOnly: bool) -> str:
-        return "last window"
+        return "last window, where it is equilibrated"
 
 
 STAGES: dict[str, type[StageSettings]] = {
