@@ -191,8 +191,8 @@ class Evidence:
         if self.bending is not None:
             pull += 3 * min(self.bending, self.energyOf(greatestEnergy) + self.undulation)
         if self.surfaces:
-            excess = max(min(1 - surface.reducedVolume for surface in self.surfaces), 1e-3)
-            pull += self.undulation * (1 + 0.75 / excess)
+            roundest = (1 - 0.95 / len(s.vertices) - s.reducedVolume for s in self.surfaces)  # of which a mesh can be
+            pull += self.undulation * (1 + 0.75 / max(min(roundest), 1e-3))
         return float(pull)
 
     @cached_property
@@ -252,7 +252,13 @@ class Check:
 def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdict:
     """Return the Verdict of some checks, or all, on what is known."""
     found = [finding for check in (CHECKS if checks is None else checks) for finding in check.findings(evidence)]
-    return Verdict(tuple(sorted(found, key=lambda finding: -LEVELS.index(finding.level))))
+    found.sort(key=lambda finding: -LEVELS.index(finding.level))
+    advice = [finding.advice for finding in found]
+    return Verdict(
+        tuple(
+            replace(finding, advice="") if finding.advice in advice[:i] else finding for i, finding in enumerate(found)
+        )
+    )
 
 
 def leastEnergy(surface: Mesh) -> float:
@@ -261,7 +267,8 @@ def leastEnergy(surface: Mesh) -> float:
     """
     if genus(surface) > 0:
         return _LEAST_OF_TORI
-    return float(np.interp(surface.reducedVolume, *zip(*_LEAST_ENERGY)))
+    volumes, energies = np.array(_LEAST_ENERGY).T
+    return float(np.interp(surface.reducedVolume, volumes, energies))
 
 
 def greatestEnergy(surface: Mesh) -> float:
@@ -345,7 +352,7 @@ def _stepAdvice(e: Evidence) -> str:
 
 def _flips(e: Evidence) -> Iterator[Measured]:
     if e.flipAcceptance is not None and e.heat > COLD:
-        what = f"only {e.flipAcceptance:.2g} of the flips were accepted, so that the membrane does not flow"
+        what = f"only {e.flipAcceptance:.2%} of the flips were accepted, so that the membrane does not flow"
         advice = "wider bounds of the tether let edges flip; flip_probability = 0 asks for none"
         yield Measured(e.flipAcceptance, what, advice)
 
@@ -472,7 +479,7 @@ ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
 MINIMUM = Check("minimum", _minimum, 1e-3, math.inf)
 
-OF_SHAPES = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
-OF_MOVES = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
-OF_AVERAGES = (EQUILIBRATED, ROWS, DRIFT)
+OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
+OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
+OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
 CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, MINIMUM)

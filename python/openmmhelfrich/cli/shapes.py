@@ -50,13 +50,15 @@ def check(
     """
     from ..geometry.mesh import Mesh
     from ..geometry.quality import assess
-    from ..runs.readiness import readinessOf
+    from ..runs.readiness import coarse, readinessOf
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
     readiness = readinessOf(surface, mesh)
     with contextlib.suppress(ValueError):  # the reason says it
         _print(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
+        notes = (coarse(part, part.reducedVolume) for part in surface.components())
+        _print([("warning", note) for note in notes if note])
     _print([("note", note) for note in surface.notes])
     if readiness.reason is None:
         _print([("verdict", "ready")])

@@ -282,7 +282,7 @@ def _judge(table: Table | None, mesh: Mesh | None, warnings: list[str]) -> Verdi
         except ValueError as error:
             warnings.append(f"The mesh of the last frame is not sound: {error}.")
             mesh = None
-    rates: dict[str, float] = {}
+    rates: dict[str, Any] = {}
     if table is not None:
         last = {name: float(values[-1]) for name, values in table.items()}
         rates = {name: last[name] for name in ("acceptance", "flipAcceptance") if name in last}

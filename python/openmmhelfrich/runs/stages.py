@@ -307,7 +307,7 @@ class MonteCarlo(Stage):
     """A number of Monte Carlo steps, whose conditions are functions of the step."""
 
     WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
-    CHECKS = (*verdict.OF_SHAPES, *verdict.OF_MOVES)
+    CHECKS: tuple[Check, ...] = (*verdict.OF_SHAPES, *verdict.OF_MOVES)
 
     def advance(self) -> None:
         """Make a Monte Carlo step."""

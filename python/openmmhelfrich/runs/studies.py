@@ -32,7 +32,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
-from .readiness import requireReady
+from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
 from .stages import Stage, averagesOf, checkStages, createStage
@@ -67,7 +67,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
-    study.notes += scene.mesh.notes
+    study.notes += [*scene.mesh.notes, *coarseness(scene, targets)]
     study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):
