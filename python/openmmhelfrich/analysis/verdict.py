@@ -28,17 +28,16 @@ LEAST_ROWS = 8
 # The part of the rule of thumb below which a step is not too long for trajectories to be accepted.
 SHORT_STEP = 0.1
 # By so much a constraint may miss its target unnoticed, and by so much at most where its modulus is soft.
-CLOSE, FAR = 0.002, 0.05
+CLOSE, FAR = 0.005, 0.05
 # The angle between the normals of neighbors, in degrees, beyond which the surface is folded.
 FOLDED = 90.0
 # The least bending energy over 8 pi kappa of closed surfaces without a hole, by reduced volume: the sphere, prolates,
 # oblates and stomatocytes (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991).
-_LEAST_ENERGY = ((0, 2), (0.5, 1.988), (0.59, 1.978), (0.6, 1.956), (0.65, 1.826), (0.7, 1.643), (0.8, 1.387))
-_LEAST_ENERGY += ((0.9, 1.19), (1, 1))
+_LEAST_ENERGY = {0: 2, 0.5: 1.988, 0.59: 1.978, 0.6: 1.956, 0.65: 1.826, 0.7: 1.643, 0.8: 1.387, 0.9: 1.19, 1: 1}
 # Of a surface with holes: 4 pi^2 kappa (Marques and Neves, Ann. Math. 179, 683, 2014).
 _LEAST_OF_TORI = math.pi / 2
-# kT for each vertex: undulations hold about 1/2, and on meshes of 92 vertices 0.36.
-_LEAST_UNDULATION, _GREATEST_UNDULATION = 0.25, 0.6
+# kT for each vertex: undulations hold about 1/2.
+_GREATEST_UNDULATION = 0.6
 
 
 @dataclass(frozen=True)
@@ -139,6 +138,8 @@ class Evidence:
         the parts of trajectories that were accepted and that diverged, since a step size was found, and that of flips
     stepSize, timeScale : float or None
         the step size, and that of the rule of thumb, in ps
+    isAdapted : bool
+        whether the step size was found by its acceptance
     moved : float or None
         the root mean square of the vertices' displacements, over the mean edge length
     fall : float or None
@@ -154,6 +155,7 @@ class Evidence:
     flipAcceptance: float | None = None
     stepSize: float | None = None
     timeScale: float | None = None
+    isAdapted: bool = False
     moved: float | None = None
     fall: float | None = None
 
@@ -178,21 +180,23 @@ class Evidence:
         """The connected surfaces at the end."""
         return [] if self.mesh is None else self.mesh.components()
 
-    @cached_property
-    def pull(self) -> float:
-        """The largest derivative, in kT, of the energy of smooth shapes, undulations, tension and pressure by the
-        logarithm of an area or volume: what a modulus has to hold.
+    def pull(self, rows: Table) -> float:
+        """Return the largest derivative, in kT, by the logarithm of an area or volume, of the energy of smooth shapes,
+        undulations, tension and pressure, on the average over some rows: what a modulus has to hold.
 
         Bending energies change with the reduced volume at most as a thin tube's, as 1/v^2, and so as A^3 with the area.
-        Undulations take room: near the sphere their N/2 modes share an excess of area of 1-v.
+        Undulations take room: the excess of area, 1-v near the sphere, is shared by N modes where nothing resists, and
+        by fewer the larger the bending modulus; what they pull was measured without one, and with one of 20 kT.
         """
-        pull = abs(self.moduli.get("tension", 0)) * self.late["area"].mean()
-        pull += abs(self.moduli.get("pressure", 0)) * self.late["volume"].mean()
+        pull = abs(self.moduli.get("tension", 0)) * rows["area"].mean()
+        pull += abs(self.moduli.get("pressure", 0)) * rows["volume"].mean()
         if self.bending is not None:
-            pull += 3 * min(self.bending, self.energyOf(greatestEnergy) + self.undulation)
-        if self.surfaces:
-            roundest = (1 - 0.95 / len(s.vertices) - s.reducedVolume for s in self.surfaces)  # of which a mesh can be
-            pull += self.undulation * (1 + 0.75 / max(min(roundest), 1e-3))
+            pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.undulation)
+        volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
+        if volumes and self.mesh is not None:
+            roundest = 1 - 0.95 * len(volumes) / len(self.mesh.vertices)  # the reduced volume of an icosphere
+            softness = 1.5 / (1 + self.moduli.get("bending", 0) / 5)
+            pull += self.undulation * (2 + softness / max(roundest - max(volumes), 1e-3))
         return float(pull)
 
     @cached_property
@@ -267,8 +271,7 @@ def leastEnergy(surface: Mesh) -> float:
     """
     if genus(surface) > 0:
         return _LEAST_OF_TORI
-    volumes, energies = np.array(_LEAST_ENERGY).T
-    return float(np.interp(surface.reducedVolume, volumes, energies))
+    return float(np.interp(surface.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
 
 
 def greatestEnergy(surface: Mesh) -> float:
@@ -286,7 +289,7 @@ def _finite(e: Evidence) -> Iterator[Measured]:
 
 
 def _equilibrated(e: Evidence) -> Iterator[Measured]:
-    marks = e.late.get("equilibrated", np.ones(0))
+    marks = e.late.get("equilibrated", np.ones(0)) if len(e.rows) else ()
     if len(marks):
         yield Measured(
             float(np.mean(marks == 1)),
@@ -311,7 +314,7 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
     error = math.sqrt(e.heat / (2 * modulus) / count)
     if count >= LEAST_ROWS:
         error = max(error, _blockError(deviations))
-    given = max(CLOSE, e.pull / (2 * modulus)) + 4 * error
+    given = max(CLOSE, e.pull(rows) / (2 * modulus)) + 4 * error
     limit = given if totalOf(observable.name) == "areaDifference" else min(given, FAR)
     isSoft = abs(mean) <= given
     name = observable.title
@@ -321,8 +324,8 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
         f"a larger {_MODULI[totalOf(observable.name)]} holds it"
         if isSoft
-        else "go to the target in a stage that continues there in more, or longer, windows",
-        (limit, math.inf if isSoft else 5 * given + 0.01),
+        else "approach the target in a stage that continues there, in more or longer windows",
+        (limit, math.inf if isSoft else 3 * given + CLOSE),
     )
 
 
@@ -340,31 +343,41 @@ def _divergence(e: Evidence) -> Iterator[Measured]:
         yield Measured(e.divergence, what, _stepAdvice(e))
 
 
+_SMALLER_STEP = 'a smaller step_size helps, or step_size = "auto"'
+_UNEVEN = "the mesh is uneven or crumpled, so remesh it, or minimize before sampling"
+
+
 def _stepAdvice(e: Evidence) -> str:
     """Return what lets trajectories be accepted."""
+    if e.moduli.get("tether") == 0:
+        return "a tether keeps triangles well shaped, and trajectories are accepted then"
+    if e.mesh is not None and np.mean(e.dihedrals > FOLDED) > FOLDS.doubtful:
+        return (
+            "a smaller step_size does not help, since the membrane has crumpled: begin anew, and approach the targets "
+            "in a stage that continues there"
+        )
     if e.stepSize is None or e.timeScale is None or e.stepSize >= SHORT_STEP * e.timeScale:
-        return 'a smaller step_size helps, or step_size = "auto" with a longer burn_in'
+        return "a longer burn_in finds a better one" if e.isAdapted else _SMALLER_STEP
     return (
         f"a smaller step_size does not help, since it is {e.stepSize:.2g} ps already, where {e.timeScale:.2g} ps go "
-        "with the moduli: the mesh is uneven or crumpled, so remesh it, or minimize before sampling"
+        f"with the moduli: {_UNEVEN}"
     )
 
 
 def _flips(e: Evidence) -> Iterator[Measured]:
     if e.flipAcceptance is not None and e.heat > COLD:
         what = f"only {e.flipAcceptance:.2%} of the flips were accepted, so that the membrane does not flow"
+        isStill = e.acceptance is None or e.acceptance < ACCEPTANCE.failed
         advice = "wider bounds of the tether let edges flip; flip_probability = 0 asks for none"
-        yield Measured(e.flipAcceptance, what, advice)
+        still = "trajectories that move the vertices let edges flip, too"
+        yield Measured(e.flipAcceptance, what, still if isStill else advice)
 
 
 def _stepSize(e: Evidence) -> Iterator[Measured]:
     if e.stepSize is not None and e.timeScale is not None and e.acceptance is not None:
         what = f"the step size of {e.stepSize:.2g} ps creeps: {e.timeScale:.2g} ps go with the moduli and the mesh"
-        advice = (
-            'a larger step_size, or "auto", or none'
-            if e.acceptance > 0.5
-            else "the mesh is uneven or crumpled: remesh it, or minimize before sampling"
-        )
+        isTooSmall = e.acceptance > 0.5 and not e.isAdapted
+        advice = 'a larger step_size, or "auto", or none' if isTooSmall else _UNEVEN
         yield Measured(e.stepSize / e.timeScale, what, advice)
 
 
@@ -381,19 +394,18 @@ def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, where smooth shapes and thermal "
             f"undulations have at most {expected / unit:.3g}: the membrane is crumpled"
         )
-        advice = "approach the targets slowly, by a stage that continues there, or anneal and minimize"
+        advice = "begin anew, and approach the targets in a stage that continues there"
         yield Measured(e.bending / expected, what, advice)
 
 
 def _continuum(e: Evidence) -> Iterator[Measured]:
     if e.bending is not None:
         least, unit = e.energyOf(leastEnergy), e.energyOf(lambda _: 1)
-        bending = e.bending - _LEAST_UNDULATION * e.undulation
         what = (
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, less than any smooth surface of "
-            f"this reduced volume has ({least / unit:.3g}, and undulations): the mesh is too coarse for its shape"
+            f"this reduced volume has ({least / unit:.3g}): the mesh is too coarse for its shape"
         )
-        yield Measured(bending / least, what, "more vertices, or a firmer tether")
+        yield Measured(e.bending / least, what, "more vertices, or a firmer tether")
 
 
 def _folds(e: Evidence) -> Iterator[Measured]:
@@ -417,7 +429,8 @@ def _intersections(e: Evidence) -> Iterator[Measured]:
     if e.mesh is not None:
         count = len(crossings(e.mesh))
         what = f"the surface passes through itself {count} times at the end"
-        yield Measured(count / len(e.mesh.edges), what, "a repulsion prevents this")
+        advice = "a stronger or longer repulsion" if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
+        yield Measured(count / len(e.mesh.edges), what, f"{advice} prevents this")
 
 
 def _rowsLeft(e: Evidence) -> Iterator[Measured]:
@@ -472,12 +485,12 @@ STEP_SIZE = Check("step size", _stepSize, 0.02, 1e-3, isLeast=True)
 MOVED = Check("displacement", _moved, 0.1, 0.01, isLeast=True)
 BENDING = Check("bending energy", _bendingEnergy, 1, 2)
 CONTINUUM = Check("bound of the continuum", _continuum, 0.95, 0.85, isLeast=True)
-FOLDS = Check("folds", _folds, 0.01, 0.05)
+FOLDS = Check("folds", _folds, 0.005, 0.02)
 TRIANGLES = Check("areas of triangles", _triangles, 1e-2, 1e-4, isLeast=True)
-INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.02)
+INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
 ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
-MINIMUM = Check("minimum", _minimum, 1e-3, math.inf)
+MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
 OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)

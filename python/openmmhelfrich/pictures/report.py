@@ -15,7 +15,7 @@ import openmm as mm
 from numpy.typing import NDArray
 
 from ..analysis.description import classifyShape
-from ..analysis.verdict import Evidence, Verdict, judge
+from ..analysis.verdict import OF_MOVES, OF_SHAPES, Evidence, Verdict, judge
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..io.conversion import requireNew
@@ -288,7 +288,8 @@ def _judge(table: Table | None, mesh: Mesh | None, warnings: list[str]) -> Verdi
         rates = {name: last[name] for name in ("acceptance", "flipAcceptance") if name in last}
         if "diverged" in last:
             rates["divergence"] = last["diverged"] / max(last["step"], 1)
-    return judge(Evidence(rows=table or Table(), mesh=mesh, **rates))
+    evidence = Evidence(rows=Table() if table is None else table, mesh=mesh, **rates)
+    return judge(evidence, (*OF_SHAPES, *OF_MOVES))
 
 
 def _fill(template: str, parts: dict[str, str]) -> str:

@@ -185,6 +185,7 @@ class Stage(ABC):
             flipAcceptance=_part(acceptedFlips, flips, LEAST_FLIPS),
             stepSize=valueIn(trajectoriesOf(self._simulation.integrator).getStepSize(), unit.picosecond),
             timeScale=defaultStepSize(scene.config, mesh),
+            isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
         )
 

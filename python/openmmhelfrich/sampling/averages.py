@@ -14,20 +14,24 @@ def lateRows(table: Table) -> Table:
     stage; without what is marked as not equilibrated, unless all of it is.
     """
     last = _lastStage(table)
-    if np.any(last.get("window", np.zeros(0)) > 0):
-        late = last.where(last["window"] == last["window"][-1])
-    else:
-        late = last.where(np.arange(len(last["step"]) // 2, len(last["step"])))
-    return _equilibrated(late) if len(_equilibrated(late)["step"]) else late
+    hasPath = _hasPath(last)
+    if hasPath:
+        last = last.where(last["window"] == last["window"][-1])
+    late = last.where(np.arange(len(last["step"]) // 2, len(last["step"])))
+    equilibrated = _equilibrated(last if hasPath else late)
+    return equilibrated if len(equilibrated["step"]) else late
 
 
 def sampledWindows(table: Table) -> list[Table]:
     """Return the rows of the last stage over which to average, of each window of a path by itself."""
     last = _lastStage(table)
-    if not np.any(last.get("window", np.zeros(0)) > 0):
-        return [lateRows(table)]
-    rows = _equilibrated(last)
-    return [rows.where(rows["window"] == window) for window in np.unique(rows["window"])] or [lateRows(table)]
+    rows = _equilibrated(last) if _hasPath(last) else lateRows(last)
+    windows = rows.get("window", np.zeros(len(rows["step"])))
+    return [rows.where(windows == window) for window in np.unique(windows)] or [lateRows(last)]
+
+
+def _hasPath(stage: Table) -> bool:
+    return bool(np.any(stage.get("window", np.zeros(0)) > 0))
 
 
 def _lastStage(table: Table) -> Table:
