@@ -39,9 +39,8 @@ def curve(points):
 
 def branchOf(table, name):
     """Return the points that were led along a branch and are on it at the end, at the volume that they were to have."""
-    return table[
-        (table.variant == name) & (table.shapeClass == name) & (abs(table.reducedVolume - table.reduced_volume) < 0.01)
-    ]
+    isOnIt = (table.variant == name) & (table.shapeClass == name) & (table.verdict != "failed")
+    return table[isOnIt & (abs(table.reducedVolume - table.reduced_volume) < 0.01)]
 
 
 def compareBranches(table):
@@ -60,7 +59,11 @@ def compareBranches(table):
 
 def printCrossings(table):
     for (low, high), reference in CROSSINGS.items():
-        one, other, v = curve(branchOf(table, low)), curve(branchOf(table, high)), np.linspace(0.4, 0.8, 4001)
+        branches = branchOf(table, low), branchOf(table, high)
+        if min(map(len, branches)) < 2:
+            print(f"{low}/{high}: too few points")
+            continue
+        one, other, v = *map(curve, branches), np.linspace(0.4, 0.8, 4001)
         difference = one(v) - other(v)
         at = np.flatnonzero(np.diff(np.sign(difference)) > 0)
         print(
@@ -75,10 +78,12 @@ def plotEnergies(table, file):
         points = branchOf(table, name).sort_values("reducedVolume")
         axes.plot(points.reducedVolume, points[ENERGY], "o-", color=color, ms=4, lw=1, label=name)
         axes.plot(*zip(*REFERENCE[name].items()), "+", color=color, ms=11, mew=1.5)
-    annealed = table[table.variant == "annealed"].sort_values("reducedVolume")
+    annealed = table[(table.variant == "annealed") & (table.verdict != "failed")].sort_values("reducedVolume")
     axes.plot(
         annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere"
     )
+    failed = table[table.verdict == "failed"]
+    axes.plot(failed.reducedVolume, failed[ENERGY], "x", color="0.6", ms=7, label="failed")
     axes.plot([], [], "+", color="0.3", ms=11, mew=1.5, label="axisymmetric shapes")
     for v in CROSSINGS.values():
         axes.axvline(v, color="0.7", lw=1, zorder=0)
@@ -114,14 +119,15 @@ def gallery(folder, table, rows, columns, title, file):
     for _, row in table.iterrows():
         axes = panels[rowValues.index(row[rows]), columnValues.index(row[columns])]
         axes.imshow(picture(folder, row))
-        axes.set_title(title(row), fontsize="small")
+        isFailed = row.verdict == "failed"
+        axes.set_title(title(row) + isFailed * ", failed", fontsize="small", color="C3" if isFailed else "black")
     figure.savefig(file, dpi=90)
 
 
 kind, folder = sys.argv[1], Path(sys.argv[2])
 table = pandas.read_csv(folder / "summary.csv")
 print(table.status.value_counts().to_string())
-table = table[table.status == "done"]
+table = table[table.steps.notna()]  # those that have come to their end; what failed is drawn as such
 if kind == "volume":
     compareBranches(table)
     printCrossings(table)

@@ -117,7 +117,9 @@ def test_late_rows():
         window=np.array([0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1]),
         equilibrated=np.array([0, 0, 1, 1, 0, 1, 0, 0, 0, 0, 1, 1]),
     )
-    assert list(lateRows(table)["step"]) == [10, 11]  # the second half of the last window is 9 to 11
+    assert list(lateRows(table)["step"]) == [10, 11]  # of the last window
+    early = table | {"equilibrated": np.array([0, 0, 1, 1, 0, 1, 0, 1, 1, 1, 1, 1])}
+    assert list(lateRows(Table(early))["step"]) == [7, 8, 9, 10, 11]  # as in the table of the path
     assert list(lateRows(table.where(np.arange(10)))["step"]) == [8, 9]  # which is not equilibrated yet
     assert list(lateRows(table.where(np.arange(4)))["step"]) == [2, 3]
     assert list(lateRows(Table(step=np.arange(5)))["step"]) == [2, 3, 4]

@@ -49,6 +49,13 @@ class Bars:
         if self._bar:
             self._bar.stop()
 
+    def _say(self, text: str) -> None:
+        """Print a line, above the bars if there are any."""
+        if self._bar:
+            self._bar.console.print(text, markup=False, highlight=False)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
 
 class Progress(Bars):
     """A bar for each stage on a terminal; elsewhere a plain line for each tenth of a stage, if that is not too often;
@@ -64,22 +71,22 @@ class Progress(Bars):
         stage, now = study.stage, time.monotonic()
         if self._quiet:
             return
+        if self._stage is None:
+            for note in study.notes:
+                self._say(f"note: {note}")
         if stage is not self._stage:
             self._begin(study, now)
         seconds = SECONDS_BETWEEN_UPDATES if self._bar else SECONDS_BETWEEN_LINES
         if not stage.isDone and now < self._shownAt + seconds:
             return
         self._shownAt = now
-        text = f"{self._rate(stage, now)} {stage.unit}s/s, {study.status()}"
+        verdict = f", {study.verdicts[study.index].level}" if stage.isDone and study.index in study.verdicts else ""
+        text = f"{self._rate(stage, now)} {stage.unit}s/s, {study.status()}{verdict}"
         if self._bar:
             self._bar.update(self._task, completed=stage.position, text=text)
         else:
             count = f"{stage.position}" if stage.isWhole else f"{stage.position} of {stage.steps}"
-            print(
-                f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{text}",
-                file=sys.stderr,
-                flush=True,
-            )
+            self._say(f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{text}")
 
     def _begin(self, study: "Study", now: float) -> None:
         self._stage, self._beganAt, self._firstStep = study.stage, now, study.stage.position - 1

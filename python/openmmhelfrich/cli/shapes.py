@@ -50,21 +50,23 @@ def check(
     """
     from ..geometry.mesh import Mesh
     from ..geometry.quality import assess
-    from ..runs.readiness import judge
+    from ..runs.readiness import coarse, readinessOf
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
-    verdict = judge(surface, mesh)
-    with contextlib.suppress(ValueError):  # the verdict says it
+    readiness = readinessOf(surface, mesh)
+    with contextlib.suppress(ValueError):  # the reason says it
         show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
+        notes = (coarse(part, part.reducedVolume) for part in surface.components())
+        show([("warning", note) for note in notes if note])
     show([("note", note) for note in surface.notes])
-    if verdict.reason is None:
+    if readiness.reason is None:
         show([("verdict", "ready")])
         return
-    if not verdict.commands:
-        raise ValueError(f"{mesh}: {verdict.reason}")
-    show([("reason", verdict.reason), *(("repair", note) for note in verdict.notes), ("verdict", "ready after")])
-    print("\n".join(verdict.commands))
+    if not readiness.commands:
+        raise ValueError(f"{mesh}: {readiness.reason}")
+    show([("reason", readiness.reason), *(("repair", note) for note in readiness.notes), ("verdict", "ready after")])
+    print("\n".join(readiness.commands))
     raise typer.Exit(1)
 
 
@@ -262,8 +264,9 @@ def report(
     Example: openmm-helfrich report results/cell
     """
     from ..pictures.report import writeReport
+    from ..runs.checkpoint import verdictOf
 
-    page = writeReport(prefix, output, max_frames, overwrite)
+    page = writeReport(prefix, output, max_frames, overwrite, verdictOf(f"{prefix}.checkpoint"))
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 

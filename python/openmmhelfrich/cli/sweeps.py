@@ -3,14 +3,14 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.progress import TaskID
 
 from .errors import friendly
 from .progress import SECONDS_BETWEEN_LINES, Bars
-from .runs import Quiet
+from .runs import FAILED_VERDICT, AcceptAnything, Quiet
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..runs.sweeps import PointStatus
@@ -38,6 +38,13 @@ def sweep(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of these processes; one for each core by default.")
     ] = None,
+    retry: Annotated[
+        Literal["failed"] | None,
+        typer.Option(
+            help="Begin points anew whose verdict is failed, with the grid's settings of now and other random numbers.",
+        ),
+    ] = None,
+    acceptAnything: AcceptAnything = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a grid of targets, temperatures, moduli, seeds: every combination of values of a configuration's keys.
@@ -45,12 +52,14 @@ def sweep(
     Each point is a run in a folder of its own.  Whatever stopped the sweep, the same command goes on with it: what is
     finished stays, and what had begun goes on from its last checkpoint.  A table, summary.csv, has a row for each
     point.
+
+    The exit code is 3 if the verdict on a point is failed, and 1 if a point ended with an error.
     """
     from ..runs.sweeps import sweep as runSweep
 
     start = time.monotonic()
     with _SweepProgress(quiet) as progress:
-        result = runSweep(grid, output, scheduler, workers, progress)
+        result = runSweep(grid, output, scheduler, workers, progress, retry)
     if not quiet:
         counts = ", ".join(
             f"{result.count(status)} {status}"
@@ -58,13 +67,19 @@ def sweep(
             if result.count(status)
         )
         print(f"{len(result.points)} points: {counts}, in {time.monotonic() - start:.0f} s\n{result.table}")
+        for state in result.points:
+            if state.verdict == "doubtful":
+                print(f"point {state.point.name} is doubtful: {state.reason}")
     for state in result.points:
         if state.status == "failed":
             print(f"openmm-helfrich: point {state.point.name} failed: {state.reason}", file=sys.stderr)
     if result.signal:
         raise typer.Exit(128 + result.signal)
-    if result.count("failed"):
+    failed = [state for state in result.points if state.status == "failed"]
+    if any(not state.verdict for state in failed):
         raise typer.Exit(1)
+    if failed and not acceptAnything:
+        raise typer.Exit(FAILED_VERDICT)
 
 
 class _SweepProgress(Bars):
@@ -87,7 +102,8 @@ class _SweepProgress(Bars):
         for state in states:
             if state.status != self._known[state.point.name]:
                 self._known[state.point.name] = state.status
-                self._say(f"{state.point.name}: {state.status}{f': {state.reason}' if state.reason else ''}")
+                reason = f", {state.verdict}" if state.verdict else f": {state.reason}" if state.reason else ""
+                self._say(f"{state.point.name}: {state.status}{reason}")
         if self._bar:
             self._draw(self._bar, states)
         elif time.monotonic() >= self._shownAt + SECONDS_BETWEEN_LINES:
@@ -98,12 +114,6 @@ class _SweepProgress(Bars):
                 if state.status == "running"
             ]
             self._say(f"{self._count(states)} of {len(states)} points{''.join('; ' + text for text in running)}")
-
-    def _say(self, text: str) -> None:
-        if self._bar:
-            self._bar.console.print(text, markup=False, highlight=False)
-        else:
-            print(text, file=sys.stderr, flush=True)
 
     def _draw(self, bar: Any, states: list["PointStatus"]) -> None:
         self._show(bar, "points", self._count(states), len(states), "")

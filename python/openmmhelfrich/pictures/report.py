@@ -15,9 +15,9 @@ import openmm as mm
 from numpy.typing import NDArray
 
 from ..analysis.description import classifyShape
+from ..analysis.verdict import OF_MOVES, OF_SHAPES, Evidence, Verdict, judge
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..geometry.quality import assess
 from ..io.conversion import requireNew
 from ..io.runfiles import beside, finalMesh, prefixOf
 from ..io.vtkhdf import MeshFrame, readMeshTrajectory
@@ -27,7 +27,6 @@ from ..sampling.observables import (
     PANELS,
     Observable,
     curves,
-    divergence,
     observablesIn,
     observableUnits,
     readObservables,
@@ -43,7 +42,11 @@ TEMPLATE = Path(__file__).with_name("report.html")
 
 
 def writeReport(
-    prefix: PathLike, file: PathLike | None = None, maxFrames: int = MAX_FRAMES, overwrite: bool = False
+    prefix: PathLike,
+    file: PathLike | None = None,
+    maxFrames: int = MAX_FRAMES,
+    overwrite: bool = False,
+    verdict: Verdict | None = None,
 ) -> Path:
     """Write a page about the results of a run.
 
@@ -64,6 +67,8 @@ def writeReport(
         the largest number of frames
     overwrite : bool
         replace a page that exists
+    verdict : Verdict, optional
+        the one on the run; by default the one on what the table and the final mesh tell
 
     Returns
     -------
@@ -100,12 +105,16 @@ def writeReport(
         else None,
         "panels": _panels(table, units) if table is not None else None,
     }
-    if table is not None:
-        _judge(table, warnings)
+    if table is not None and np.any(np.diff(table["step"]) <= 0):
+        warnings.append("The steps in the table do not ascend: rows of several runs may be mixed.")
+    last = frames[len(frames) - 1].mesh if len(frames) else None
+    verdict = verdict or _judge(table, last, warnings)
     text = _fill(
         TEMPLATE.read_text(encoding="utf-8"),
         {
             "title": html.escape(prefix.name),
+            "level": verdict.level,
+            "findings": "".join(f"<li>{html.escape(str(finding))}</li>" for finding in verdict.findings),
             "plotly": plotly,
             "data": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
             "facts": "".join(
@@ -173,7 +182,6 @@ def _shape(
         if count > 1
         else [len(frames) - 1]
     )
-    _judgeMesh(last.step, last.mesh, warnings)
     shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
     return {
         "lengthUnit": _forPlotly(lengthUnit),
@@ -261,34 +269,22 @@ def _fact(observable: Observable, table: Table, late: Table, units: dict[str, st
     return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
 
 
-def _judge(table: Table, warnings: list[str]) -> None:
-    """Add what looks wrong in the table."""
-    bad = [name for name, values in table.items() if not np.all(np.isfinite(values))]
-    if bad:
-        warnings.append(f"There are values in the table that are not finite numbers: {', '.join(bad)}.")
-    if np.any(np.diff(table["step"]) <= 0):
-        warnings.append("The steps in the table do not ascend: rows of several runs may be mixed.")
-    rate = table.get("acceptance", [1])[-1]
-    if rate < 0.2:
-        warnings.append(f"Only {rate:.1%} of the trajectories were accepted; a smaller step_size helps.")
-    diverged = int(table.get("diverged", [0])[-1])
-    if diverged:
-        warnings.append(divergence(diverged))
-    if "flipAcceptance" in table and table["flipAcceptance"][-1] == 0:
-        warnings.append("No flip was accepted: the membrane does not flow.")
-
-
-def _judgeMesh(step: int, mesh: Mesh, warnings: list[str]) -> None:
-    """Add what is wrong with the last shape."""
-    try:
-        crossings = assess(mesh).crossings
-    except ValueError as error:
-        warnings.append(f"The mesh at step {step} is not sound: {error}.")
-        return
-    if len(crossings):
-        warnings.append(
-            f"The surface passes through itself {len(crossings)} times at step {step}; a repulsion prevents this."
-        )
+def _judge(table: Table | None, mesh: Mesh | None, warnings: list[str]) -> Verdict:
+    """Return the verdict on results that have none, and add what speaks against judging the mesh."""
+    if mesh is not None:
+        try:
+            mesh.check()
+        except ValueError as error:
+            warnings.append(f"The mesh of the last frame is not sound: {error}.")
+            mesh = None
+    rates: dict[str, Any] = {}
+    if table is not None:
+        last = {name: float(values[-1]) for name, values in table.items()}
+        rates = {name: last[name] for name in ("acceptance", "flipAcceptance") if name in last}
+        if "diverged" in last:
+            rates["divergence"] = last["diverged"] / max(last["step"], 1)
+    evidence = Evidence(rows=Table() if table is None else table, mesh=mesh, **rates)
+    return judge(evidence, (*OF_SHAPES, *OF_MOVES))
 
 
 def _fill(template: str, parts: dict[str, str]) -> str:

@@ -22,6 +22,7 @@ import openmm as mm
 from openmm import app
 from pydantic import NonNegativeInt, TypeAdapter
 
+from ..analysis.verdict import Verdict, verdictOfStages
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
@@ -58,6 +59,8 @@ class RunState:
         whether all stages are done
     run : str
         what tells the run from all others
+    verdicts : dict
+        the findings on each stage that is done, by its index
     record : dict
         what :func:`addRecord` added to the checkpoint
     """
@@ -71,7 +74,17 @@ class RunState:
     step: NonNegativeInt
     isComplete: bool
     run: str = field(default_factory=lambda: uuid.uuid4().hex)  # earlier versions' runs get one when they go on
+    verdicts: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     record: dict[str, Any] = field(default_factory=dict)
+
+    def verdictsOfStages(self) -> dict[int, Verdict]:
+        """Return the verdicts on the stages that are done, by their indices.  Earlier versions' runs have none."""
+        return {int(index): Verdict.ofData(findings) for index, findings in self.verdicts.items()}
+
+    def verdict(self) -> Verdict | None:
+        """Return the verdict on the run, None if its last stage is not done."""
+        titles = [stage.get("name") or stage["kind"] for stage in self.config["stages"]]
+        return verdictOfStages(titles, self.verdictsOfStages())
 
 
 _RUN_STATE = TypeAdapter(RunState)
@@ -108,6 +121,14 @@ def loadRunState(file: PathLike) -> RunState:
     if state is None:
         raise ValueError(f"{file} is a checkpoint of another version's format")
     return state
+
+
+def verdictOf(file: PathLike) -> Verdict | None:
+    """Return the verdict on the run of a checkpoint; None if it has none, or there is no such file."""
+    try:
+        return loadRunState(file).verdict()
+    except (ValueError, OSError):
+        return None
 
 
 def loadSimulation(

@@ -257,7 +257,7 @@ def _createPoint(
             _set(data, key, value, path)
         config = parseConfig(data, str(path))
         if "sampling.seed" not in values:
-            config.sampling.seed = _seed(config.sampling.seed, name)
+            config.sampling.seed = seedOf(config.sampling.seed, name)
         if config.mesh.file is not None:
             config.mesh.file = str((path.parent / config.mesh.file).resolve())
         if config.platform.threads is None and config.platform.name == "CPU":
@@ -292,8 +292,8 @@ def _text(value: Any) -> str:
     return str(int(value) if isinstance(value, float) and value.is_integer() else value)
 
 
-def _seed(seed: int | None, name: str) -> int:
-    """Return a seed that follows from that of the base and the name of a point."""
+def seedOf(seed: int | None, name: str) -> int:
+    """Return a seed that follows from another one, and a name: that of the base, and of a point."""
     return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") % (2**31 - 1) + 1
 
 

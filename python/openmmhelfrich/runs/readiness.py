@@ -8,10 +8,12 @@ import numpy as np
 from openmm import OpenMMException, app, unit
 
 from ..files import PathLike
+from ..geometry.measures import reducedVolume
 from ..geometry.mesh import Mesh
-from ..geometry.quality import dihedralAngles, triangleAngles
+from ..geometry.quality import dihedralAngles, genus, triangleAngles
 from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
+from ..sampling.targets import nameOf
 from ..units import valueIn
 from .config import Config, parseConfig
 from .scene import Scene, currentMesh
@@ -19,6 +21,9 @@ from .scene import Scene, currentMesh
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
 # folded: its trajectories are then accepted as the step size has it.
 _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
+# The number of vertices from which on fluid membranes of 20 kT did not fold on their way from a sphere to a reduced
+# volume, from the largest down: docs/verdicts.md has what was tried.
+LEAST_VERTICES = ((0.77, 92), (0.57, 162), (0.47, 362), (-np.inf, 642))
 # Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
 _ACCEPTED, _TRIED = 3, 24
 
@@ -54,7 +59,36 @@ def requireReady(scene: Scene, simulation: app.Simulation, force: HelfrichForce,
         )
 
 
-class Verdict(NamedTuple):
+def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[str]:
+    """Return a sentence for each surface that has too few vertices for the smallest of some reduced volumes to which
+    its targets lead it.
+    """
+    if not (scene.moduli["area"] > 0 and scene.moduli["volume"] > 0):
+        return []
+    sentences = []
+    for k, surface in enumerate(scene.mesh.components()):
+        volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in targets]
+        sentences += [sentence for sentence in [coarse(surface, min(volumes))] if sentence]
+    return sentences
+
+
+def coarse(surface: Mesh, volume: float) -> str | None:
+    """Return that a connected surface has too few vertices for a reduced volume, in a sentence, or None."""
+    count = len(surface.vertices)
+    least = next(least for bound, least in LEAST_VERTICES if volume >= bound)
+    if count >= least or genus(surface) > 0:
+        return None
+    return (
+        f"{count} vertices are too few for a reduced volume of {volume:.3g}: such a mesh can fold onto itself, and "
+        f"has less energy than any smooth shape then; {least} or more do not"
+    )
+
+
+def _targetOf(targets: dict[str, float], total: str, surface: int) -> float:
+    return targets[name if (name := nameOf(total, surface)) in targets else total]
+
+
+class Readiness(NamedTuple):
     """Whether a mesh is ready for a run.
 
     Attributes
@@ -72,11 +106,11 @@ class Verdict(NamedTuple):
     notes: Sequence[str] = ()
 
 
-def judge(mesh: Mesh, file: PathLike) -> Verdict:
-    """Return the Verdict on a mesh that was read from a file, for a run with default settings."""
+def readinessOf(mesh: Mesh, file: PathLike) -> Readiness:
+    """Return the Readiness of a mesh that was read from a file, for a run with default settings."""
     reason, repair, notes = _obstacleOf(mesh), [], []
     if reason is None:
-        return Verdict()
+        return Readiness()
     try:
         repaired = mesh.repaired()
     except ValueError:
@@ -87,12 +121,12 @@ def judge(mesh: Mesh, file: PathLike) -> Verdict:
         mesh, file = repaired, target
     left = _obstacleOf(mesh)
     if left is None:
-        return Verdict(reason, repair, notes)
+        return Readiness(reason, repair, notes)
     try:
         mesh.check()
     except ValueError:
-        return Verdict(reason)
-    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
+        return Readiness(reason)
+    return Readiness(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
 
 
 def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:

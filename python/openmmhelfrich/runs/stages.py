@@ -8,13 +8,18 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from openmm import app
+from numpy.typing import NDArray
+from openmm import app, unit
 from pydantic import Field, TypeAdapter
-from typing_extensions import TypedDict
+from typing_extensions import NotRequired, TypedDict
 
+from ..analysis import verdict
+from ..analysis.verdict import Check, Evidence, Verdict
+from ..geometry.mesh import Mesh
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..sampling.adaptation import (
     Adaptation,
@@ -24,16 +29,17 @@ from ..sampling.adaptation import (
     StepSizeAdapter,
     StepSizeTracker,
 )
-from ..sampling.averages import averageWindows
+from ..sampling.averages import averageWindows, lateRows
 from ..sampling.continuation import ContinuationPath, windowLambdas
-from ..sampling.minimization import minimize, minimizeFluid
+from ..sampling.minimization import MinimizationResult, minimize, minimizeFluid
 from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
+from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
-from .scene import Scene, requireComparable, requireTrajectories
+from .scene import Scene, currentMesh, defaultStepSize, requireComparable, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -46,6 +52,13 @@ class _Memory(TypedDict):
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
+    marks: NotRequired[list[list[float]]]
+
+
+# Of so many vertices a stage remembers where they were at its beginning.
+MARKS = 100
+# Fewer trajectories, or flips, than these say nothing about how often they are accepted.
+LEAST_TRAJECTORIES, LEAST_FLIPS = 10, 1000
 
 
 class Stage(ABC):
@@ -66,6 +79,7 @@ class Stage(ABC):
     """
 
     unit, isWhole = "step", False
+    CHECKS: tuple[Check, ...] = ()  # what its verdict looks at
 
     def __init__(self, settings: Any, scene: Scene, simulation: app.Simulation, force: HelfrichForce):
         """Create the stage that settings describe, at its beginning."""
@@ -73,7 +87,7 @@ class Stage(ABC):
         self.listen: Callable[[], bool] = lambda: False
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
-        self._startCounters = self._counters()
+        self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
         self._startAdaptation()
 
     @classmethod
@@ -124,6 +138,7 @@ class Stage(ABC):
             "position": self.position,
             "startTargets": self._startTargets,
             "startCounters": self._startCounters,
+            "marks": self._marks,
             "adapter": self._adapter and self._adapter.getState(),
             "waveAdapter": self._waveAdapter and self._waveAdapter.getState(),
         }
@@ -132,7 +147,7 @@ class Stage(ABC):
         """Go on from a state that getState() returned; raise a ValueError or KeyError if it is not like one."""
         TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
-        self._startCounters = state["startCounters"]
+        self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
         self._startAdaptation()
         if self._adapter:
             self._adapter.setState(state["adapter"])
@@ -141,13 +156,50 @@ class Stage(ABC):
 
     def notes(self) -> list[str]:
         """Return what is worth telling at the end of the stage."""
-        trajectories, *_, diverged = np.subtract(self._counters(), self._startCounters)
-        if diverged <= 0.01 * trajectories:  # they were rejected, as they should be
-            return []
-        return [
-            f"{self.title}: {diverged} of {trajectories} trajectories diverged and were rejected; a smaller step_size "
-            "avoids this"
-        ]
+        return []
+
+    def judge(self, rows: Table) -> Verdict:
+        """Return the verdict on the stage at its end, given its rows of the table."""
+        return verdict.judge(self._evidence(rows), self.CHECKS)
+
+    def _evidence(self, rows: Table) -> Evidence:
+        scene, mesh = self._scene, currentMesh(self._simulation, self._force)
+        trajectories, accepted, flips, acceptedFlips, diverged = np.subtract(self._counters(), self._startCounters)
+        return Evidence(
+            rows=rows,
+            mesh=mesh,
+            moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
+            heat=self._heat(rows),
+            acceptance=_part(accepted, trajectories, LEAST_TRAJECTORIES),
+            divergence=_part(diverged, trajectories, LEAST_TRAJECTORIES),
+            flipAcceptance=_part(acceptedFlips, flips, LEAST_FLIPS),
+            stepSize=valueIn(trajectoriesOf(self._simulation.integrator).getStepSize(), unit.picosecond),
+            timeScale=defaultStepSize(scene.config, mesh),
+            isAdapted=self._adapter is not None,
+            moved=self._moved(mesh),
+        )
+
+    def _heat(self, rows: Table) -> float:
+        """Return the temperature of the averages over the one whose kT is the unit of energies."""
+        return float(lateRows(rows)["temperature"].mean() / self._scene.temperature)
+
+    def _positionsOfMarks(self) -> NDArray[np.float64]:
+        positions = self._simulation.context.getState(positions=True).getPositions(asNumpy=True)
+        count = len(positions)
+        return positions[np.unique(np.linspace(0, count - 1, min(count, MARKS)).astype(int))].value_in_unit(
+            unit.nanometer
+        )
+
+    def _moved(self, mesh: Mesh) -> float | None:
+        """Return how far the marked vertices have come since the stage began, over the mean edge length.
+
+        Of an earlier version's run it is not known.
+        """
+        if not self._marks:
+            return None
+        moved = self._positionsOfMarks() - self._marks
+        moved -= moved.mean(axis=0)  # the whole membrane may drift
+        return float(np.sqrt((moved**2).sum(axis=1).mean()) / mesh.edgeLengths.mean())
 
     def _counters(self) -> list[int]:
         integrator = self._simulation.integrator
@@ -185,11 +237,13 @@ class Minimize(Stage):
     """
 
     unit, isWhole = "iteration", True
+    CHECKS = (*verdict.OF_SHAPES, verdict.MINIMUM)
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
         self.steps, self._energy = self._settings.max_iterations, 0.0
         self._result: list[str] | None = None
+        self._fall: float | None = None
 
     @property
     def isDone(self) -> bool:
@@ -211,6 +265,7 @@ class Minimize(Stage):
         search = minimizeFluid if settings.fluid else minimize
         result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
         if not isStopped:
+            self._fall = _lastFall(result)
             simulation.context.setStepCount(simulation.currentStep + 1)
             self._result = [
                 f"{self.title}: {result.reason}, after {result.iterations} "
@@ -223,20 +278,27 @@ class Minimize(Stage):
         return f"energy {self._energy / self._scene.kT:.6g} kT"
 
     def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "result": self._result}
+        return {**super().getState(), "result": self._result, "fall": self._fall}
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
-        self._result = state["result"]
+        self._result, self._fall = state["result"], state.get("fall")
 
     def notes(self) -> list[str]:
         return self._result or []
+
+    def _evidence(self, rows: Table) -> Evidence:
+        return replace(super()._evidence(rows), rows=rows.where(np.array([-1])), fall=self._fall)
+
+    def _heat(self, rows: Table) -> float:
+        return 0.0
 
 
 class MonteCarlo(Stage):
     """A number of Monte Carlo steps, whose conditions are functions of the step."""
 
     WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
+    CHECKS: tuple[Check, ...] = (*verdict.OF_SHAPES, *verdict.OF_MOVES)
 
     def advance(self) -> None:
         """Make a Monte Carlo step."""
@@ -274,6 +336,7 @@ class Sample(MonteCarlo):
     """Constant conditions; an automatic step size or amplitude adapts in the burn-in."""
 
     WAVE_ADAPTER = AmplitudeAdapter
+    CHECKS = (*MonteCarlo.CHECKS, *verdict.OF_AVERAGES)
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
@@ -398,6 +461,8 @@ class Continue(MonteCarlo):
 class Approach(MonteCarlo):
     """Targets that move a little with each step; an automatic step size follows."""
 
+    CHECKS = (verdict.FINITE, *verdict.OF_MOVES)  # shapes are those of a membrane that follows
+
     def _targets(self, n: int) -> dict[str, float]:
         start, progress = self._startTargets, (n + 1) / self.steps
         return {name: (1 - progress) * start[name] + progress * end for name, end in self._endTargets().items()}
@@ -467,6 +532,20 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
 def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
     """Return the averages over the windows of a stage from its equilibrated rows, None if it has no windows."""
     return _KINDS[type(settings)].averages(settings, rows)
+
+
+def _part(some: int, all: int, least: int) -> float | None:
+    """Return a fraction, None if too few were tried."""
+    return float(some / all) if all >= least else None
+
+
+def _lastFall(result: MinimizationResult) -> float:
+    """Return the part of the energy by which it fell in the last tenth of the iterations; 0 of a minimum."""
+    history = result.history
+    if result.converged or len(history) < 2:
+        return 0.0
+    last = history[-1 - max(1, len(history) // 10) :]
+    return float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))
 
 
 def burnIn(sampling: SamplingSection, steps: int) -> int:

@@ -51,7 +51,7 @@ class StageSettings(Targets):
 
     def lastPart(self, isOnly: bool) -> str:
         """Return what of the run is averaged if this is its last stage, or its only one."""
-        return "run" if isOnly else "last stage"
+        return f"second half of the {'run' if isOnly else 'last stage'}"
 
     def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
         """Return the targets, of those at its start and at its end, to which its first step would bring a membrane."""
@@ -240,7 +240,7 @@ class ContinueStage(StageSettings):
         return start
 
     def lastPart(self, isOnly: bool) -> str:
-        return "last window"
+        return "last window, where it is equilibrated"
 
 
 STAGES: dict[str, type[StageSettings]] = {

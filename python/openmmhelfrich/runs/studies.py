@@ -16,6 +16,7 @@ import openmm as mm
 from openmm import app
 
 from ..analysis.description import classifyShape
+from ..analysis.verdict import FAILED, Verdict, verdictOfStages
 from ..files import PathLike
 from ..helfrich import HelfrichForce
 from ..io.locks import locked
@@ -23,7 +24,6 @@ from ..io.psf import writePSF
 from ..io.runfiles import beside, prefixOf
 from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
 from ..sampling.interruption import StepInterrupted, interruptible
-from ..sampling.moves import numDiverged
 from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
@@ -32,7 +32,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asDict, parseConfig, readConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
-from .readiness import requireReady
+from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
 from .stages import Stage, averagesOf, checkStages, createStage
@@ -67,7 +67,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
-    study.notes += scene.mesh.notes
+    study.notes += [*scene.mesh.notes, *coarseness(scene, targets)]
     study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):
@@ -128,7 +128,7 @@ def resume(
         if steps is not None:
             _addSteps(config, steps)
         elif outputs.match(state.record):
-            raise ValueError(f"the run {prefix} is complete, at step {state.step}; ask for more steps to go on")
+            raise CompleteError(prefix, state)
         _changePlatform(config, state, platform, threads)
         simulation, force = loadSimulation(file, *platformOf(config))
         scene = Scene.of(config, currentMesh(simulation, force))
@@ -137,6 +137,21 @@ def resume(
         requireRoom(scene, outputs, state.step)
         requireMatplotlib()
         return study.finish(progress)
+
+
+class CompleteError(ValueError):
+    """A run that is to go on has no steps left.
+
+    Attributes
+    ----------
+    verdict : Verdict or None
+        the one on the run
+    """
+
+    def __init__(self, prefix: PathLike, state: RunState):
+        self.verdict = state.verdict()
+        failed = f" and its verdict is {self.verdict}\n" if self.verdict and self.verdict.level == FAILED else "; "
+        super().__init__(f"the run {prefix} is complete, at step {state.step}{failed}ask for more steps to go on")
 
 
 class Study:
@@ -158,6 +173,8 @@ class Study:
         its number, from 0
     notes : list of str
         what has been found out, or is to be warned of
+    verdicts : dict of Verdict
+        those on the stages that are done, by their numbers, from 0
     """
 
     def __init__(
@@ -178,6 +195,7 @@ class Study:
         )
         state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
         self.index, self.notes, self._versions, self._run = state.stage, list(state.notes), state.versions, state.run
+        self.verdicts = state.verdictsOfStages()
         self._recorder: Recorder | None = None
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
@@ -226,6 +244,12 @@ class Study:
         """Whether nothing is left to do."""
         return self.index == len(self.config.stages) - 1 and self.stage.isDone
 
+    @property
+    def verdict(self) -> Verdict | None:
+        """The verdict on the run; None before its end."""
+        titles = [stage.title for stage in self.scene.stages]
+        return verdictOfStages(titles, self.verdicts) if self.isComplete else None
+
     def requireReady(self) -> None:
         """Raise a ValueError if the present stage would sample nothing from the present shape."""
         settings = self.scene.stages[self.index]
@@ -247,6 +271,7 @@ class Study:
             self.simulation.currentStep,
             self.isComplete,
             self._run,
+            verdicts={str(i): verdict.toData() for i, verdict in self.verdicts.items()},
         )
         saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
         self._savedAt = time.monotonic(), self.simulation.currentStep
@@ -286,6 +311,8 @@ class Study:
                     break
                 if self.stage.isWhole and self.stage.isDone:
                     recorder.report()
+                if self.stage.isDone:
+                    self._judge()
                 if isToStop():
                     break
                 self._saveIfDue()
@@ -302,6 +329,13 @@ class Study:
 
     def _createStage(self) -> Stage:
         return createStage(self.scene.stages[self.index], self.scene, self.simulation, self.force)
+
+    def _judge(self) -> None:
+        """Keep the verdict on the stage, which has just ended."""
+        table = readObservables(self.outputs.table)
+        rows = table.where(table["stage"] == self.index + 1)
+        self.verdicts[self.index] = self.stage.judge(rows) if len(rows["step"]) else Verdict()
+        self._writeSettings()
 
     def _note(self) -> None:
         """Keep what the stage has to tell at its end."""
@@ -328,6 +362,8 @@ class Study:
 
     def _writeSettings(self) -> None:
         lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
+        for index, verdict in self.verdicts.items():
+            lines += f"stage {index + 1}, {self.scene.stages[index].title}: {verdict}".splitlines()
         writeSettings(self.outputs.settings, self.config, lines)
 
     @contextlib.contextmanager
@@ -367,8 +403,9 @@ class Study:
             shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,
             flipAcceptance=flipAcceptance,
-            diverged=numDiverged(self.simulation.integrator),
             notes=self.notes,
+            stageVerdicts=[(self.scene.stages[i].title, self.verdicts[i]) for i in sorted(self.verdicts)],
+            verdict=self.verdict,
             interrupted=not self.isComplete,
             signal=signal,
         )

@@ -6,8 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..analysis.verdict import Verdict
 from ..sampling.averages import lateRows
-from ..sampling.observables import Observable, divergence, observablesIn
+from ..sampling.observables import Observable, observablesIn
 from ..tables import Table
 from .config import Config
 from .outputs import Outputs
@@ -36,10 +37,12 @@ class Summary:
         the shape of each surface at the end, if there are several: see :func:`classifyShape`
     acceptance, flipAcceptance : float
         fractions of trajectories and flips that were accepted in the last stage
-    diverged : int
-        number of trajectories that diverged in the whole run, also while a step size was sought
     notes : list of str
         what the run found out, or has to warn of
+    stageVerdicts : list of (str, Verdict)
+        the title of each stage that is done, and the verdict on it
+    verdict : Verdict or None
+        whether the results can be trusted, and if not, why; None of a run that was stopped before its end
     interrupted : bool
         whether it was stopped before its end
     signal : int or None
@@ -58,8 +61,9 @@ class Summary:
     shapeClasses: list[str]
     acceptance: float
     flipAcceptance: float
-    diverged: int
     notes: list[str]
+    stageVerdicts: list[tuple[str, Verdict]]
+    verdict: Verdict | None
     interrupted: bool
     signal: int | None
 
@@ -71,7 +75,9 @@ class Summary:
         return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
 
     def mean(self, name: str) -> float:
-        """Return the average of a column of the table over the second half of the last stage, or of its last window."""
+        """Return the average of a column of the table over the second half of the last stage, or over its last window,
+        where these are equilibrated.
+        """
         return float(self._late[name].mean())
 
     def lines(self) -> list[tuple[str, str]]:
@@ -81,7 +87,7 @@ class Summary:
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
             ("steps", self._stepsLine()),
-            ("averages", f"over the second half of the {last.lastPart(len(self.config.stages) == 1)}:"),
+            ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:"),
         ]
         lines += [
             (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
@@ -91,8 +97,6 @@ class Summary:
             lines.append(("shapes", f"{', '.join(shapes)}, at the end"))
         if last.isMonteCarlo:
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
-        if self.diverged:
-            lines.append(("warning", divergence(self.diverged)))
         lines += [(o.title, self._average(o)) for o in shown if o.unit == "energy"]
         if kappa:
             ratios = self.mean("E_bending") / (8 * math.pi * kappa), self.table["E_bending"][0] / (8 * math.pi * kappa)
@@ -103,9 +107,19 @@ class Summary:
                 )
             )
         lines += [("note", note) for note in self.notes]
+        lines += self._verdictLines()
         lines.append(("files", ", ".join(map(str, self.outputs.paths()))))
         if self.outputs.topology is None:
             lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
+        return lines
+
+    def _verdictLines(self) -> list[tuple[str, str]]:
+        lines = []
+        if len(self.stageVerdicts) > 1:
+            lines.append(("stages", ", ".join(f"{title} {verdict.level}" for title, verdict in self.stageVerdicts)))
+        if self.verdict is not None:
+            first, *reasons = str(self.verdict).splitlines()
+            lines += [("verdict", first), *(("", reason) for reason in reasons)]
         return lines
 
     @cached_property

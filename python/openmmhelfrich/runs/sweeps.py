@@ -3,6 +3,7 @@
 A point is a run in a folder of its own, and its checkpoint is all that a worker needs to go on with it, so that a task
 may die and be made again anywhere.  The lock of the run keeps two workers from one point.  When the run has ended,
 ``result.json`` says what came of it, and of which files: a point that has one is finished, if its files are those.
+A finished point is done or, if the verdict on its run is so, failed.
 """
 
 import contextlib
@@ -20,6 +21,7 @@ from typing import Any
 import openmm as mm
 
 from ..analysis.description import classifyShape
+from ..analysis.verdict import FAILED, Verdict
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
@@ -32,7 +34,7 @@ from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig
 from .configfile import settingsText
-from .grids import Point, readGrid
+from .grids import Point, readGrid, seedOf
 from .outputs import Outputs
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
@@ -57,8 +59,10 @@ class PointStatus:
         what is being done
     position, steps : int
         the steps made, and to make, in this stage
+    verdict : str
+        the level of that on its run: "good", "doubtful" or "failed"; empty if it has none
     reason : str
-        why it failed
+        why it failed, or is doubtful
     observables : dict
         what came of it
     """
@@ -68,8 +72,17 @@ class PointStatus:
     stage: str = ""
     position: int = 0
     steps: int = 1
+    verdict: str = ""
     reason: str = ""
     observables: dict = field(default_factory=dict)
+
+    def finish(self, outcome: dict[str, Any]) -> None:
+        """Take what came of the point."""
+        findings = outcome.get("verdict")
+        verdict = None if findings is None else Verdict.ofData(findings)
+        self.status, self.observables = outcome["status"], outcome.get("observables", {})
+        self.verdict = verdict.level if verdict else ""
+        self.reason = outcome.get("reason", "") or "; ".join(map(str, verdict.findings if verdict else ()))
 
 
 @dataclass
@@ -101,6 +114,7 @@ def sweep(
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Callable[[list[PointStatus]], None] | None = None,
+    retry: str | None = None,
 ) -> SweepResult:
     """Run what is left of a grid.
 
@@ -117,6 +131,9 @@ def sweep(
         the number of processes of the latter, one for each core by default.  No result depends on it
     progress : callable, optional
         called with the points, several times a second
+    retry : str, optional
+        "failed" begins points anew whose verdict is failed, with the grid's present settings and other random numbers.
+        Points that are done stay, also if they were begun with other settings
 
     SIGINT and SIGTERM end the sweep early, after a checkpoint of every point.
 
@@ -128,17 +145,25 @@ def sweep(
     """
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
+    if retry not in (None, FAILED):
+        raise ValueError(f"retry is '{retry}'; it must be '{FAILED}'")
     points = readGrid(grid)
     folder = Path(output or Path(grid).stem).resolve()
     for point in points:
         _place(point, folder)
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
+    again = [state for state in states if retry and state.verdict == FAILED]
+    for state in states:
+        if state not in again and not (retry and state.status == "done"):
+            _requireSameSettings(state.point, folder)
     result = SweepResult(states, folder / "summary.csv")
     # What a point that had begun has written already is not counted as room: it is little where the disk is full.
     waiting = [state.point for state in states if state.status == "waiting"]
     requireDisk(sum(point.diskSize for point in waiting if not _settingsFile(point.config).exists()), folder)
     folder.mkdir(parents=True, exist_ok=True)
+    for state in again:
+        _beginAnew(state)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
             with _client(scheduler, workers) as client:
@@ -157,12 +182,12 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
         isToStop = interruptible(lambda: sweepName in _stopping)
         with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK), isToStop:
-            observables = _finished(config)
-            if observables is None:
+            result = _finished(config)
+            if result is None:
                 if _isStopped(_goOn(config, _Messenger(name, sweepName))):
                     return {"status": "stopped"}
-                observables = _writeResult(config)
-            return {"status": "done", "observables": observables}
+                result = _writeResult(config)
+            return result
     except InUseError:
         return {"status": "busy"}
     except (ValueError, OSError, mm.OpenMMException) as error:
@@ -172,13 +197,46 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
 
 
 def _place(point: Point, folder: Path) -> None:
-    """Give a point its folder; raise a ValueError if that holds a run of other settings."""
+    """Give a point its folder, and its random numbers if it was begun anew there."""
     config = point.config
     # The folder belongs to the point, and the lock to its run.
     config.output.prefix, config.output.overwrite = (
         str(folder / point.name / "run"),
         True,
     )
+    for attempt in range(_attempt(config)):
+        config.sampling.seed = _nextSeed(config, attempt)
+
+
+def _attempt(config: Config) -> int:
+    """Return how often a point was begun anew."""
+    try:
+        return int(_attemptFile(config).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return 0
+
+
+def _nextSeed(config: Config, attempt: int) -> int:
+    return seedOf(config.sampling.seed, f"attempt {attempt + 1}")
+
+
+def _beginAnew(state: PointStatus) -> None:
+    """Let a point that is finished wait to be run again."""
+    config = state.point.config
+    with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK):
+        attempt = _attempt(config)
+        # In this order a point that is left half way begins anew, too.
+        for file in (_resultFile(config), Outputs.of(config).checkpoint, _settingsFile(config)):
+            file.unlink(missing_ok=True)
+        with replacing(_attemptFile(config)) as part:
+            part.write_text(f"{attempt + 1}\n", encoding="utf-8")
+    config.sampling.seed = _nextSeed(config, attempt)
+    state.status, state.verdict, state.reason, state.observables = "waiting", "", "", {}
+
+
+def _requireSameSettings(point: Point, folder: Path) -> None:
+    """Raise a ValueError if the folder of a point holds a run of other settings."""
+    config = point.config
     file = _settingsFile(config)
     if file.exists():
         before, now = (_comparable(c) for c in (readConfig(file), config))
@@ -216,6 +274,10 @@ def _folder(config: Config) -> Path:
 
 def _settingsFile(config: Config) -> Path:
     return _folder(config) / "point.toml"
+
+
+def _attemptFile(config: Config) -> Path:
+    return _folder(config) / "attempt"
 
 
 def _resultFile(config: Config) -> Path:
@@ -275,25 +337,33 @@ class _Messenger:
 
 def _writeResult(config: Config) -> dict[str, Any]:
     """Write what came of a point, with the record of the files that tell it, and return it."""
-    observables, record = observe(config), loadRunState(Outputs.of(config).checkpoint).record
+    state = loadRunState(Outputs.of(config).checkpoint)
+    verdict = state.verdict()
+    told = {"observables": observe(config), "verdict": None if verdict is None else verdict.toData()}
     with replacing(_resultFile(config)) as part:
-        part.write_text(json.dumps({**record, "observables": observables}, indent=1) + "\n", encoding="utf-8")
-    return observables
+        part.write_text(json.dumps({**state.record, **told}, indent=1) + "\n", encoding="utf-8")
+    return _outcomeOf(told)
+
+
+def _outcomeOf(told: dict[str, Any]) -> dict[str, Any]:
+    """Return the outcome of a finished point, of what its result tells.  Earlier versions' results have no verdict."""
+    isFailed = Verdict.ofData(told["verdict"] or ()).level == FAILED
+    return {"status": "failed" if isFailed else "done", **told}
 
 
 def _finished(config: Config) -> dict[str, Any] | None:
     """Return what came of a point, or None if it is not finished, or its files are not those of its last step."""
     try:
         record = dict(json.loads(_resultFile(config).read_text(encoding="utf-8")))
-        observables = record.pop("observables")
-        return observables if Outputs.of(config).match(record) else None
+        told = {"observables": record.pop("observables"), "verdict": record.pop("verdict", None)}
+        return _outcomeOf(told) if Outputs.of(config).match(record) else None
     except (OSError, ValueError, TypeError, KeyError):  # an earlier version's, or damaged
         return None
 
 
 def observe(config: Config) -> dict[str, Any]:
-    """Return what came of a run, by name: averages over the second half of its last stage, or its last window, and the
-    final shape.
+    """Return what came of a run, by name: averages over the second half of its last stage, or its last window, where
+    these are equilibrated, and the final shape.
 
     Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`, of several
     surfaces that of each.  Acceptance rates are those of the whole run.
@@ -321,9 +391,9 @@ def observe(config: Config) -> dict[str, Any]:
 
 def _takeFinished(states: list[PointStatus]) -> None:
     for state in states:
-        observables = _finished(state.point.config)
-        if observables is not None:
-            state.status, state.observables = "done", observables
+        outcome = _finished(state.point.config)
+        if outcome is not None:
+            state.finish(outcome)
 
 
 @contextlib.contextmanager
@@ -427,11 +497,7 @@ class _Dispatcher:
             if outcome["status"] == "busy":  # with another sweep, or a worker that is thought dead: later perhaps
                 self._waiting.append(point)
                 continue
-            state.status, state.reason, state.observables = (
-                outcome["status"],
-                outcome.get("reason", ""),
-                outcome.get("observables", {}),
-            )
+            state.finish(outcome)
             hasNews = True
         if hasNews:
             _writeTable(self._result)
@@ -466,13 +532,14 @@ def _writeTable(result: SweepResult) -> None:
     columns = dict.fromkeys(name for state in result.points for name in state.observables)
     with replacing(result.table) as part, open(part, "w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([*heads, "status", *columns, "reason", "folder"])
+        writer.writerow([*heads, "status", "verdict", *columns, "reason", "folder"])
         for state in result.points:
             status = state.status if state.status in ("done", "failed") else "unfinished"
             writer.writerow(
                 [
                     *(state.point.parameters.get(name) for name in heads),
                     status,
+                    state.verdict,
                     *(state.observables.get(name) for name in columns),
                     state.reason,
                     state.point.name,

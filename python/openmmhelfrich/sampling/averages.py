@@ -10,16 +10,36 @@ from .observables import OBSERVABLES
 def lateRows(table: Table) -> Table:
     """Return the rows of a table over which to average, where the start is forgotten.
 
-    They are the second half of the last stage, or of its last window, without what is marked as not equilibrated,
-    unless all of it is.
+    They are those of the last window of a path, as in the table of its averages, or else of the second half of the last
+    stage; without what is marked as not equilibrated, unless all of it is.
     """
-    last = np.ones(len(table["step"]), dtype=bool)
-    for name in ("stage", "window"):
-        if name in table:
-            last &= table[name] == table[name][-1]
-    late = table.where(np.flatnonzero(last)[np.count_nonzero(last) // 2 :])
-    equilibrated = late.get("equilibrated", np.ones(0)) == 1
-    return late.where(equilibrated) if np.any(equilibrated) else late
+    last = _lastStage(table)
+    hasPath = _hasPath(last)
+    if hasPath:
+        last = last.where(last["window"] == last["window"][-1])
+    late = last.where(np.arange(len(last["step"]) // 2, len(last["step"])))
+    equilibrated = _equilibrated(last if hasPath else late)
+    return equilibrated if len(equilibrated["step"]) else late
+
+
+def sampledWindows(table: Table) -> list[Table]:
+    """Return the rows of the last stage over which to average, of each window of a path by itself."""
+    last = _lastStage(table)
+    rows = _equilibrated(last) if _hasPath(last) else lateRows(last)
+    windows = rows.get("window", np.zeros(len(rows["step"])))
+    return [rows.where(windows == window) for window in np.unique(windows)] or [lateRows(last)]
+
+
+def _hasPath(stage: Table) -> bool:
+    return bool(np.any(stage.get("window", np.zeros(0)) > 0))
+
+
+def _lastStage(table: Table) -> Table:
+    return table.where(table["stage"] == table["stage"][-1]) if "stage" in table else table
+
+
+def _equilibrated(table: Table) -> Table:
+    return table.where(table["equilibrated"] == 1) if "equilibrated" in table else table
 
 
 def averageWindows(table: Table, lambdas: NDArray[np.float64]) -> Table:

@@ -489,9 +489,3 @@ def observableUnits(file: PathLike) -> dict[str, str]:
             f"{file} is not a table of observables; it has no columns 'step', 'energy (...)' and 'area (...)'"
         )
     return units
-
-
-def divergence(count: int) -> str:
-    """Return a sentence about trajectories that diverged."""
-    what = "One trajectory" if count == 1 else f"{count} trajectories"
-    return f"{what} diverged and had to be rejected; a smaller step_size avoids this."

@@ -1,0 +1,500 @@
+"""The verdict on what a simulation came to: whether it can be trusted, and if not, why, and what to do.
+
+:data:`CHECKS` is the one list of what is looked at, with the limits.  A check whose evidence is missing says nothing.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.mesh import Mesh
+from ..geometry.quality import crossings, dihedralAngles, genus
+from ..sampling.averages import lateRows, sampledWindows
+from ..sampling.observables import Observable, observablesIn
+from ..sampling.targets import totalOf
+from ..tables import Table
+
+GOOD, DOUBTFUL, FAILED = LEVELS = ("good", "doubtful", "failed")
+
+# The part of the run's temperature below which flips may freeze.
+COLD = 0.5
+# Of rows: fewer cannot tell a drift from a fluctuation.
+LEAST_ROWS = 8
+# The part of the rule of thumb below which a step is not too long for trajectories to be accepted.
+SHORT_STEP = 0.1
+# By so much a constraint may miss its target unnoticed, and by so much at most where its modulus is soft.
+CLOSE, FAR = 0.005, 0.05
+# The part of the mean area below which a triangle has none.
+FLAT = 1e-3
+# The angle between the normals of neighbors, in degrees, beyond which the surface is folded.
+FOLDED = 90.0
+# The least bending energy over 8 pi kappa of closed surfaces without a hole, by reduced volume: the sphere, prolates,
+# oblates and stomatocytes (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991).
+_LEAST_ENERGY = {0: 2, 0.5: 1.988, 0.59: 1.978, 0.6: 1.956, 0.65: 1.826, 0.7: 1.643, 0.8: 1.387, 0.9: 1.19, 1: 1}
+# Of a surface with holes: 4 pi^2 kappa (Marques and Neves, Ann. Math. 179, 683, 2014).
+_LEAST_OF_TORI = math.pi / 2
+# kT for each vertex: undulations hold about 1/2.
+_GREATEST_UNDULATION = 0.6
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong.
+
+    Attributes
+    ----------
+    level : str
+        "doubtful" or "failed"
+    check : str
+        the title of the check that found it
+    what : str
+        what was found, as a sentence without its period
+    value, limit : float
+        what was measured, and the limit that it is beyond
+    advice : str
+        what to do
+    """
+
+    level: str
+    check: str
+    what: str
+    value: float
+    limit: float
+    advice: str
+
+    def __str__(self) -> str:
+        return f"{self.what}; {self.advice}" if self.advice else self.what
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether results can be trusted.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        what is wrong, the worst first
+    """
+
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def level(self) -> str:
+        """Return "good", "doubtful" or "failed": that of the worst finding."""
+        return max((finding.level for finding in self.findings), key=LEVELS.index, default=GOOD)
+
+    def __str__(self) -> str:
+        return "".join([self.level, *(f"\n{finding}" for finding in self.findings)])
+
+    def toData(self) -> list[dict[str, Any]]:
+        """Return the findings, fit for JSON."""
+        return [asdict(finding) for finding in self.findings]
+
+    @classmethod
+    def ofData(cls, data: Iterable[dict[str, Any]]) -> "Verdict":
+        """Return the Verdict of what :meth:`toData` returned."""
+        return cls(tuple(Finding(**finding) for finding in data))
+
+
+def verdictOfStages(titles: Sequence[str], verdicts: Mapping[int, Verdict]) -> Verdict | None:
+    """Return the Verdict on a run from the titles of its stages and the verdicts by their indices; None if its last
+    stage has none.
+
+    It is that of the last stage, whose averages and shape are the results.  What failed in a stage before it makes the
+    run doubtful.
+    """
+    last = len(titles) - 1
+    if last not in verdicts:
+        return None
+    findings = list(verdicts[last].findings)
+    for index in range(last):
+        found = verdicts.get(index, Verdict()).findings
+        findings += [
+            replace(finding, level=DOUBTFUL, what=f"stage {index + 1}, {titles[index]}, failed: {finding.what}")
+            for finding in found
+            if finding.level == FAILED
+        ]
+    return Verdict(tuple(findings))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of a simulation, or a stage of one, at its end.  What is not known is None, or left out.
+
+    Attributes
+    ----------
+    rows : Table
+        the observables, with energies in kT
+    mesh : Mesh or None
+        the surface at the end
+    moduli : dict of float
+        the modulus of each term, in kT
+    heat : float
+        the temperature of the averages over the one whose kT is the unit of energies; 0 of a minimum
+    acceptance, divergence, flipAcceptance : float or None
+        the parts of trajectories that were accepted and that diverged, since a step size was found, and that of flips
+    stepSize, timeScale : float or None
+        the step size, and that of the rule of thumb, in ps
+    isAdapted : bool
+        whether the step size was found by its acceptance
+    moved : float or None
+        the root mean square of the vertices' displacements, over the mean edge length
+    fall : float or None
+        the part of the energy by which a minimization came down in the last tenth of its iterations
+    """
+
+    rows: Table = field(default_factory=Table)
+    mesh: Mesh | None = None
+    moduli: dict[str, float] = field(default_factory=dict)
+    heat: float = 1.0
+    acceptance: float | None = None
+    divergence: float | None = None
+    flipAcceptance: float | None = None
+    stepSize: float | None = None
+    timeScale: float | None = None
+    isAdapted: bool = False
+    moved: float | None = None
+    fall: float | None = None
+
+    @cached_property
+    def late(self) -> Table:
+        """The rows that averages are taken over."""
+        return lateRows(self.rows)
+
+    @cached_property
+    def bending(self) -> float | None:
+        """The mean bending energy, in kT, if there is a bending modulus."""
+        has = self.moduli.get("bending", 0) > 0 and "E_bending" in self.rows and self.mesh is not None
+        return float(self.late["E_bending"].mean()) if has else None
+
+    @cached_property
+    def undulation(self) -> float:
+        """The number of vertices times kT at the temperature of the averages, in kT."""
+        return 0.0 if self.mesh is None else self.heat * len(self.mesh.vertices)
+
+    @cached_property
+    def surfaces(self) -> list[Mesh]:
+        """The connected surfaces at the end."""
+        return [] if self.mesh is None else self.mesh.components()
+
+    def pull(self, rows: Table) -> float:
+        """Return the largest derivative, in kT, by the logarithm of an area or volume, of the energy of smooth shapes,
+        undulations, tension and pressure, on the average over some rows: what a modulus has to hold.
+
+        Bending energies change with the reduced volume at most as a thin tube's, as 1/v^2, and so as A^3 with the area.
+        Undulations take room: the excess of area, 1-v near the sphere, is shared by N modes where nothing resists, and
+        by fewer the larger the bending modulus; what they pull was measured without one, and with one of 20 kT.
+        """
+        pull = abs(self.moduli.get("tension", 0)) * rows["area"].mean()
+        pull += abs(self.moduli.get("pressure", 0)) * rows["volume"].mean()
+        if self.bending is not None:
+            pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.undulation)
+        volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
+        if volumes and self.mesh is not None:
+            roundest = 1 - 0.95 * len(volumes) / len(self.mesh.vertices)  # the reduced volume of an icosphere
+            softness = 1.5 / (1 + self.moduli.get("bending", 0) / 5)
+            pull += self.undulation * (2 + softness / max(roundest - max(volumes), 1e-3))
+        return float(pull)
+
+    @cached_property
+    def dihedrals(self) -> NDArray[np.float64]:
+        """The angles between the normals of neighbors at the end, in degrees, without sign."""
+        assert self.mesh is not None
+        return np.abs(dihedralAngles(self.mesh))
+
+    def energyOf(self, shape: Callable[[Mesh], float]) -> float:
+        """Return a bending energy, in kT, from that of the shape of each surface, over 8 pi kappa."""
+        return 8 * math.pi * self.moduli["bending"] * sum(map(shape, self.surfaces))
+
+
+class Measured(NamedTuple):
+    """What a check measures: the value, what to say of it, and what to do if it is beyond the limit; and the limits for
+    being doubtful and failed, if these are not those of the check.
+    """
+
+    value: float
+    what: str
+    advice: str = ""
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """Something that is looked at.
+
+    Attributes
+    ----------
+    title : str
+        what it is called
+    measure : callable
+        yields what :class:`Measured` of the :class:`Evidence`; nothing if that is missing
+    doubtful, failed : float
+        the limits of the value
+    isLeast : bool
+        whether values below the limits are wrong, and not those above
+    """
+
+    title: str
+    measure: Callable[[Evidence], Iterator[Measured]]
+    doubtful: float
+    failed: float
+    isLeast: bool = False
+
+    def findings(self, evidence: Evidence) -> Iterator[Finding]:
+        """Yield what is beyond the limits."""
+        for value, what, advice, limits in self.measure(evidence):
+            doubtful, failed = limits or (self.doubtful, self.failed)
+            for level, limit in ((FAILED, failed), (DOUBTFUL, doubtful)):
+                if not (value >= limit if self.isLeast else value <= limit):
+                    yield Finding(level, self.title, what, value, limit, advice)
+                    break
+
+
+def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdict:
+    """Return the Verdict of some checks, or all, on what is known."""
+    found = [finding for check in (CHECKS if checks is None else checks) for finding in check.findings(evidence)]
+    found.sort(key=lambda finding: -LEVELS.index(finding.level))
+    advice = [finding.advice for finding in found]
+    return Verdict(
+        tuple(
+            replace(finding, advice="") if finding.advice in advice[:i] else finding for i, finding in enumerate(found)
+        )
+    )
+
+
+def leastEnergy(surface: Mesh) -> float:
+    """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of the same genus and reduced
+    volume.
+    """
+    if genus(surface) > 0:
+        return _LEAST_OF_TORI
+    return float(np.interp(surface.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
+
+
+def greatestEnergy(surface: Mesh) -> float:
+    """Return the largest bending energy, over 8 pi kappa, that a smooth closed surface of the same reduced volume is
+    likely to have: that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.
+    """
+    return 1 + 1 / max(surface.reducedVolume, 1e-3) ** 2
+
+
+def _finite(e: Evidence) -> Iterator[Measured]:
+    bad = [name for name, values in e.rows.items() if not np.all(np.isfinite(values))]
+    if bad:
+        what = f"there are values in the table that are not finite numbers: {', '.join(bad)}"
+        yield Measured(len(bad), what, "a smaller step_size or smaller moduli keep them finite")
+
+
+def _equilibrated(e: Evidence) -> Iterator[Measured]:
+    marks = e.late.get("equilibrated", np.ones(0)) if len(e.rows) else ()
+    if len(marks):
+        yield Measured(
+            float(np.mean(marks == 1)),
+            "the averages are of steps in which the run still adapted its step size or approached its targets",
+            "more steps, or a shorter burn_in or equilibration",
+        )
+
+
+def _targets(e: Evidence) -> Iterator[Measured]:
+    """Averages over each window, against what pulls on the modulus."""
+    for observable in observablesIn(e.rows):
+        total = totalOf(observable.name)
+        modulus = e.moduli.get(total, 0) if observable.target in e.rows else 0
+        if modulus > 0:
+            missed = [_missed(e, rows, observable, modulus) for rows in sampledWindows(e.rows)]
+            yield max(missed, key=lambda measured: measured.value / (measured.limits or (1,))[0])
+
+
+def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) -> Measured:
+    deviations = rows[observable.name] / rows[observable.target] - 1
+    mean, count = float(deviations.mean()), len(deviations)
+    error = math.sqrt(e.heat / (2 * modulus) / count)
+    if count >= LEAST_ROWS:
+        error = max(error, _blockError(deviations))
+    given = max(CLOSE, e.pull(rows) / (2 * modulus)) + 4 * error
+    limit = given if totalOf(observable.name) == "areaDifference" else min(given, FAR)
+    isSoft = abs(mean) <= given
+    name = observable.title
+    return Measured(
+        abs(mean),
+        f"the {name} is {mean:+.2%} off its target on average, where its modulus, {modulus:.3g} kT, "
+        + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
+        f"a larger {_MODULI[totalOf(observable.name)]} holds it"
+        if isSoft
+        else "approach the target in a stage that continues there, in more or longer windows",
+        (limit, math.inf if isSoft else 3 * given + CLOSE),
+    )
+
+
+_MODULI = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
+
+
+def _acceptance(e: Evidence) -> Iterator[Measured]:
+    if e.acceptance is not None:
+        yield Measured(e.acceptance, f"only {e.acceptance:.1%} of the trajectories were accepted", _stepAdvice(e))
+
+
+def _divergence(e: Evidence) -> Iterator[Measured]:
+    if e.divergence is not None:
+        what = f"{e.divergence:.1%} of the trajectories diverged and were rejected"
+        yield Measured(e.divergence, what, _stepAdvice(e))
+
+
+_SMALLER_STEP = 'a smaller step_size helps, or step_size = "auto"'
+_UNEVEN = "the mesh is uneven or crumpled, so remesh it, or minimize before sampling"
+
+
+def _stepAdvice(e: Evidence) -> str:
+    """Return what lets trajectories be accepted."""
+    if e.moduli.get("tether") == 0:
+        return "a tether keeps triangles well shaped, and trajectories are accepted then"
+    if e.mesh is not None and np.mean(e.dihedrals > FOLDED) > FOLDS.doubtful:
+        return (
+            "a smaller step_size does not help, since the membrane has crumpled: begin anew, and approach the targets "
+            "in a stage that continues there"
+        )
+    if e.stepSize is None or e.timeScale is None or e.stepSize >= SHORT_STEP * e.timeScale:
+        return "a longer burn_in finds a better one" if e.isAdapted else _SMALLER_STEP
+    return (
+        f"a smaller step_size does not help, since it is {e.stepSize:.2g} ps already, where {e.timeScale:.2g} ps go "
+        f"with the moduli: {_UNEVEN}"
+    )
+
+
+def _flips(e: Evidence) -> Iterator[Measured]:
+    if e.flipAcceptance is not None and e.heat > COLD:
+        what = f"only {e.flipAcceptance:.2%} of the flips were accepted, so that the membrane does not flow"
+        isStill = e.acceptance is None or e.acceptance < ACCEPTANCE.failed
+        advice = "wider bounds of the tether let edges flip; flip_probability = 0 asks for none"
+        still = "trajectories that move the vertices let edges flip, too"
+        yield Measured(e.flipAcceptance, what, still if isStill else advice)
+
+
+def _stepSize(e: Evidence) -> Iterator[Measured]:
+    if e.stepSize is not None and e.timeScale is not None and e.acceptance is not None:
+        what = f"the step size of {e.stepSize:.2g} ps creeps: {e.timeScale:.2g} ps go with the moduli and the mesh"
+        isTooSmall = e.acceptance > 0.5 and not e.isAdapted
+        advice = 'a larger step_size, or "auto", or none' if isTooSmall else _UNEVEN
+        yield Measured(e.stepSize / e.timeScale, what, advice)
+
+
+def _moved(e: Evidence) -> Iterator[Measured]:
+    if e.moved is not None and e.acceptance is not None:
+        what = f"vertices moved by {e.moved:.2g} mean edge lengths, so that nothing was sampled"
+        yield Measured(e.moved, what, _stepAdvice(e) if e.acceptance < 0.2 else "more or longer steps")
+
+
+def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
+    if e.bending is not None:
+        expected, unit = e.energyOf(greatestEnergy) + _GREATEST_UNDULATION * e.undulation, e.energyOf(lambda _: 1)
+        what = (
+            f"the bending energy is {e.bending / unit:.3g} times that of a sphere, where smooth shapes and thermal "
+            f"undulations have at most {expected / unit:.3g}: the membrane is crumpled"
+        )
+        advice = "begin anew, and approach the targets in a stage that continues there"
+        yield Measured(e.bending / expected, what, advice)
+
+
+def _continuum(e: Evidence) -> Iterator[Measured]:
+    if e.bending is not None:
+        least, unit = e.energyOf(leastEnergy), e.energyOf(lambda _: 1)
+        what = (
+            f"the bending energy is {e.bending / unit:.3g} times that of a sphere, less than any smooth surface of "
+            f"this reduced volume has ({least / unit:.3g}): the mesh is too coarse for its shape"
+        )
+        yield Measured(e.bending / least, what, "more vertices, or a firmer tether")
+
+
+def _folds(e: Evidence) -> Iterator[Measured]:
+    if e.mesh is not None:
+        share, greatest = float(np.mean(e.dihedrals > FOLDED)), e.dihedrals.max()
+        what = (
+            f"the surface is folded by more than {FOLDED:g} degrees at {share:.1%} of its edges, up to {greatest:.0f}"
+        )
+        yield Measured(share, what, "a slower way to the targets, more vertices, or a firmer tether")
+
+
+def _triangles(e: Evidence) -> Iterator[Measured]:
+    if e.mesh is not None:
+        areas = e.mesh.triangleAreas
+        count = int(np.sum(areas < FLAT * areas.mean()))
+        what = f"{count} triangle{'s are' if count > 1 else ' is'} as good as without area"
+        yield Measured(count / len(areas), what, "narrower bounds of the tether keep triangles well shaped")
+
+
+def _intersections(e: Evidence) -> Iterator[Measured]:
+    if e.mesh is not None:
+        count = len(crossings(e.mesh))
+        what = f"the surface passes through itself {count} times at the end"
+        advice = "a stronger or longer repulsion" if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
+        yield Measured(count / len(e.mesh.edges), what, f"{advice} prevents this")
+
+
+def _rowsLeft(e: Evidence) -> Iterator[Measured]:
+    if len(e.rows):
+        count = len(e.late["step"])
+        what = f"averages are over {count} row{'s' if count > 1 else ''} of the table, which cannot tell their errors"
+        yield Measured(count, what, "make more steps, or a smaller observables_interval")
+
+
+def _drift(e: Evidence) -> Iterator[Measured]:
+    """The means of the two halves, in their standard errors, where they differ by what matters."""
+    if not len(e.rows) or len(e.late["step"]) < LEAST_ROWS:
+        return
+    for observable in observablesIn(e.late):
+        if totalOf(observable.name) in _DRIFTING:
+            values = e.late[observable.name]
+            first, second = np.array_split(values, 2)
+            change, mean = float(second.mean() - first.mean()), abs(float(values.mean()))
+            error = math.hypot(_blockError(first), _blockError(second))
+            matters = mean > 0 and abs(change) > _MATTERS * mean
+            if matters and np.all(np.isfinite(values)):
+                what = (
+                    f"the {observable.title} drifts by {change / mean:+.1%} while it is averaged, and has not come to "
+                    "equilibrium"
+                )
+                yield Measured(abs(change) / max(error, 1e-300), what, "more steps")
+
+
+# What may drift, and by which part of its mean it matters.
+_DRIFTING, _MATTERS = ("E_bending", "area", "volume", "areaDifference"), 0.01
+
+
+def _blockError(values: NDArray[np.float64]) -> float:
+    """Return the standard error of the mean of correlated values, from the means of at most four blocks."""
+    blocks = [block.mean() for block in np.array_split(values, min(4, len(values)))]
+    return float(np.std(blocks, ddof=1) / math.sqrt(len(blocks)))
+
+
+def _minimum(e: Evidence) -> Iterator[Measured]:
+    if e.fall is not None:
+        what = f"the minimization ended while the energy fell, by {e.fall:.2%} in the last tenth of its iterations"
+        yield Measured(e.fall, what, "a larger max_iterations")
+
+
+FINITE = Check("finite numbers", _finite, 0, 0)
+EQUILIBRATED = Check("equilibrated rows", _equilibrated, 1, 0, isLeast=True)
+TARGETS = Check("targets", _targets, FAR, math.inf)
+ACCEPTANCE = Check("acceptance of trajectories", _acceptance, 0.2, 0.02, isLeast=True)
+DIVERGENCE = Check("diverged trajectories", _divergence, 0.01, 0.5)
+FLIPS = Check("acceptance of flips", _flips, 1e-3, 1e-5, isLeast=True)
+STEP_SIZE = Check("step size", _stepSize, 0.02, 1e-3, isLeast=True)
+MOVED = Check("displacement", _moved, 0.1, 0.01, isLeast=True)
+BENDING = Check("bending energy", _bendingEnergy, 1, 2)
+CONTINUUM = Check("bound of the continuum", _continuum, 0.95, 0.85, isLeast=True)
+FOLDS = Check("folds", _folds, 0.005, 0.02)
+TRIANGLES = Check("triangles without area", _triangles, 0, 0.01)
+INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
+ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
+DRIFT = Check("drift", _drift, 4, math.inf)
+MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
+
+OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
+OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
+OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
+CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, MINIMUM)

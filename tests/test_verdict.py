@@ -1,0 +1,350 @@
+"""The verdict on runs: what each check finds and what it lets pass, and where it is shown."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import openmmhelfrich as mh
+from conftest import ROOT
+from openmmhelfrich.analysis.verdict import CHECKS, Evidence, Verdict, judge, verdictOfStages
+from openmmhelfrich.cli import app
+from openmmhelfrich.pictures.report import writeReport
+from openmmhelfrich.runs import sweeps
+from openmmhelfrich.runs.checkpoint import verdictOf
+from openmmhelfrich.tables import Table
+
+SPHERE = 8 * np.pi * 20  # its bending energy in kT
+
+
+def rowsOf(count=40, **columns):
+    """Return a table of a vesicle in equilibrium at a reduced volume of 0.95."""
+    noise = np.random.default_rng(1).normal(size=(3, count))
+    area, volume = 12.55 * (1 + 3e-4 * noise[0]), 3.97 * (1 + 3e-4 * noise[1])
+    rows = {
+        "step": np.arange(count),
+        "E_bending": SPHERE * (1.75 + 0.01 * noise[2]),
+        "area": area,
+        "volume": volume,
+        "reducedVolume": 6 * np.sqrt(np.pi) * volume / area**1.5,
+        "stage": np.ones(count),
+        "window": np.zeros(count),
+        "equilibrated": np.ones(count),
+        "targetArea": np.full(count, 12.55),
+        "targetVolume": np.full(count, 3.97),
+    }
+    return Table(rows | columns)
+
+
+def ellipsoid():
+    mesh = mh.Mesh.icosphere(3)
+    return mh.Mesh(mesh.vertices * [1.25, 0.9, 0.9], mesh.triangles)
+
+
+def moved(mesh, vertex, position):
+    vertices = mesh.vertices.copy()
+    vertices[vertex] = position
+    return mh.Mesh(vertices, mesh.triangles)
+
+
+def collapsed(mesh, count):
+    """Return a mesh whose first vertices are each where a neighbor is."""
+    vertices = mesh.vertices.copy()
+    for vertex in range(count):
+        vertices[vertex] = vertices[mesh.edges[mesh.edges[:, 0] == vertex][0, 1]]
+    return mh.Mesh(vertices, mesh.triangles)
+
+
+def dented(depth, subdivisions=3):
+    """Return a sphere with a cap that is mirrored, so that it has a sharp rim."""
+    mesh = mh.Mesh.icosphere(subdivisions)
+    x, y, z = mesh.vertices.T
+    return mh.Mesh(np.column_stack((x, y, np.where(z > depth, 2 * depth - z, z))), mesh.triangles)
+
+
+GOOD = Evidence(
+    rows=rowsOf(),
+    mesh=ellipsoid(),
+    moduli={"bending": 20.0, "area": 1e6, "volume": 1e6, "areaDifference": 0.0, "tether": 50.0, "repulsion": 0.0},
+    acceptance=0.75,
+    divergence=0.0,
+    flipAcceptance=0.07,
+    stepSize=5e-4,
+    timeScale=6e-4,
+    moved=2.0,
+    fall=0.0,
+)
+MESH, RAMP = GOOD.mesh, np.linspace(-1, 1, 40)
+NEIGHBOR = MESH.triangles[0, 1]
+FOUND = [
+    ("finite numbers", "failed", {"rows": rowsOf(energy=np.full(40, np.nan))}),
+    ("equilibrated rows", "doubtful", {"rows": rowsOf(equilibrated=np.zeros(40))}),
+    ("targets", "doubtful", {"rows": rowsOf(targetVolume=np.full(40, 3.92))}),
+    ("targets", "failed", {"rows": rowsOf(targetVolume=np.full(40, 2.4))}),
+    ("targets", "doubtful", {"rows": rowsOf(targetVolume=np.full(40, 2.4)), "moduli": GOOD.moduli | {"volume": 100.0}}),
+    ("acceptance of trajectories", "doubtful", {"acceptance": 0.1}),
+    ("acceptance of trajectories", "failed", {"acceptance": 0.0}),
+    ("diverged trajectories", "doubtful", {"divergence": 0.05}),
+    ("diverged trajectories", "failed", {"divergence": 1.0}),
+    ("acceptance of flips", "doubtful", {"flipAcceptance": 5e-4}),
+    ("acceptance of flips", "failed", {"flipAcceptance": 0.0}),
+    ("step size", "doubtful", {"stepSize": 6e-6}),
+    ("step size", "failed", {"stepSize": 1e-10}),
+    ("displacement", "doubtful", {"moved": 0.05}),
+    ("displacement", "failed", {"moved": 0.0}),
+    ("bending energy", "doubtful", {"rows": rowsOf(E_bending=np.full(40, 4.0 * SPHERE))}),
+    ("bending energy", "failed", {"rows": rowsOf(E_bending=np.full(40, 31.0 * SPHERE))}),
+    ("bound of the continuum", "doubtful", {"rows": rowsOf(E_bending=np.full(40, SPHERE))}),
+    ("bound of the continuum", "failed", {"rows": rowsOf(E_bending=np.full(40, 0.8 * SPHERE))}),
+    ("folds", "doubtful", {"mesh": dented(0.3)}),
+    ("folds", "failed", {"mesh": dented(0.3, 2)}),
+    ("triangles without area", "doubtful", {"mesh": moved(MESH, 0, MESH.vertices[NEIGHBOR])}),
+    ("triangles without area", "failed", {"mesh": collapsed(MESH, 20)}),
+    ("self-intersections", "doubtful", {"mesh": moved(MESH, 0, -1.2 * MESH.vertices[0])}),
+    ("rows to average", "doubtful", {"rows": rowsOf(10)}),
+    ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
+    ("minimum", "doubtful", {"fall": 0.01}),
+    ("minimum", "failed", {"fall": 0.2}),
+]
+
+
+def testWhatIsGood():
+    assert judge(GOOD) == Verdict() and judge(Evidence()) == Verdict()
+    assert str(judge(GOOD)) == "good"
+
+
+@pytest.mark.parametrize("check, level, other", FOUND)
+def testWhatEachCheckFinds(check, level, other):
+    found = [finding for finding in judge(replace(GOOD, **other)).findings if finding.check == check]
+    assert [finding.level for finding in found] == [level]
+    assert np.isfinite(found[0].value) and np.isfinite(found[0].limit)
+    assert Verdict.ofData(json.loads(json.dumps(Verdict(tuple(found)).toData()))).findings == tuple(found)
+
+
+def testEveryCheckIsTestedAndDescribed():
+    """The page has each check with its limits; of the targets' it says how they are computed."""
+    page = (ROOT / "docs/verdicts.md").read_text()
+    rows = {cells[1].strip(): cells for cells in (line.split("|") for line in page.splitlines()) if len(cells) > 4}
+    assert {check for check, *_ in FOUND} == {check.title for check in CHECKS}
+    for check in CHECKS:
+        cells = rows[check.title]
+        for limit, cell in ((check.doubtful, cells[3]), (check.failed, cells[4])):
+            if check.title != "targets":
+                numbers = [float(number) for number in re.findall(r"\d[\d.e-]*", cell)]
+                assert numbers == ([limit] if np.isfinite(limit) and limit > 0 else numbers[:0]) or limit <= 0, (
+                    check.title
+                )
+
+
+def testWhatAnAdviceIs():
+    """A smaller step is advised where the step is long, and not where the mesh is the cause."""
+    none = {"acceptance": 0.0}
+    for other, words in (
+        ({"stepSize": 2e-3}, 'a smaller step_size helps, or step_size = "auto"'),
+        ({"stepSize": 1e-6}, "remesh it, or minimize before sampling"),
+        ({"stepSize": 2e-3, "mesh": dented(0.3)}, "the membrane has crumpled"),
+        ({"stepSize": 2e-3, "moduli": GOOD.moduli | {"tether": 0.0}}, "a tether keeps triangles well shaped"),
+    ):
+        found = judge(replace(GOOD, **none, **other)).findings
+        (finding,) = (finding for finding in found if finding.check == "acceptance of trajectories")
+        assert words in finding.advice
+        assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
+
+
+def testTheRunsVerdictIsThatOfItsLastStage():
+    failed, doubtful = (judge(replace(GOOD, acceptance=rate)) for rate in (0.0, 0.1))
+    assert (failed.level, doubtful.level) == ("failed", "doubtful")
+    titles = ["warm", "cool"]
+    assert verdictOfStages(titles, {0: doubtful, 1: Verdict()}).level == "good"
+    assert verdictOfStages(titles, {0: Verdict(), 1: failed}) == failed
+    verdict = verdictOfStages(titles, {0: failed, 1: Verdict()})
+    assert verdict.level == "doubtful" and str(verdict).startswith("doubtful\nstage 1, warm, failed: only 0.0%")
+    assert verdictOfStages(titles, {0: failed}) is None
+
+
+def configure(prefix="run", mesh=2, stages=None, membrane=None, **sampling):
+    return {
+        "mesh": {"icosphere": mesh},
+        "membrane": membrane or {},
+        "platform": {"threads": 1},
+        "stages": stages or [{"kind": "sample", "steps": 200}],
+        "sampling": {"seed": 1, "steps_per_trajectory": 50, **sampling},
+        "output": {"prefix": str(prefix), "observables_interval": 5, "mesh_trajectory": False, "psf": False},
+    }
+
+
+COLD = [
+    {"kind": "sample", "steps": 300},
+    {"kind": "anneal", "steps": 300, "end_temperature": 3.0},
+    {"kind": "minimize"},
+]
+SCENES = {
+    "a vesicle": (configure(), "good", ""),
+    "a deflated vesicle": (configure(membrane={"reduced_volume": 0.95}), "good", ""),
+    "a soft membrane": (configure(membrane={"bending_modulus": 2, "reduced_volume": 0.95}), "good", ""),
+    "no bending": (configure(membrane={"bending_modulus": 0}), "good", ""),
+    "soft constraints": (configure(membrane={"area_modulus": 1e4, "volume_modulus": 1e4}), "good", ""),
+    "a tension": (configure(membrane={"area_modulus": 0, "tension": 10}), "good", ""),
+    "a short run": (configure(stages=[{"kind": "sample", "steps": 40}]), "doubtful", "averages are over 5 rows"),
+    "nothing accepted": (configure(step_size=1e-2), "failed", "only 0.0% of the trajectories were accepted; a smaller"),
+    "a target out of reach": (
+        configure(membrane={"reduced_volume": 0.6}, approach="none"),
+        "failed",
+        "off its target.*approach the target in a stage that continues there",
+    ),
+    "a creeping step": (configure(step_size=1e-9), "failed", "the step size of 1e-09 ps creeps.*a larger step_size"),
+    "a soft volume": (
+        configure(membrane={"volume_modulus": 100, "reduced_volume": 0.6}),
+        "doubtful",
+        "modulus, 100 kT, is too soft to hold it; a larger volume_modulus",
+    ),
+    "no room for flips": (
+        {**configure(), "tether": {"min_length": 0.29, "max_length": 0.32}},
+        "failed",
+        "of the flips were accepted.*wider bounds of the tether",
+    ),
+    "no tether": ({**configure(), "tether": {"modulus": 0.0}}, "doubtful", "a tether keeps triangles well shaped"),
+    "a hasty path": (
+        configure(stages=[{"kind": "continue", "windows": 5, "equilibration": 5, "steps": 5, "reduced_volume": 0.7}]),
+        "failed",
+        "off its target",
+    ),
+    "a path": (
+        configure(stages=[{"kind": "continue", "windows": 4, "equilibration": 60, "steps": 40, "reduced_volume": 0.9}]),
+        "good",
+        "",
+    ),
+    "a coarse mesh": (configure(mesh=1, membrane={"reduced_volume": 0.95}, stages=COLD), "failed", "is folded by more"),
+    "a fine mesh": (configure(membrane={"reduced_volume": 0.95}, stages=COLD), "good", ""),
+    "a symmetric minimum": (
+        configure(stages=[{"kind": "minimize", "reduced_volume": 0.9}]),
+        "failed",
+        "off its target",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def testScenes(inFolder, name):
+    config, level, words = SCENES[name]
+    result = mh.run(config)
+    assert result.verdict.level == level, str(result.verdict)
+    assert re.search(words, str(result.verdict))
+    assert (
+        dict(result.lines())["verdict"] == level
+        and f"# stage {len(config['stages'])}, " in (inFolder / "run.resolved.toml").read_text()
+    )
+    assert verdictOf("run.checkpoint") == result.verdict
+
+
+def testTooFewVerticesAreToldBefore(inFolder):
+    said = []
+    mh.run(configure(mesh=1), lambda study: said.append(list(study.notes)))
+    assert "42 vertices are too few for a reduced volume of 0.977" in said[0][0]
+    path = [{"kind": "continue", "windows": 2, "equilibration": 1, "steps": 1, "reduced_volume": 0.5}]
+    assert "162 vertices are too few for a reduced volume of 0.5" in mh.run(configure("b", stages=path)).notes[0]
+    assert mh.run(configure("c", stages=[{"kind": "sample", "steps": 2, "reduced_volume": 0.9}])).notes == []
+
+
+def testAStoppedRunHasTheSameVerdictLater(inFolder):
+    def stop(study):
+        if study.simulation.currentStep == 120:
+            raise KeyboardInterrupt
+
+    whole = mh.run(configure("a", step_size=1e-9))
+    stopped = mh.run(configure("b", step_size=1e-9), stop)
+    assert stopped.verdict is None and "verdict" not in dict(stopped.lines()) and verdictOf("b.checkpoint") is None
+    assert mh.resume("b").verdict == whole.verdict
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+def writeConfig(name, sampling, mesh=1):
+    with open(name, "w") as file:
+        file.write(
+            f"[mesh]\nicosphere = {mesh}\n[sampling]\nseed = 1\n{sampling}\n[output]\nobservables_interval = 2\n"
+        )
+
+
+def testExitCodes(inFolder):
+    """A failed run keeps its files and is complete; who knows better gets 0."""
+    bad = "steps = 60\nstep_size = 0.02\nsteps_per_trajectory = 10"
+    writeConfig("bad.toml", bad)
+    result = invoke("run", "bad.toml")
+    assert result.exit_code == 3 and re.search(r"verdict  failed\n +only 0.0% of the trajectories", result.output)
+    assert (inFolder / "bad_shape.png").exists()
+    again = invoke("resume", "bad")
+    assert again.exit_code == 3 and "is complete, at step 60 and its verdict is failed" in again.output
+    assert invoke("resume", "bad", "--accept-anything").exit_code == 1  # as of any run that is complete
+    assert invoke("resume", "bad", "--steps", 20).exit_code == 3
+    assert invoke("resume", "bad", "--steps", 20, "--accept-anything").exit_code == 0
+    quiet = invoke("run", "bad.toml", "--overwrite", "--quiet")
+    assert quiet.exit_code == 3 and "the verdict is failed" in quiet.output
+    accepted = invoke("run", "bad.toml", "--overwrite", "--accept-anything")
+    assert accepted.exit_code == 0 and "verdict  failed" in accepted.output
+    writeConfig("short.toml", "steps = 10", 2)
+    short = invoke("run", "short.toml")
+    assert short.exit_code == 0 and "verdict  doubtful" in short.output and "10 of 10" in short.output
+    assert re.search(r"sample: step 10 of 10, .*, doubtful\n", short.output)
+    assert invoke("run", "nothing.toml").exit_code == 1 and invoke("run", "--nothing").exit_code == 2
+
+
+def testTheReportShowsIt(inFolder):
+    writeConfig("bad.toml", "steps = 60\nstep_size = 0.02\nsteps_per_trajectory = 10")
+    invoke("run", "bad.toml")
+    assert invoke("report", "bad").exit_code == 0
+    page = (inFolder / "bad_report.html").read_text(encoding="utf-8")
+    assert '<div id="verdict" class="verdict failed"><h2>Verdict: failed</h2><ul><li>only 0.0% of the' in page
+    assert "trajectories diverged" in page
+    (inFolder / "bad.checkpoint").unlink()  # then table and mesh tell
+    assert 'class="verdict failed"' in writeReport("bad", "b.html").read_text(encoding="utf-8")
+    mh.run(configure("good"))
+    page = writeReport("good", verdict=verdictOf("good.checkpoint")).read_text(encoding="utf-8")
+    assert '<div id="verdict" class="verdict good"><h2>Verdict: good</h2><ul></ul>' in page
+
+
+def summary(folder):
+    with open(folder / "summary.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def testSweepOfAFailedPoint(tmp_path):
+    """It counts as failed, with its results; only --retry failed begins it anew, with what the grid says now."""
+    grid, folder = tmp_path / "grid.toml", tmp_path / "results"
+    text = (
+        "[base]\nmesh.icosphere = 2\nsampling = {steps = 200, steps_per_trajectory = 20, seed = 1}\n"
+        "output = {observables_interval = 5, mesh_trajectory = false}\n[grid]\nsampling.step_size = [8e-4, 0.02]\n"
+    )
+    grid.write_text(text)
+
+    def sweep(*options):
+        return invoke("sweep", grid, "--output", folder, "--workers", 1, *options)
+
+    result = sweep()
+    assert result.exit_code == 3 and "2 points: 1 done, 1 failed" in result.output
+    good, bad = summary(folder)
+    assert (good["status"], good["verdict"], good["reason"]) == ("done", "good", "")
+    assert (bad["status"], bad["verdict"]) == ("failed", "failed") and "trajectories were accepted" in bad["reason"]
+    assert float(bad["acceptance"]) == 0 and bad["steps"] == "200"
+    tables = {row["folder"]: (folder / row["folder"] / "run.csv").read_bytes() for row in (good, bad)}
+    assert sweep("--accept-anything").exit_code == 0 and summary(folder) == [good, bad]
+    assert sweep("--retry", "done").exit_code == 2
+    grid.write_text(text.replace("steps = 200", "steps = 210"))
+    assert "was begun with other settings" in sweep().output and summary(folder) == [good, bad]
+    result = sweep("--retry", "failed")
+    assert result.exit_code == 3 and summary(folder)[0] == good and summary(folder)[1]["steps"] == "210"
+    assert (folder / good["folder"] / "run.csv").read_bytes() == tables[good["folder"]]
+    again = [mh.readObservables(folder / bad["folder"] / "run.csv")["step"][-1], seedOf(folder / bad["folder"])]
+    assert again[0] == 210
+    assert sweep("--retry", "failed").exit_code == 3 and seedOf(folder / bad["folder"]) != again[1]
+    assert sweeps.sweep(grid, folder, retry="failed", workers=1).points[1].verdict == "failed"
+
+
+def seedOf(folder):
+    return re.search(r"seed = (\d+)", (folder / "point.toml").read_text())[1]
