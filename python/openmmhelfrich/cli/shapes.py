@@ -54,7 +54,7 @@ def check(
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
-    verdict = judge(surface, mesh)
+    verdict = judge(surface, mesh, section.length_unit)
     with contextlib.suppress(ValueError):  # the verdict says it
         _print(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
     _print([("note", note) for note in surface.notes])

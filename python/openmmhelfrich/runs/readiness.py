@@ -1,5 +1,6 @@
 """Whether trajectories from a mesh will be accepted, found out before a run rather than after it."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -46,12 +47,33 @@ def requireReady(scene: Scene, simulation: app.Simulation, force: HelfrichForce,
     """Raise a ValueError if a run from the present shape would sample nothing."""
     sentence = obstacle(scene, simulation, force, stepSize)
     if sentence is not None:
-        file = scene.config.mesh.file
-        raise ValueError(
-            f"{file or '[mesh] icosphere'}: {sentence}; it is ready after\n"
-            f"{remeshing(file or 'mesh.ply', scene, scene.mesh)}\n"
-            f"or with remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
-        )
+        raise remeshFirst(scene, sentence)
+
+
+def beyondBounds(scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> str | None:
+    """Return how many edges of the present shape are beyond the tether's bounds, in a sentence, or None if none is."""
+    tether, lengths = scene.tether, currentMesh(simulation, force).edgeLengths
+    count = int(np.sum((lengths < tether.minLength) | (lengths > tether.maxLength)))
+    return (
+        f"{count} of {len(lengths)} edges are beyond the bounds of the tether, {tether.minLength:.4g} to "
+        f"{tether.maxLength:.4g} {scene.lengthUnit}: they are {lengths.min():.4g} to {lengths.max():.4g} "
+        f"{scene.lengthUnit} long"
+        if count
+        else None
+    )
+
+
+def remeshFirst(scene: Scene, sentence: str) -> ValueError:
+    """Return an error with the advice to make the mesh anew."""
+    section, advice = scene.config.mesh, f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
+    if section.file is None:
+        return ValueError(f"[mesh] icosphere: {sentence}; it is ready with {advice}")
+    commands, file = [], section.file
+    if section.repair:
+        file = _named(file, "repaired")
+        commands = [repairing(section.file, file)]
+    commands.append(remeshing(file, scene, scene.mesh))
+    return ValueError("\n".join([f"{section.file}: {sentence}; it is ready after", *commands, f"or with {advice}"]))
 
 
 class Verdict(NamedTuple):
@@ -72,9 +94,9 @@ class Verdict(NamedTuple):
     notes: Sequence[str] = ()
 
 
-def judge(mesh: Mesh, file: PathLike) -> Verdict:
+def judge(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Verdict:
     """Return the Verdict on a mesh that was read from a file, for a run with default settings."""
-    reason, repair, notes = _obstacleOf(mesh), [], []
+    reason, repair, notes = _obstacleOf(mesh, lengthUnit), [], []
     if reason is None:
         return Verdict()
     try:
@@ -83,21 +105,27 @@ def judge(mesh: Mesh, file: PathLike) -> Verdict:
         repaired = mesh
     if repaired.notes != mesh.notes:
         target = _named(file, "repaired")
-        repair, notes = [f"openmm-helfrich repair {file} {target}"], repaired.notes
+        repair, notes = [repairing(file, target)], repaired.notes
         mesh, file = repaired, target
-    left = _obstacleOf(mesh)
+    left = _obstacleOf(mesh, lengthUnit)
     if left is None:
         return Verdict(reason, repair, notes)
     try:
         mesh.check()
     except ValueError:
         return Verdict(reason)
-    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
+    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh, lengthUnit), mesh)], notes)
 
 
 def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
     """Return the command that makes the mesh of a file anew."""
-    return f"openmm-helfrich remesh {file} {_named(file, 'even')} --vertices {_numVertices(scene, mesh)}"
+    arguments = "remesh", file, _named(file, "even"), "--vertices", _numVertices(scene, mesh)
+    return shlex.join(["openmm-helfrich", *map(str, arguments)])
+
+
+def repairing(file: PathLike, target: PathLike) -> str:
+    """Return the command that mends the mesh of a file."""
+    return shlex.join(["openmm-helfrich", "repair", str(file), str(target)])
 
 
 def _named(file: PathLike, word: str) -> Path:
@@ -105,18 +133,19 @@ def _named(file: PathLike, word: str) -> Path:
     return path.with_name(f"{path.stem}_{word}.ply")
 
 
-def _obstacleOf(mesh: Mesh) -> str | None:
+def _obstacleOf(mesh: Mesh, lengthUnit: str) -> str | None:
     try:
         mesh.check()
     except ValueError as error:
         return str(error)
-    scene = _defaultScene(mesh)
+    scene = _defaultScene(mesh, lengthUnit)
     force = scene.createForce()
     return obstacle(scene, scene.createSimulation(force), force)
 
 
-def _defaultScene(mesh: Mesh) -> Scene:
-    return Scene.of(parseConfig({"mesh": {"file": "mesh"}, "sampling": {"seed": 1}}), mesh)
+def _defaultScene(mesh: Mesh, lengthUnit: str) -> Scene:
+    config = parseConfig({"mesh": {"file": "mesh", "length_unit": lengthUnit}, "sampling": {"seed": 1}})
+    return Scene.of(config, mesh)
 
 
 def _isEven(scene: Scene, simulation: app.Simulation, force: HelfrichForce, mesh: Mesh) -> bool:
