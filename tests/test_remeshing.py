@@ -129,7 +129,7 @@ def test_arguments_out_of_range(sphere, arguments, message):
 def test_surfaces_that_cannot_be_covered(sphere):
     with pytest.raises(ValueError, match="the surface is open"):
         mh.Mesh(sphere.vertices, sphere.triangles[1:]).remeshed(100)
-    with pytest.raises(ValueError, match=r"this surface takes about|keep its topology|touches itself"):
+    with pytest.raises(ValueError, match="1 handle, of which some are thinner than the new edges"):
         mh.Mesh.torus(5, 0.5, 0.2).remeshed(12)
 
 

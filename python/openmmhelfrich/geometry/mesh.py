@@ -265,18 +265,36 @@ class Mesh:
         try:
             connectivity.check(self.vertices, self.triangles)
         except ValueError as error:
-            raise ValueError(f"{error}{self._remedy()}") from None
+            place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
+            raise ValueError(f"{place}{error}{self._remedy()}") from None
+
+    def _surfaceOf(self, vertex: int) -> str:
+        """Return which of several surfaces a vertex belongs to, as the beginning of a sentence."""
+        count, label = mending.surfaces(self.triangles, len(self.vertices))
+        mine = label[np.any(self.triangles == vertex, axis=1)][0]
+        return f"surface {mine}, of {count}: " if count > 1 else ""
 
     def _remedy(self) -> str:
         """Return what to do about a fault, to go on a sentence."""
         if not len(self.triangles):
             return ""
+        left = self._leftBy()
+        if left is None:
+            return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
+        if self._leftBy(closeHoles=True) is None:
+            return (
+                "; 'openmm-helfrich repair --close-holes' or Mesh.repaired(closeHoles=True) mends this, with flat lids"
+            )
+        return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {left}"
+
+    def _leftBy(self, **arguments: Any) -> ValueError | None:
+        """Return what is wrong still after :meth:`repaired` with some arguments, or None if nothing is."""
         try:
-            mended = self.repaired()
+            mended = self.repaired(**arguments)
             connectivity.check(mended.vertices, mended.triangles)
         except ValueError as error:
-            return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {error}"
-        return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
+            return error
+        return None
 
     def remeshed(self, numVertices: int | None = None, edgeLength: float | unit.Quantity | None = None) -> "Mesh":
         """Return a mesh of even triangles on the same surface, of the same genus.
@@ -299,6 +317,7 @@ class Mesh:
             if the mesh is not closed, an argument is out of range, so few vertices do not cover the surface, or a
             library is missing
         """
+        self.check()
         length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():

@@ -9,8 +9,11 @@ import numpy as np
 from openmm import OpenMMException, app, unit
 
 from ..files import PathLike
+from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
 from ..geometry.quality import dihedralAngles, triangleAngles
+from ..geometry.relaxation import Triangulation
+from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
 from ..units import valueIn
@@ -96,16 +99,14 @@ class Verdict(NamedTuple):
 
 def judge(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Verdict:
     """Return the Verdict on a mesh that was read from a file, for a run with default settings."""
-    reason, repair, notes = _obstacleOf(mesh, lengthUnit), [], []
+    reason, repair = _obstacleOf(mesh, lengthUnit), []
     if reason is None:
         return Verdict()
-    try:
-        repaired = mesh.repaired()
-    except ValueError:
-        repaired = mesh
-    if repaired.notes != mesh.notes:
+    repaired, options = _repaired(mesh)
+    notes = repaired.notes[len(mesh.notes) :]
+    if notes:
         target = _named(file, "repaired")
-        repair, notes = [repairing(file, target)], repaired.notes
+        repair = [repairing(file, target, *options)]
         mesh, file = repaired, target
     left = _obstacleOf(mesh, lengthUnit)
     if left is None:
@@ -114,7 +115,24 @@ def judge(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Verdict:
         mesh.check()
     except ValueError:
         return Verdict(reason)
-    return Verdict(reason, [*repair, remeshing(file, _defaultScene(mesh, lengthUnit), mesh)], notes)
+    scene = _defaultScene(mesh, lengthUnit)
+    if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
+        failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(scene, mesh))
+        if failure is not None:
+            return Verdict(f"{reason}; and {failure}")
+    return Verdict(reason, [*repair, remeshing(file, scene, mesh)], notes)
+
+
+def _repaired(mesh: Mesh) -> tuple[Mesh, list[str]]:
+    """Return a mesh that is mended as far as it can be, and the options for the command that does it."""
+    for options, closesHoles in (([], False), (["--close-holes"], True)):
+        try:
+            repaired = mesh.repaired(closeHoles=closesHoles)
+            repaired.check()
+            return repaired, options
+        except ValueError:
+            pass
+    return mesh, []
 
 
 def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
@@ -123,9 +141,9 @@ def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
     return shlex.join(["openmm-helfrich", *map(str, arguments)])
 
 
-def repairing(file: PathLike, target: PathLike) -> str:
+def repairing(file: PathLike, target: PathLike, *options: str) -> str:
     """Return the command that mends the mesh of a file."""
-    return shlex.join(["openmm-helfrich", "repair", str(file), str(target)])
+    return shlex.join(["openmm-helfrich", "repair", str(file), str(target), *options])
 
 
 def _named(file: PathLike, word: str) -> Path:
