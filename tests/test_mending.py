@@ -329,6 +329,15 @@ def testCommandOfWhatCannotBeMended(inFolder, sphere):
     mh.Mesh.read("closed.ply").check()
 
 
+def testCommandKeeps(inFolder, sphere):
+    mh.Mesh.merged([sphere, mh.Mesh(0.5 * sphere.vertices + 3, sphere.triangles)]).write("in.ply")
+    done = invoke("repair", "in.ply", "out.ply", "--keep", 1)
+    assert done.exit_code == 0 and "a surface of 320 facets and area" in done.output
+    assert mh.Mesh.read("out.ply").area == pytest.approx(sphere.area / 4)
+    wrong = invoke("repair", "in.ply", "out.ply", "--keep", 2, "--overwrite")
+    assert wrong.exit_code == 1 and "in.ply: surface 2 is to be kept; there are surfaces from 0 to 1" in wrong.output
+
+
 def testCommandUnfolds(inFolder, sphere):
     mh.Mesh(np.mod(sphere.vertices, 4), sphere.triangles).write("in.vtu")
     assert "box" in invoke("repair", "in.vtu", "out.vtu").output

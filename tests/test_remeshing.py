@@ -202,3 +202,13 @@ def test_merged():
         np.testing.assert_array_equal(part.triangles, given.triangles)
     with pytest.raises(ValueError, match="there are no meshes"):
         mh.Mesh.merged([])
+
+
+def test_merged_meshes_keep_box_and_notes():
+    sphere = mh.Mesh.icosphere(1)
+    inBox = mh.Mesh(sphere.vertices, sphere.triangles, 5.0)
+    inBox.notes = ["a note"]
+    both = mh.Mesh.merged([sphere, inBox, inBox.reversed()])
+    assert np.array_equal(both.box, 5 * np.eye(3)) and both.notes == ["a note", "a note"]
+    with pytest.raises(ValueError, match="different periodic boxes"):
+        mh.Mesh.merged([inBox, mh.Mesh(sphere.vertices, sphere.triangles, 6.0)])

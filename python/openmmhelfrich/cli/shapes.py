@@ -139,7 +139,7 @@ def convert(
     """
     from ..io.conversion import convert as convertFile
 
-    files = convertFile(source, output, frame, every, topology, overwrite)
+    files = convertFile(source, output, frame, every, topology, overwrite, print)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
 
 

@@ -112,15 +112,27 @@ class Mesh:
 
     @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
-        """Create one mesh of several, whose vertices and triangles follow one another in their order."""
+        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order.
+
+        Raises
+        ------
+        ValueError
+            if there are none, or they have different periodic boxes
+        """
         meshes = list(meshes)
         if not meshes:
             raise ValueError("merged: there are no meshes; give at least one")
+        boxes = [mesh.box for mesh in meshes if mesh.box is not None]
+        if any(not np.array_equal(box, boxes[0]) for box in boxes):
+            raise ValueError("merged: the meshes have different periodic boxes; they must have the same, or none")
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        return cls(
+        result = cls(
             np.concatenate([mesh.vertices for mesh in meshes]),
             np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first)]),
+            boxes[0] if boxes else None,
         )
+        result.notes = [note for mesh in meshes for note in mesh.notes]
+        return result
 
     @classmethod
     def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
@@ -238,7 +250,9 @@ class Mesh:
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
-        return Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+        result = Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+        result.notes = list(self.notes)
+        return result
 
     def components(self) -> "list[Mesh]":
         """Return each connected surface as a mesh, in the order of their first triangles."""

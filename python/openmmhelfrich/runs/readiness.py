@@ -71,7 +71,7 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     section, advice = scene.config.mesh, f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
     if section.file is None:
         return ValueError(f"[mesh] icosphere: {sentence}; it is ready with {advice}")
-    commands, file = [], section.file
+    commands, file = [], Path(section.file)
     if section.repair:
         file = _named(file, "repaired")
         commands = [repairing(section.file, file)]
