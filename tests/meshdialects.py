@@ -69,6 +69,16 @@ def _(x, t):
     return binarySTL(x, t, after=b"\n\n\0made by a program")
 
 
+@dialect("stl", "facets not counted, 0")
+def _(x, t):
+    return binarySTL(x, t)[:80] + bytes(4) + binarySTL(x, t)[84:]
+
+
+@dialect("stl", "facets not counted, the largest number")
+def _(x, t):
+    return binarySTL(x, t)[:80] + b"\xff" * 4 + binarySTL(x, t)[84:]
+
+
 @dialect("stl", "colors in the attributes")
 def _(x, t):
     return binarySTL(x, t, b"COLOR=\xff\xff\xff\xff", attribute=0x8C1F)
@@ -228,6 +238,11 @@ def obj(x, t, corner=lambda i, f, c: f"{i + 1}", head=(), vertex=lambda row: f"v
 dialect("obj", "plain")(obj)
 
 
+@dialect("obj", "UTF-16")
+def _(x, t):
+    return obj(x, t).decode().encode("utf-16")
+
+
 @dialect("obj", "texture coordinates and normals")
 def _(x, t):
     head = ["# exported", "mtllib a.mtl", "o cell"]
@@ -329,6 +344,16 @@ dialect("off", "plain")(off)
 @dialect("off", "counts on the first line")
 def _(x, t):
     return off(x, t, head=("OFF ",))
+
+
+@dialect("off", "counts right behind the word")
+def _(x, t):
+    return off(x, t).replace(b"OFF\n", b"OFF", 1)
+
+
+@dialect("off", "the word in small letters")
+def _(x, t):
+    return off(x, t, head=("off",))
 
 
 @dialect("off", "without the number of edges")

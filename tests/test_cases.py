@@ -68,6 +68,12 @@ def testQuads():
     assert "6 of 4 corners" in invoke("check", CASES / "quads/cube.obj").output
 
 
+def testConversionSaysWhatReadingDid(inFolder):
+    done = invoke("convert", CASES / "quads/cube.obj", "a.ply")
+    assert done.output.splitlines() == ["faces were divided into triangles: 6 of 4 corners", "a.ply"]
+    assert invoke("convert", "a.ply", "b.stl").output.splitlines() == ["b.stl"]
+
+
 def testInsideOut(inFolder):
     source = CASES / "inside_out/inside_out.stl"
     refused = invoke("check", source)
@@ -205,6 +211,17 @@ def testFilesOfOpenMMKeepAtomsAndBonds(tmp_path, make):
         assert again.topology.getNumBonds() == len(edges) and bondsOf(again.topology) == edges
         positions = np.array(again.positions.value_in_unit(unit.nanometer))
         assert positions == pytest.approx(mesh.vertices, abs=1e-3)
+
+
+def testFilesOfMoreAtomsThanPDBHoldsKeepAtomsAndBonds(tmp_path):
+    """A PDB file has room for 99,999 atoms, PDBx/mmCIF for any number."""
+    mesh = torus(1001, 100)
+    topology, edges = mesh.topology(), set(map(tuple, mesh.edges.tolist()))
+    with open(tmp_path / "a.cif", "w") as file:
+        app.PDBxFile.writeFile(topology, mesh.vertices * unit.nanometer, file)
+    again = app.PDBxFile(str(tmp_path / "a.cif")).topology
+    assert again.getNumAtoms() == len(mesh.vertices) == 100100
+    assert again.getNumBonds() == len(edges) == 300300 and bondsOf(again) == edges
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -227,7 +227,9 @@ def testHoles(sphere):
     ring = holed.vertices[np.unique(sphere.triangles[np.any(sphere.triangles == top, axis=1)])]
     height = np.sort(ring[:, 2])[:-1].mean()
     assert any(f"{height:.4g}" in note for note in mended.notes)
-    with pytest.raises(ValueError, match=r"the surface is open.*mends what can be mended, but not all"):
+    with pytest.raises(
+        ValueError, match=r"the surface is open.*repair --close-holes' or Mesh.repaired\(closeHoles=True\)"
+    ):
         holed.check()
     closed = holed.repaired(closeHoles=True)
     closed.check()
@@ -325,6 +327,15 @@ def testCommandOfWhatCannotBeMended(inFolder, sphere):
     assert "out.ply is written, but cannot be simulated: the surface is open" in done.output
     assert invoke("repair", "in.ply", "closed.ply", "--close-holes").exit_code == 0
     mh.Mesh.read("closed.ply").check()
+
+
+def testCommandKeeps(inFolder, sphere):
+    mh.Mesh.merged([sphere, mh.Mesh(0.5 * sphere.vertices + 3, sphere.triangles)]).write("in.ply")
+    done = invoke("repair", "in.ply", "out.ply", "--keep", 1)
+    assert done.exit_code == 0 and "a surface of 320 facets and area" in done.output
+    assert mh.Mesh.read("out.ply").area == pytest.approx(sphere.area / 4)
+    wrong = invoke("repair", "in.ply", "out.ply", "--keep", 2, "--overwrite")
+    assert wrong.exit_code == 1 and "in.ply: surface 2 is to be kept; there are surfaces from 0 to 1" in wrong.output
 
 
 def testCommandUnfolds(inFolder, sphere):

@@ -272,14 +272,19 @@ def secondInsideOut(sphere):
     return together(sphere, other)
 
 
+def secondOpen(sphere):
+    return together(sphere, mh.Mesh(sphere.vertices + 3, sphere.triangles[1:]))
+
+
 @pytest.mark.parametrize(
     "spoil, message",
     [
         (without, r"the surface is open: edge \(\d+, \d+\) belongs to triangle \d+ only \(3 such edges\)"),
         (reversedTriangle, r"triangles \d+ and \d+ run along edge \(\d+, \d+\) in the same direction"),
         (repeatedTriangle, r"triangle 320 \(.*\) has the same three vertices as triangle 5"),
-        (insideOut, r"the membrane of vertex 0 is inside out"),
-        (secondInsideOut, r"the membrane of vertex 162 is inside out"),
+        (insideOut, r"^the membrane of vertex 0 is inside out"),
+        (secondInsideOut, r"^surface 1, of 2: the membrane of vertex 162 is inside out"),
+        (secondOpen, r"^surface 1, of 2: the surface is open"),
         (flat, r"triangle \d+ \(.*\) has no area"),
         (repeatedVertex, r"triangle 3 \(.*\) has the same vertex twice"),
         (fin, r"edge \(\d+, \d+\) belongs to 3 triangles \(0, \d+, 320\)"),

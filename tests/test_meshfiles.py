@@ -1,5 +1,6 @@
 """Readers of mesh files: every dialect gives the same triangles, and every damaged file a sentence."""
 
+import json
 import os
 import resource
 import sys
@@ -58,7 +59,15 @@ def testDialect(tmp_path, name):
         assert np.array_equal(facets(again.vertices, again.triangles), facets(mesh.vertices, mesh.triangles))
     assert bool(again.notes) == any(
         word in name
-        for word in ("bytes after", "other elements", "points and lines", "inclusions", "several pieces", "sections")
+        for word in (
+            "bytes after",
+            "not counted",
+            "other elements",
+            "points and lines",
+            "inclusions",
+            "several pieces",
+            "sections",
+        )
     )
 
 
@@ -216,6 +225,20 @@ def testPiecesOfAClosedSurfaceAreJoined(tmp_path, sphere):
     mesh = read(tmp_path, "vtu", ownVTU(sphere.vertices, sphere.triangles))
     mesh.check()
     assert any("welded" in note for note in mesh.notes)
+
+
+def testWhatIsNoMeshFileIsSaid(tmp_path, sphere):
+    content = bytearray(binarySTL(sphere.vertices, sphere.triangles))
+    content[80:84] = content[83:79:-1]
+    tree = json.loads(gltf(sphere.vertices, sphere.triangles, False))
+    tree["buffers"][0]["uri"] = "gone.bin"
+    for suffix, some, message in (
+        ("stl", bytes(content), "byte order of big-endian machines"),
+        ("gltf", json.dumps(tree).encode(), "refers to another file, gone.bin, which is not there"),
+        ("ply", b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 9\n", "a pointer of Git LFS"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read(tmp_path, suffix, some)
 
 
 def testWithoutVTK(tmp_path, sphere, monkeypatch):

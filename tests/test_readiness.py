@@ -182,11 +182,65 @@ def test_ready_after_both(unevenFolder):
     assert second == "openmm-helfrich remesh cell_repaired.ply cell_repaired_even.ply --vertices 482"
 
 
+def test_ready_after_closing_holes_as_the_command_says(inFolder):
+    sphere = mh.Mesh.icosphere(3, 50)
+    top = np.any(sphere.triangles == sphere.vertices[:, 2].argmax(), axis=1)
+    mh.Mesh(sphere.vertices, sphere.triangles[~top]).write("a cell.ply")
+    result = invoke("check", "a cell.ply")
+    assert result.exit_code == 1 and "the surface is open" in result.output
+    assert "a hole of 6 edges" in result.output and "around (" in result.output and "was closed" in result.output
+    (command,) = commandsOf(result.output)
+    assert command == "openmm-helfrich repair 'a cell.ply' 'a cell_repaired.ply' --close-holes"
+    assert invoke(*shlex.split(command)[1:]).exit_code == 0
+    assert invoke("check", "a cell_repaired.ply").exit_code == 0
+
+
+def moebius(n=40):
+    """A strip with one side."""
+    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    ends = [[(2 + s * np.cos(u / 2)) * np.cos(u), (2 + s * np.cos(u / 2)) * np.sin(u), s * np.sin(u / 2)]
+            for u in turn for s in (-0.5, 0.5)]  # fmt: skip
+    quads = [[2 * i, 2 * i + 1, 2 * i + 3, 2 * i + 2] for i in range(n - 1)] + [[2 * n - 2, 2 * n - 1, 0, 1]]
+    return mh.Mesh(ends, [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
 def test_what_nothing_mends(inFolder):
-    sphere = mh.Mesh.icosphere(2)
-    mh.Mesh(sphere.vertices, sphere.triangles[1:]).write("cell.ply")
+    moebius().write("cell.ply")
     result = invoke("check", "cell.ply")
     assert result.exit_code == 1 and "the surface is open" in result.output and not commandsOf(result.output)
+    assert "but not all" in result.output
+
+
+def test_handles_that_are_too_thin_to_remesh_are_said(inFolder):
+    """As noise in a segmentation makes them; no command is promised that would fail."""
+    pytest.importorskip("mmgpy")
+    pyvista = pytest.importorskip("pyvista")
+    n = 20
+    distance = np.sqrt(((np.mgrid[:n, :n, :n] - (n - 1) / 2) ** 2).sum(axis=0))
+    field = pyvista.ImageData(dimensions=(n, n, n))
+    field["value"] = (8 - distance + 0.8 * np.random.default_rng(0).normal(size=distance.shape)).ravel(order="F")
+    noisy = field.contour([0.0])
+    mh.Mesh(noisy.points, noisy.faces.reshape(-1, 4)[:, 1:]).write("noisy.ply")
+    result = invoke("check", "noisy.ply")
+    assert result.exit_code == 1 and not commandsOf(result.output)
+    assert "handles, of which some are thinner" in result.output and "smooth the segmentation" in result.output
+
+
+def test_lengths_are_in_the_unit_of_the_user(unevenFolder):
+    result = invoke("check", "cell.stl", "--length-unit", "angstrom")
+    assert "0.0382 to 0.276 angstrom long" in result.output
+
+
+def test_run_with_repair_names_both_commands(unevenFolder):
+    mesh = uvSphere(32, 16)
+    mh.Mesh(mesh.vertices, mesh.triangles[:, ::-1]).write("cell.stl")
+    configure(mesh='file = "cell.stl"\nrepair = true')
+    result = invoke("run", "run.toml")
+    first, second = (line.removeprefix("openmm-helfrich: ") for line in result.output.splitlines()[-3:-1])
+    assert first.endswith("cell.stl " + str(unevenFolder / "cell_repaired.ply")) and "cell_repaired_even.ply" in second
+    for command in (first, second):
+        assert invoke(*shlex.split(command)[1:]).exit_code == 0
+    assert invoke("check", "cell_repaired_even.ply").exit_code == 0
 
 
 # --- runs
@@ -225,9 +279,10 @@ def test_minimum_that_cannot_be_sampled_is_kept(unevenFolder):
 
 
 def test_small_steps_are_left_to_the_user(unevenFolder):
-    """With a step size that an uneven mesh takes it runs."""
+    """With a step size that an uneven mesh takes it runs, and the verdict says what that is worth."""
     configure("[sampling]\nsteps = 20\nseed = 1\nstep_size = 1e-7\n")
-    assert invoke("run", "run.toml").exit_code == 0
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 3 and "nothing was sampled" in result.output
 
 
 # --- flips of flat patches

@@ -40,6 +40,9 @@ from openmmhelfrich.runs.grids import readGrid
 from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.studies import resume, run
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from meshdialects import DIALECTS
+
 SECONDS, BYTES = 10, 2 << 30
 BATCH = 500
 
@@ -231,12 +234,13 @@ def _simulate(damagedFile):
 
 
 XML = ("system.xml", "integrator.xml", "state.xml")
-MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh")
+MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh", "tsi", "q")
+ONLY_READ = ("vtp", "gltf", "glb")
 KINDS = {
     "toml": Kind("other.toml", _create, r"\[\w+\] \w+"),
     "grid": Kind("grid.toml", lambda: readGrid("grid.toml"), "there is no configuration file | is a folder"),
     "trimem": Kind("trimem.inp", lambda: _do("config", "--from-trimem", "trimem.inp"), "File name too long"),
-    **{suffix: Kind(f"mesh.{suffix}", functools.partial(_check, f"mesh.{suffix}")) for suffix in MESHES},
+    **{suffix: Kind(f"mesh.{suffix}", functools.partial(_check, f"mesh.{suffix}")) for suffix in MESHES + ONLY_READ},
     "vtkhdf": Kind("run.vtkhdf", lambda: _convert("run.vtkhdf")),
     "dcd": Kind("run.dcd", lambda: _convert("run.dcd", "--topology", "run.ply")),
     "psf": Kind("run.psf", lambda: _convert("run.dcd", "--topology", "run.psf")),
@@ -274,6 +278,9 @@ def prepare() -> None:
     mesh = mh.Mesh.icosphere(1)
     for suffix in MESHES:
         mesh.write(f"mesh.{suffix}")
+    for suffix in ONLY_READ:
+        write = next(write for kind, write in DIALECTS.values() if kind == suffix)
+        Path(f"mesh.{suffix}").write_bytes(write(mesh.vertices, mesh.triangles))
     with zipfile.ZipFile("run.checkpoint") as archive:
         archive.extractall(members=XML)
     shutil.copytree(".", "good")

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
-from ..geometry.quality import crossings, dihedralAngles, genus
+from ..geometry.quality import crossings, dihedralAngles
 from ..sampling.averages import lateRows, sampledWindows
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
@@ -271,7 +272,7 @@ def leastEnergy(surface: Mesh) -> float:
     """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of the same genus and reduced
     volume.
     """
-    if genus(surface) > 0:
+    if genus(surface.triangles, len(surface.vertices)) > 0:
         return _LEAST_OF_TORI
     return float(np.interp(surface.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
 
@@ -327,7 +328,7 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         f"a larger {_MODULI[totalOf(observable.name)]} holds it"
         if isSoft
         else "approach the target in a stage that continues there, in more or longer windows",
-        (limit, math.inf if isSoft else 3 * given + CLOSE),
+        (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
 
 

@@ -54,7 +54,7 @@ def check(
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
-    readiness = readinessOf(surface, mesh)
+    readiness = readinessOf(surface, mesh, section.length_unit)
     with contextlib.suppress(ValueError):  # the reason says it
         show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
         notes = (coarse(part, part.reducedVolume) for part in surface.components())
@@ -145,7 +145,7 @@ def convert(
     from ..io.conversion import convert as convertFile
     from ..io.runfiles import shapesOf
 
-    files = convertFile(shapesOf(source, topology), output, frame, every, topology, overwrite)
+    files = convertFile(shapesOf(source, topology), output, frame, every, topology, overwrite, print)
     print(f"{files[0]}" if len(files) == 1 else f"{len(files)} files: {files[0]} to {files[-1]}")
 
 

@@ -183,6 +183,14 @@ def _orient(triangles: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     return triangles
 
 
+class Fault(ValueError):
+    """A sentence on what is wrong with a mesh, and a vertex of the surface that it is about."""
+
+    def __init__(self, sentence: str, vertex: int):
+        super().__init__(sentence)
+        self.vertex = int(vertex)
+
+
 def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None:
     """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed,
     oriented, manifold surfaces that enclose a positive volume.
@@ -207,7 +215,10 @@ def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
     a, b, c = triangles.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
-        raise ValueError(f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ")
+        raise Fault(
+            f"{_triangle(triangles, repeated[0])} has the same vertex twice; its three must differ",
+            triangles[repeated[0], 0],
+        )
     doubleArea, longest = np.empty(len(triangles)), np.empty(len(triangles))
     for block in blocks(len(triangles)):
         x = vertices[triangles[block]]
@@ -217,14 +228,18 @@ def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
             longest[block] = np.einsum("sti,sti->st", sides, sides).max(axis=0)
     huge = np.flatnonzero(~np.isfinite(doubleArea))
     if len(huge):
-        raise ValueError(
+        raise Fault(
             f"{_triangle(triangles, huge[0])} has an area that is too large for a number; its coordinates are not "
-            "those of a membrane"
+            "those of a membrane",
+            triangles[huge[0], 0],
         )
     # Three points on a line leave a rounding error, which this tells from a triangle that is merely small.
     flat = np.flatnonzero(doubleArea <= 1e-12 * longest)
     if len(flat):
-        raise ValueError(f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line")
+        raise Fault(
+            f"{_triangle(triangles, flat[0])} has no area; its three vertices must not lie on a line",
+            triangles[flat[0], 0],
+        )
 
 
 def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> None:
@@ -236,23 +251,26 @@ def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> 
         if len(crowded):
             e = crowded[0]
             owners = ", ".join(str(h // 3) for h in np.sort(order[start[e] : start[e] + count[e]]))
-            raise ValueError(
+            raise Fault(
                 f"{_edge(triangles, order[start[e]])} belongs to {count[e]} triangles ({owners}); "
-                "an edge must belong to exactly two"
+                "an edge must belong to exactly two",
+                triangles.flat[order[start[e]]],
             )
-        raise ValueError(
+        raise Fault(
             f"the surface is open: {_edge(triangles, order[start[wrong[0]]])} belongs to triangle "
             f"{order[start[wrong[0]]] // 3} only ({len(wrong)} such edge{'s' if len(wrong) > 1 else ''}); a membrane "
-            "must be closed"
+            "must be closed",
+            triangles.flat[order[start[wrong[0]]]],
         )
     origin, _ = halfedges(triangles)
     first, second = order[0::2], order[1::2]
     same = np.flatnonzero(origin[first] == origin[second])
     if len(same):
         h = first[same[0]]
-        raise ValueError(
+        raise Fault(
             f"triangles {h // 3} and {second[same[0]] // 3} run along {_edge(triangles, h)} in the same direction; "
-            "all triangles must be counter-clockwise seen from outside"
+            "all triangles must be counter-clockwise seen from outside",
+            triangles.flat[h],
         )
     _checkRepeatedTriangles(triangles)
 
@@ -263,9 +281,10 @@ def _checkRepeatedTriangles(triangles: np.ndarray) -> None:
     same = np.flatnonzero(np.all(corners[order[1:]] == corners[order[:-1]], axis=1))
     if len(same):
         first, second = sorted(order[same[0] : same[0] + 2])
-        raise ValueError(
+        raise Fault(
             f"{_triangle(triangles, second)} has the same three vertices as triangle {first}; "
-            "a triangle must appear once"
+            "a triangle must appear once",
+            triangles[second, 0],
         )
 
 
@@ -276,11 +295,9 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, s
     few = np.flatnonzero(valence < 3)
     if len(few):
         v = few[0]
-        raise ValueError(
-            f"vertex {v} belongs to no triangle"
-            if valence[v] == 0
-            else f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three"
-        )
+        if valence[v] == 0:
+            raise ValueError(f"vertex {v} belongs to no triangle")
+        raise Fault(f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three", v)
     opposite = np.empty((len(triangles), 3), dtype=np.int32)
     opposite.ravel()[first], opposite.ravel()[second] = second, first
     following = opposite[:, [2, 0, 1]].ravel()  # around the vertex
@@ -289,9 +306,10 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, s
     if fans > numVertices:
         _, example = np.unique(fan, return_index=True)
         v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]
-        raise ValueError(
+        raise Fault(
             f"the surface touches itself at vertex {v}, whose triangles form more than one fan; "
-            "give each sheet a vertex of its own"
+            "give each sheet a vertex of its own",
+            v,
         )
 
 
@@ -305,9 +323,10 @@ def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
     for part in parts:
         v = signedVolume(vertices, part)
         if v <= 0:
-            raise ValueError(
+            raise Fault(
                 f"the membrane of vertex {part.min()} is inside out: its volume is {v:.6g}; reverse its triangles, "
-                "which must be counter-clockwise seen from outside"
+                "which must be counter-clockwise seen from outside",
+                part.min(),
             )
 
 

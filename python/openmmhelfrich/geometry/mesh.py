@@ -112,15 +112,27 @@ class Mesh:
 
     @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
-        """Create one mesh of several, whose vertices and triangles follow one another in their order."""
+        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order.
+
+        Raises
+        ------
+        ValueError
+            if there are none, or they have different periodic boxes
+        """
         meshes = list(meshes)
         if not meshes:
             raise ValueError("merged: there are no meshes; give at least one")
+        boxes = [mesh.box for mesh in meshes if mesh.box is not None]
+        if any(not np.array_equal(box, boxes[0]) for box in boxes):
+            raise ValueError("merged: the meshes have different periodic boxes; they must have the same, or none")
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        return cls(
+        result = cls(
             np.concatenate([mesh.vertices for mesh in meshes]),
             np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first)]),
+            boxes[0] if boxes else None,
         )
+        result.notes = [note for mesh in meshes for note in mesh.notes]
+        return result
 
     @classmethod
     def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
@@ -238,7 +250,9 @@ class Mesh:
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
-        return Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+        result = Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+        result.notes = list(self.notes)
+        return result
 
     def components(self) -> "list[Mesh]":
         """Return each connected surface as a mesh, in the order of their first triangles."""
@@ -265,18 +279,36 @@ class Mesh:
         try:
             connectivity.check(self.vertices, self.triangles)
         except ValueError as error:
-            raise ValueError(f"{error}{self._remedy()}") from None
+            place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
+            raise ValueError(f"{place}{error}{self._remedy()}") from None
+
+    def _surfaceOf(self, vertex: int) -> str:
+        """Return which of several surfaces a vertex belongs to, as the beginning of a sentence."""
+        count, label = mending.surfaces(self.triangles, len(self.vertices))
+        mine = label[np.any(self.triangles == vertex, axis=1)][0]
+        return f"surface {mine}, of {count}: " if count > 1 else ""
 
     def _remedy(self) -> str:
         """Return what to do about a fault, to go on a sentence."""
         if not len(self.triangles):
             return ""
+        left = self._leftBy()
+        if left is None:
+            return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
+        if self._leftBy(closeHoles=True) is None:
+            return (
+                "; 'openmm-helfrich repair --close-holes' or Mesh.repaired(closeHoles=True) mends this, with flat lids"
+            )
+        return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {left}"
+
+    def _leftBy(self, **arguments: Any) -> ValueError | None:
+        """Return what is wrong still after :meth:`repaired` with some arguments, or None if nothing is."""
         try:
-            mended = self.repaired()
+            mended = self.repaired(**arguments)
             connectivity.check(mended.vertices, mended.triangles)
         except ValueError as error:
-            return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {error}"
-        return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
+            return error
+        return None
 
     def remeshed(self, numVertices: int | None = None, edgeLength: float | unit.Quantity | None = None) -> "Mesh":
         """Return a mesh of even triangles on the same surface, of the same genus.
@@ -299,6 +331,7 @@ class Mesh:
             if the mesh is not closed, an argument is out of range, so few vertices do not cover the surface, or a
             library is missing
         """
+        self.check()
         length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():

@@ -32,6 +32,7 @@ _OF_FILES: dict[str, Callable[[Path], Content]] = {
     ".vtu": vtkfiles.read,
     ".vtp": vtkfiles.read,
 }
+_POINTER = b"version https://git-lfs.github.com/spec/"
 _ONLY_READ = (".gltf", ".glb", ".vtp")
 _WITH_DATA = (".vtu", ".vtk", ".ply")
 _NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q")
@@ -40,6 +41,9 @@ _NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q")
 def read(path: Path) -> Content:
     """Read what a file holds; raise a ValueError, which does not name the file, if that is no mesh."""
     suffix = path.suffix.lower()
+    with open(path, "rb") as file:
+        if file.read(len(_POINTER)) == _POINTER:
+            raise ValueError("it is a pointer of Git LFS to the file, and not the file; 'git lfs pull' fetches that")
     try:
         if suffix in _OF_BYTES:
             return _OF_BYTES[suffix](path.read_bytes())

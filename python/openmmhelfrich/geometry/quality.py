@@ -158,7 +158,7 @@ def assess(mesh: Mesh) -> MeshQuality:
     return MeshQuality(
         mesh,
         surfaces,
-        [genus(surface) for surface in surfaces],
+        [connectivity.genus(surface.triangles, len(surface.vertices)) for surface in surfaces],
         valences,
         angles,
         aspectRatios,
@@ -166,11 +166,6 @@ def assess(mesh: Mesh) -> MeshQuality:
         closestPair(mesh),
         crossings(mesh),
     )
-
-
-def genus(surface: Mesh) -> int:
-    """Return the genus of a connected closed membrane, from its Euler characteristic V-E+F = 2-2g."""
-    return (2 - (len(surface.vertices) - len(surface.triangles) // 2)) // 2
 
 
 def triangleAngles(mesh: Mesh) -> np.ndarray:

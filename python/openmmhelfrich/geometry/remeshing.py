@@ -18,6 +18,7 @@ from .connectivity import (
     edgeLengthsOf,
     edgesOf,
     halfedges,
+    labelComponents,
     pairHalfedges,
     signedVolume,
     triangleNormals,
@@ -91,7 +92,7 @@ def remesh(mesh: Triangulation, numVertices: int | None = None, edgeLength: floa
     Parameters
     ----------
     mesh : Triangulation
-        the surface, which must be closed
+        the surface, which must be closed: see :func:`openmmhelfrich.geometry.connectivity.check`
     numVertices : int, optional
         the number of vertices to have
     edgeLength : float, optional
@@ -100,12 +101,10 @@ def remesh(mesh: Triangulation, numVertices: int | None = None, edgeLength: floa
     Raises
     ------
     ValueError
-        if the surface is not closed, an argument is out of range, or so few vertices do not cover the surface
+        if an argument is out of range, or so few vertices do not cover the surface
     """
-    check(*mesh)
     # The library's tolerances and ours are those of lengths about 1.
-    center, size = mesh.vertices.mean(axis=0), math.sqrt(areaOf(*mesh))
-    given = Triangulation((mesh.vertices - center) / size, mesh.triangles)
+    center, size, given = mesh.vertices.mean(axis=0), math.sqrt(areaOf(*mesh)), _ofUnitArea(mesh)
     count = _numVertices(given, numVertices, edgeLength and edgeLength / size)
     surface = _TriangulatedSurface(given)
     made = relax(_splitLongest(_uniform(given, count), count), surface, _ROUNDS)
@@ -184,6 +183,26 @@ def _uniform(mesh: Triangulation, count: int) -> Triangulation:
     )
 
 
+def hindrance(mesh: Triangulation, numVertices: int) -> str | None:
+    """Return why a closed surface cannot be covered anew by so many vertices, in a sentence, as far as the library
+    shows that at once; None if it can, or if the library is missing.
+    """
+    try:
+        require("mmgpy", "remeshing", "remesh")
+    except ValueError:
+        return None
+    try:
+        _uniform(_ofUnitArea(mesh), numVertices)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _ofUnitArea(mesh: Triangulation) -> Triangulation:
+    """Return a surface that is scaled to an area of 1 and moved to the origin."""
+    return Triangulation((mesh.vertices - mesh.vertices.mean(axis=0)) / math.sqrt(areaOf(*mesh)), mesh.triangles)
+
+
 def _byMMG(mesh: Triangulation, lengths: FloatArray) -> Triangulation:
     """Return triangles by MMG, of edges about as long as asked for at each vertex; no edge is taken for a ridge."""
     source = require("mmgpy", "remeshing", "remesh").MmgMeshS(mesh.vertices, mesh.triangles.astype(np.int32))
@@ -193,9 +212,24 @@ def _byMMG(mesh: Triangulation, lengths: FloatArray) -> Triangulation:
     except RuntimeError as error:
         raise ValueError(f"remesh: the library MMG could not cover the surface ({error}); repair it first") from None
     made = Triangulation(np.array(source.get_vertices()), np.array(source.get_triangles()))
-    if eulerCharacteristic(made) != eulerCharacteristic(mesh):
-        raise ValueError("remesh: the surface does not keep its topology with so few vertices; ask for more")
+    if eulerCharacteristic(made) != eulerCharacteristic(mesh) or not _isSound(made):
+        handles = labelComponents(mesh.triangles, len(mesh.vertices))[0] - eulerCharacteristic(mesh) // 2
+        raise ValueError(
+            "remesh: the surface does not keep its topology with so few vertices; ask for more"
+            if handles == 0
+            else f"remesh: the surface has {handles} handle{'s' if handles > 1 else ''}, of which some are thinner "
+            "than the new edges; ask for more vertices or, if noise made them, smooth the segmentation before marching "
+            "cubes"
+        )
     return made
+
+
+def _isSound(mesh: Triangulation) -> bool:
+    try:
+        check(*mesh)
+    except ValueError:
+        return False
+    return True
 
 
 def _splitLongest(mesh: Triangulation, count: int) -> Triangulation:

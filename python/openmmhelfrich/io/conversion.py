@@ -1,6 +1,6 @@
 """From one file of membranes to another: mesh trajectories, DCD files, and the mesh formats."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import overload
 from xml.etree import ElementTree
@@ -87,6 +87,7 @@ def convert(
     every: int = 1,
     topology: PathLike | None = None,
     overwrite: bool = False,
+    note: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
@@ -106,6 +107,8 @@ def convert(
         for DCD files, see :func:`openFrames`
     overwrite : bool
         replace files that exist
+    note : callable, optional
+        called with each sentence on what reading a mesh left out or changed
 
     Returns
     -------
@@ -127,6 +130,9 @@ def convert(
     requireNew(names, file, overwrite)
     suffix, unit = output.suffix.lower(), getattr(frames, "lengthUnit", "nm")
     selected = (frames[i] for i in indices)
+    if note is not None and isinstance(frames, list):  # of one mesh
+        for sentence in frames[0].mesh.notes:
+            note(sentence)
     if suffix in TRAJECTORIES:
         with locked(output.with_suffix("")):  # a run that has this prefix would lose its own
             writeMeshTrajectory(output, selected, lengthUnit=unit)

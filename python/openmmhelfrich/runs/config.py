@@ -160,13 +160,15 @@ def sections() -> dict[str, type[Section]]:
 def _inNamedUnit(data: Any) -> tuple[Any, float]:
     """Return the nested dict of a file with lengths of the mesh in a named unit, and how many of these a plain 1 is.
 
-    That is 100 where length_unit is "100 nm".  Where a file has a scale and no length_unit, its coordinates are nm.
+    That is 100 where length_unit is "100 nm".  Where a file has a scale and no length_unit, its coordinates are nm, and
+    a plain step size takes vertices as far beside the mesh as it did when results were in scaled coordinates.
     """
     try:
         mesh = data["mesh"]
         scale, name = mesh.get("scale", 1.0), mesh.get("length_unit")
         if name is None and "file" in mesh and LEAST <= scale <= GREATEST:
             multiple, name = 1 / scale, "nm"
+            data = _withStepSizes(data, multiple)
         else:
             multiple, name = multipleOfUnit(name)
         if multiple == 1 and name == mesh.get("length_unit", "nm"):
@@ -181,6 +183,17 @@ def _inNamedUnit(data: Any) -> tuple[Any, float]:
         return result, multiple
     except (KeyError, TypeError, AttributeError):
         return data, 1.0
+
+
+def _withStepSizes(data: Any, factor: float) -> dict[str, Any]:
+    """Return a nested dict with the plain step sizes of sampling and stages multiplied by a factor."""
+
+    def changed(section: Any) -> Any:
+        size = section.get("step_size")
+        return {**section, "step_size": size * factor} if isinstance(size, (int, float)) else section
+
+    result = {**data, "sampling": changed(data.get("sampling", {}))}
+    return result | ({"stages": [changed(stage) for stage in data["stages"]]} if "stages" in data else {})
 
 
 def _scales(data: Any, multiple: float) -> Scales:

@@ -1,5 +1,6 @@
 """Whether trajectories from a mesh will be accepted, found out before a run rather than after it."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,9 +9,12 @@ import numpy as np
 from openmm import OpenMMException, app, unit
 
 from ..files import PathLike
+from ..geometry.connectivity import genus
 from ..geometry.measures import reducedVolume
 from ..geometry.mesh import Mesh
-from ..geometry.quality import dihedralAngles, genus, triangleAngles
+from ..geometry.quality import dihedralAngles, triangleAngles
+from ..geometry.relaxation import Triangulation
+from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
@@ -51,12 +55,33 @@ def requireReady(scene: Scene, simulation: app.Simulation, force: HelfrichForce,
     """Raise a ValueError if a run from the present shape would sample nothing."""
     sentence = obstacle(scene, simulation, force, stepSize)
     if sentence is not None:
-        file = scene.config.mesh.file
-        raise ValueError(
-            f"{file or '[mesh] icosphere'}: {sentence}; it is ready after\n"
-            f"{remeshing(file or 'mesh.ply', scene, scene.mesh)}\n"
-            f"or with remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
-        )
+        raise remeshFirst(scene, sentence)
+
+
+def beyondBounds(scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> str | None:
+    """Return how many edges of the present shape are beyond the tether's bounds, in a sentence, or None if none is."""
+    tether, lengths = scene.tether, currentMesh(simulation, force).edgeLengths
+    count = int(np.sum((lengths < tether.minLength) | (lengths > tether.maxLength)))
+    return (
+        f"{count} of {len(lengths)} edges are beyond the bounds of the tether, {tether.minLength:.4g} to "
+        f"{tether.maxLength:.4g} {scene.lengthUnit}: they are {lengths.min():.4g} to {lengths.max():.4g} "
+        f"{scene.lengthUnit} long"
+        if count
+        else None
+    )
+
+
+def remeshFirst(scene: Scene, sentence: str) -> ValueError:
+    """Return an error with the advice to make the mesh anew."""
+    section, advice = scene.config.mesh, f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
+    if section.file is None:
+        return ValueError(f"[mesh] icosphere: {sentence}; it is ready with {advice}")
+    commands, file = [], Path(section.file)
+    if section.repair:
+        file = _named(file, "repaired")
+        commands = [repairing(section.file, file)]
+    commands.append(remeshing(file, scene, scene.mesh))
+    return ValueError("\n".join([f"{section.file}: {sentence}; it is ready after", *commands, f"or with {advice}"]))
 
 
 def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[str]:
@@ -76,7 +101,7 @@ def coarse(surface: Mesh, volume: float) -> str | None:
     """Return that a connected surface has too few vertices for a reduced volume, in a sentence, or None."""
     count = len(surface.vertices)
     least = next(least for bound, least in LEAST_VERTICES if volume >= bound)
-    if count >= least or genus(surface) > 0:
+    if count >= least or genus(surface.triangles, count) > 0:
         return None
     return (
         f"{count} vertices are too few for a reduced volume of {volume:.3g}: such a mesh can fold onto itself, and "
@@ -106,32 +131,53 @@ class Readiness(NamedTuple):
     notes: Sequence[str] = ()
 
 
-def readinessOf(mesh: Mesh, file: PathLike) -> Readiness:
+def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness:
     """Return the Readiness of a mesh that was read from a file, for a run with default settings."""
-    reason, repair, notes = _obstacleOf(mesh), [], []
+    reason, repair = _obstacleOf(mesh, lengthUnit), []
     if reason is None:
         return Readiness()
-    try:
-        repaired = mesh.repaired()
-    except ValueError:
-        repaired = mesh
-    if repaired.notes != mesh.notes:
+    repaired, options = _repaired(mesh)
+    notes = repaired.notes[len(mesh.notes) :]
+    if notes:
         target = _named(file, "repaired")
-        repair, notes = [f"openmm-helfrich repair {file} {target}"], repaired.notes
+        repair = [repairing(file, target, *options)]
         mesh, file = repaired, target
-    left = _obstacleOf(mesh)
+    left = _obstacleOf(mesh, lengthUnit)
     if left is None:
         return Readiness(reason, repair, notes)
     try:
         mesh.check()
     except ValueError:
         return Readiness(reason)
-    return Readiness(reason, [*repair, remeshing(file, _defaultScene(mesh), mesh)], notes)
+    scene = _defaultScene(mesh, lengthUnit)
+    if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
+        failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(scene, mesh))
+        if failure is not None:
+            return Readiness(f"{reason}; and {failure}")
+    return Readiness(reason, [*repair, remeshing(file, scene, mesh)], notes)
+
+
+def _repaired(mesh: Mesh) -> tuple[Mesh, list[str]]:
+    """Return a mesh that is mended as far as it can be, and the options for the command that does it."""
+    for options, closesHoles in (([], False), (["--close-holes"], True)):
+        try:
+            repaired = mesh.repaired(closeHoles=closesHoles)
+            repaired.check()
+            return repaired, options
+        except ValueError:
+            pass
+    return mesh, []
 
 
 def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
     """Return the command that makes the mesh of a file anew."""
-    return f"openmm-helfrich remesh {file} {_named(file, 'even')} --vertices {_numVertices(scene, mesh)}"
+    arguments = "remesh", file, _named(file, "even"), "--vertices", _numVertices(scene, mesh)
+    return shlex.join(["openmm-helfrich", *map(str, arguments)])
+
+
+def repairing(file: PathLike, target: PathLike, *options: str) -> str:
+    """Return the command that mends the mesh of a file."""
+    return shlex.join(["openmm-helfrich", "repair", str(file), str(target), *options])
 
 
 def _named(file: PathLike, word: str) -> Path:
@@ -139,18 +185,19 @@ def _named(file: PathLike, word: str) -> Path:
     return path.with_name(f"{path.stem}_{word}.ply")
 
 
-def _obstacleOf(mesh: Mesh) -> str | None:
+def _obstacleOf(mesh: Mesh, lengthUnit: str) -> str | None:
     try:
         mesh.check()
     except ValueError as error:
         return str(error)
-    scene = _defaultScene(mesh)
+    scene = _defaultScene(mesh, lengthUnit)
     force = scene.createForce()
     return obstacle(scene, scene.createSimulation(force), force)
 
 
-def _defaultScene(mesh: Mesh) -> Scene:
-    return Scene.of(parseConfig({"mesh": {"file": "mesh"}, "sampling": {"seed": 1}}), mesh)
+def _defaultScene(mesh: Mesh, lengthUnit: str) -> Scene:
+    config = parseConfig({"mesh": {"file": "mesh", "length_unit": lengthUnit}, "sampling": {"seed": 1}})
+    return Scene.of(config, mesh)
 
 
 def _isEven(scene: Scene, simulation: app.Simulation, force: HelfrichForce, mesh: Mesh) -> bool:

@@ -6,6 +6,7 @@ remembers beside its number is what was found at its start and the state of the 
 which a checkpoint holds.  Each kind has a class here beside the one of its settings.
 """
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,7 +32,7 @@ from ..sampling.adaptation import (
 )
 from ..sampling.averages import averageWindows, lateRows
 from ..sampling.continuation import ContinuationPath, windowLambdas
-from ..sampling.minimization import MinimizationResult, minimize, minimizeFluid
+from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
 from ..sampling.moves import findMove, numDiverged, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import currentTargets, setTargets, totalOf
@@ -39,6 +40,7 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
+from .readiness import beyondBounds, remeshFirst
 from .scene import Scene, currentMesh, defaultStepSize, requireComparable, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
@@ -245,6 +247,13 @@ class Minimize(Stage):
         self._result: list[str] | None = None
         self._fall: float | None = None
 
+    @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        """Also: raise a ValueError if edges are to stay within the bounds of a tether that is none."""
+        if settings.within_bounds and not scene.moduli["tether"] > 0:
+            raise ValueError("within_bounds is true, and [tether] modulus is 0; give it a modulus")
+        return super().check(settings, scene, start)
+
     @property
     def isDone(self) -> bool:
         return self._result is not None
@@ -263,14 +272,18 @@ class Minimize(Stage):
             return isStopped
 
         search = minimizeFluid if settings.fluid else minimize
-        result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
+        with firmTether(simulation, self._force) if settings.within_bounds else contextlib.nullcontext():
+            result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
         if not isStopped:
+            beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
+            if beyond is not None and result.iterations < settings.max_iterations:
+                raise remeshFirst(self._scene, f"after the minimization {beyond}")
             self._fall = _lastFall(result)
             simulation.context.setStepCount(simulation.currentStep + 1)
             self._result = [
                 f"{self.title}: {result.reason}, after {result.iterations} "
                 f"iterations{f' and {result.flips} flips' if settings.fluid else ''}",
-                *(f"{self.title}: {warning}" for warning in result.warnings),
+                *(f"{self.title}: {warning}" for warning in (*result.warnings, *filter(None, [beyond]))),
             ]
 
     def status(self, energy: Callable[[], float]) -> str:

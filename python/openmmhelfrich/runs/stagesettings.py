@@ -89,6 +89,11 @@ class MinimizeStage(StageSettings):
         description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
         "l/(4A), with the mean edge length l and the area A, below which long waves hardly move",
     )
+    within_bounds: bool = Field(
+        False,
+        description="end with every edge within the tether's bounds, by a firmer tether for a while, or stop with an "
+        "error",
+    )
 
     @property
     def totalSteps(self) -> int:

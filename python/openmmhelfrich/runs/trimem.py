@@ -228,7 +228,10 @@ def _stages(source: _Source, start: dict[str, float], end: dict[str, float]) -> 
         source.number("ENERGY", "continuation_lambda", 1.0),
     )
     if source.text("GENERAL", "algorithm", "hmc") == "minimize":
-        return [{"kind": "minimize", "fluid": False, "max_iterations": iterations}], []
+        isTethered = source.number("ENERGY", "kappa_t", 1.0) > 0
+        return [
+            {"kind": "minimize", "fluid": False, "max_iterations": iterations, "within_bounds": isTethered},
+        ], []
     stages, comments = [], []
     if delta > 0 and progress < 1 and start != end:
         moving = min(math.ceil((1 - progress) / delta), steps)

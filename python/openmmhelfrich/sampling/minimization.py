@@ -20,6 +20,9 @@ _PENALTIES = ("area", "volume", "areaDifference")
 # A tether whose energy is a larger part of the bending energy than this bends the shape, or the mesh is still on its
 # way.
 _TETHER_SHARE = 1e-3
+# A firm tether's bounds are nearer to each other by this part at either end, in logarithms, and its modulus is so many
+# bending moduli at least.
+_MARGIN, _FIRMNESS = 0.1, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,12 +319,10 @@ def defaultTolerance(simulation: app.Simulation, force: HelfrichForce) -> float:
         raise ValueError(
             "the bending modulus is 0, and so sets no scale for the tolerance of the forces; give a tolerance"
         )
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-    triangles = force.getTrianglesInContext(simulation.context)
-    edges = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
+    length = float(currentEdgeLengths(simulation, force).mean())
     surfaces = force.getGeometryInContext(simulation.context).surfaces
     area = max(surface.area.value_in_unit(unit.nanometer**2) for surface in surfaces)
-    return 0.25 * modulus * float(np.linalg.norm(edges, axis=2).mean()) / area
+    return 0.25 * modulus * length / area
 
 
 def _warnings(energies: dict[str, unit.Quantity]) -> Iterator[str]:
@@ -360,6 +361,37 @@ def _scaledPenalties(simulation: app.Simulation, force: HelfrichForce, scale: fl
         yield
     finally:
         multiply(1.0)
+
+
+@contextmanager
+def firmTether(simulation: app.Simulation, force: HelfrichForce) -> Iterator[None]:
+    """Keep edges within the tether's bounds, rather than near them, during minimizations in the block.
+
+    The tether's energy rises so slowly beyond its bounds, and in a unit of length in which edges are long numbers it is
+    so small, that others push edges across.  For a while the bounds are nearer to each other by a fifth, as ratios,
+    lengths are in mean edge lengths, and the modulus is a thousand bending moduli at least.
+    """
+    (modulus, low, high, exponent), scale = force.getTether(), force.getTetherLengthScale()
+    mean = float(currentEdgeLengths(simulation, force).mean())
+
+    def put(modulus: Any, low: Any, high: Any, scale: Any) -> None:
+        force.setTether(modulus, low, high, exponent)
+        force.setTetherLengthScale(scale)
+        force.updateParametersInContext(simulation.context)
+
+    margin = (high / low) ** _MARGIN
+    put(max(modulus, _FIRMNESS * force.getBendingModulus()), low * margin, high / margin, mean)
+    try:
+        yield
+    finally:
+        put(modulus, low, high, scale)
+
+
+def currentEdgeLengths(simulation: app.Simulation, force: HelfrichForce) -> np.ndarray:
+    """Return the present lengths of the sides of the triangles, in nm: a (T, 3) array."""
+    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    triangles = force.getTrianglesInContext(simulation.context)
+    return np.linalg.norm(positions[triangles] - positions[np.roll(triangles, -1, axis=1)], axis=2)
 
 
 @contextmanager

@@ -68,7 +68,8 @@ class Content:
             return self
         used = np.zeros(len(points), dtype=bool)
         used[triangles] = True
-        note = f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}"
+        where = f"that is closer than {distance:.3g}" if distance > 0 else "in the same place"
+        note = f"{counted(count, 'corner')} welded to another {where}"
         return Content.ofTriangles(self.points[used], (np.cumsum(used) - 1)[triangles], *self.notes, note)
 
     def triangles(self) -> NDArray[np.int64]:

@@ -15,7 +15,10 @@ def read(path: Path) -> Content:
     """Read all triangles of a file, each node where it stands in the scene."""
     import trimesh
 
-    scene = trimesh.load_scene(path, process=False)
+    try:
+        scene = trimesh.load_scene(path, process=False)
+    except FileNotFoundError as error:
+        raise ValueError(f"it refers to another file, {error}, which is not there") from None
     parts = [scene.geometry[name] for name in scene.geometry]
     others = [part for part in parts if not isinstance(part, trimesh.Trimesh)]
     if len(parts) == len(others):

@@ -13,7 +13,7 @@ def read(content: bytes) -> Content:
     lines = Lines(content)
     if not len(lines):
         raise ValueError("it is not complete: it has no counts of vertices and faces")
-    head = re.match(r"(ST)?C?N?(4?n?)OFF\b\s*(BINARY)?", lines.texts[0])
+    head = re.match(r"(?:(ST)?C?N?(4?n?)OFF|off)(?![A-Za-z])\s*(BINARY)?", lines.texts[0])
     if head:
         if head[2] or head[3]:
             raise lines.fault(0, "OFF, STOFF, COFF, NOFF or such: three coordinates a vertex, and text")

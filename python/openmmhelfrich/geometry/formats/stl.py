@@ -11,6 +11,7 @@ from .text import Lines
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _ROUNDING = 1e-6  # of the largest coordinate: some units in the last place of single precision
 _HEAD = 84  # a title of 80 bytes and the number of facets
+_UNCOUNTED = (0, 2**32 - 1)  # what programs leave there that write facets as they come
 
 
 def read(content: bytes) -> Content:
@@ -25,8 +26,13 @@ def read(content: bytes) -> Content:
 
 
 def _readBinary(content: bytes, count: int) -> Content:
-    there = (len(content) - _HEAD) // _FACET.itemsize
+    there, beyond = divmod(len(content) - _HEAD, _FACET.itemsize)
+    if there > 0 and beyond == 0 and count in _UNCOUNTED:
+        notes = [f"the file says that it has {count} facets, and has {there}"]
+        return _welded(np.frombuffer(content, dtype=_FACET, offset=_HEAD)["corners"], notes)
     if there < count:
+        if content[80:_HEAD] == struct.pack(">I", there):
+            raise ValueError("its numbers are in the byte order of big-endian machines, which STL does not allow")
         raise ValueError(f"it is not complete: it ends after {there} of {count} facets")
     corners = np.frombuffer(content, dtype=_FACET, count=count, offset=_HEAD)["corners"]
     beyond = len(content) - _HEAD - _FACET.itemsize * count

@@ -1,5 +1,6 @@
 """Lines of text files, which know their numbers."""
 
+import codecs
 import re
 
 import numpy as np
@@ -23,13 +24,14 @@ class Lines:
         Parameters
         ----------
         content : bytes
-            the text, in UTF-8; a byte that is none is read as a question mark
+            the text, in UTF-8, or in UTF-16 with a byte order mark; a byte that is none is read as a question mark
         comment : str, optional
             what begins a comment
         continued : bool
             whether a line that ends with a backslash goes on in the next
         """
-        text = content.decode("utf-8-sig", errors="replace")
+        encoding = "utf-16" if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
+        text = content.decode(encoding, errors="replace")
         if continued:
             text = re.sub(r"\\\r?\n((?:.*\\\r?\n)*)", lambda found: " " + found[1].replace("\\", " "), text)
         self.texts, self.numbers = [], []
