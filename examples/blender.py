@@ -25,7 +25,7 @@ def writeSphere(file: Path) -> None:
     theta, phi = (grid.ravel() for grid in np.meshgrid(polar, around, indexing="ij"))
     rings = np.column_stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)))
     north, south = len(rings) + 1, len(rings) + 2
-    faces = []
+    faces: list[tuple[int, ...]] = []
     for a in range(SEGMENTS):
         b = (a + 1) % SEGMENTS
         faces.append((north, a + 1, b + 1))

@@ -41,7 +41,7 @@ from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.studies import resume, run
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from meshdialects import DIALECTS  # noqa: E402
+from meshdialects import DIALECTS
 
 SECONDS, BYTES = 10, 2 << 30
 BATCH = 500
