@@ -32,6 +32,32 @@ def testVesicle(tmp_path, examples):
     assert 0.3 < float(rows[-1][names.index("acceptance")]) < 1
 
 
+needsPictures = pytest.mark.skipif(not canRender(), reason="there is no pyvista, or nothing that it could draw with")
+
+
+@needsPictures
+def testFromBlender(tmp_path, examples):
+    out = execute(tmp_path, examples / "blender.py", "--vertices", 300, "--steps", 30)
+    assert "faces were divided into triangles: 448 of 4 corners" in out and "remeshed: 300 vertices" in out
+    assert len(mh.Mesh.read(tmp_path / "blender/sphere.obj").vertices) == 482
+    mh.Mesh.read(tmp_path / "blender/sphere.ply").check()
+    assert (tmp_path / "blender/blender.png").stat().st_size > 10000
+
+
+@needsPictures
+def testFromASegmentation(tmp_path, examples):
+    distance = np.sqrt(((np.mgrid[:24, :24, :24] - 11.5) ** 2).sum(axis=0))
+    labels = distance < 9
+    labels[1:3, 1:3, 1:3] = True
+    np.save(tmp_path / "labels.npy", labels)
+    options = ["--voxels", "labels.npy", "--voxel-size", 2, "--vertices", 300, "--steps", 30]
+    out = execute(tmp_path, examples / "segmentation.py", *options)
+    assert "remeshed: 300 vertices" in out and "accepted: " in out
+    final = mh.Mesh.read(tmp_path / "segmentation/cell.ply")
+    assert final.volume == pytest.approx(4 / 3 * np.pi * 18**3, rel=0.1)
+    assert (tmp_path / "segmentation/segmentation.png").stat().st_size > 10000
+
+
 def testRedBloodCell(tmp_path, examples):
     config = readConfig(examples / "red_blood_cell.toml")
     config.sampling.steps, config.sampling.seed, config.output.prefix = 60, 1, str(tmp_path / "cell")
@@ -166,7 +192,7 @@ def testLooking(tmp_path, examples):
     )
 
 
-@pytest.mark.skipif(not canRender(), reason="there is no pyvista, or nothing that it could draw with")
+@needsPictures
 def testCommandsOfLooking(tmp_path, examples):
     """The commands of the page work one after the other, as they stand but for the length of the run."""
     blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs/looking.md").read_text(), re.DOTALL)

@@ -214,12 +214,11 @@ def _byMMG(mesh: Triangulation, lengths: FloatArray) -> Triangulation:
     made = Triangulation(np.array(source.get_vertices()), np.array(source.get_triangles()))
     if eulerCharacteristic(made) != eulerCharacteristic(mesh) or not _isSound(made):
         handles = labelComponents(mesh.triangles, len(mesh.vertices))[0] - eulerCharacteristic(mesh) // 2
+        if handles == 0:
+            raise ValueError("remesh: the surface does not keep its topology with so few vertices; ask for more")
         raise ValueError(
-            "remesh: the surface does not keep its topology with so few vertices; ask for more"
-            if handles == 0
-            else f"remesh: the surface has {handles} handle{'s' if handles > 1 else ''}, of which some are thinner "
-            "than the new edges; ask for more vertices or, if noise made them, smooth the segmentation before marching "
-            "cubes"
+            f"remesh: the surface has {handles} handle{'s' if handles > 1 else ''}, of which some are thinner than the "
+            "new edges; ask for more vertices or, if noise made them, smooth the segmentation before marching cubes"
         )
     return made
 
