@@ -52,6 +52,7 @@ void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         particles[slot] = mesh->getParticles()[layout.vertices[slot]];
+    repulsion.followLayout(layout, numThreads);
     revision = mesh->getRevision();
 }
 
@@ -147,8 +148,7 @@ void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& paramet
         loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
                                        chunkSums[chunk]);
         if (parameters.has(Term::Repulsion))
-            chunkSums[chunk].outdated =
-                    repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
+            chunkSums[chunk].outdated = repulsion.hasMoved(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
     sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
     sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
@@ -450,8 +450,7 @@ CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int chunk = 0; chunk < numChunks; chunk++) {
         loadPositions(source, chunk);
-        chunkSums[chunk].outdated =
-                repulsion.hasMoved(layout, positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+        chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     }
     return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
