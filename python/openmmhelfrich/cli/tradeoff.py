@@ -9,7 +9,7 @@ import typer
 from .errors import friendly
 
 if TYPE_CHECKING:  # cli starts without what simulates
-    from ..tradeoff.search import Point
+    from ..tradeoff.search import SearchPoint
 
 app = typer.Typer()
 
@@ -110,7 +110,7 @@ class _Progress:
         if self._status:
             self._status.stop()
 
-    def __call__(self, point: "Point") -> None:
+    def __call__(self, point: "SearchPoint") -> None:
         from ..tradeoff.settings import describe
 
         if self._quiet:

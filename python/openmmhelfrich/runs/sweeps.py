@@ -32,7 +32,7 @@ from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig
 from .configfile import settingsText
-from .grids import Point, readGrid
+from .grids import GridPoint, readGrid
 from .outputs import Outputs
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
@@ -49,7 +49,7 @@ class PointStatus:
 
     Attributes
     ----------
-    point : Point
+    point : GridPoint
         which
     status : str
         "waiting", "running", "done", "failed" or "stopped"
@@ -63,7 +63,7 @@ class PointStatus:
         what came of it
     """
 
-    point: Point
+    point: GridPoint
     status: str = "waiting"
     stage: str = ""
     position: int = 0
@@ -171,7 +171,7 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
 
-def _place(point: Point, folder: Path) -> None:
+def _place(point: GridPoint, folder: Path) -> None:
     """Give a point its folder; raise a ValueError if that holds a run of other settings."""
     config = point.config
     # The folder belongs to the point, and the lock to its run.
@@ -387,7 +387,7 @@ class _Dispatcher:
         self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
         self._states = {state.point.name: state for state in result.points}
         self._waiting = [state.point for state in result.points if state.status == "waiting"]
-        self._running: dict[Any, Point] = {}  # by their futures
+        self._running: dict[Any, GridPoint] = {}  # by their futures
 
     def run(self) -> None:
         self._client.subscribe_topic(self._name, self._hear)
