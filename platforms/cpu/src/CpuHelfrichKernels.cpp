@@ -502,15 +502,20 @@ void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                       const Philox& random, long long trajectory) {
+    this->kT = kT;
+    start.keep(*getData(context).positions, *getData(context).velocities, refreshment, random, trajectory);
+    setVelocities(context, 1);
+    return computeKineticEnergy(context);
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
     vector<Vec3>& velocities = *getData(context).velocities;
     forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
-        for (int i = first; i < last; i++)
-            if (inverseMasses[i] != 0)
-                velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT * inverseMasses[i]), refreshment,
-                                                              random, trajectory, i);
+        for (int i = first; i < last; i++) {
+            double deviation = sqrt(kT * inverseMasses[i]);
+            velocities[i] = (deviation == 0 ? start.getVelocities()[i] : start.drawVelocity(i, deviation)) * factor;
+        }
     });
-    start.keep(*getData(context).positions, velocities);
-    return computeKineticEnergy(context);
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
@@ -540,6 +545,12 @@ double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl
     return addUp(chunkEnergies);
 }
 
+void CpuIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {
+    *getData(context).positions = start.getPositions();
+    setVelocities(context, -1);
+}
+
 void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    start.restore(*getData(context).positions, *getData(context).velocities);
+    *getData(context).positions = start.getPositions();
+    *getData(context).velocities = start.getVelocities();
 }
