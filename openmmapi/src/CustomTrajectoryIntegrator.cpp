@@ -84,8 +84,7 @@ void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
 }
 
 void CustomTrajectoryIntegrator::step(int steps) {
-    if (context == NULL)
-        throw OpenMMException("This Integrator is not bound to a context!");
+    requireContext(context);
     for (int i = 0; i < steps; i++) {
         makeTrajectory();
         numTrajectories++;

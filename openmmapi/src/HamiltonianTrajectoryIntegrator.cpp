@@ -100,8 +100,6 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
-    vector<Vec3> velocities;
-    context->getVelocities(velocities);
     startEnergy += trajectory.begin(*context, getThermalEnergy(), refreshment, getRandom(RandomStream::Momenta),
                                     numTrajectories);
     if (!isfinite(startEnergy))
@@ -114,7 +112,6 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     }
     catch (const StepInterrupted&) {
         trajectory.restore(*context);
-        context->setVelocities(velocities);
         context->systemChanged();
         throw;
     }
@@ -129,7 +126,7 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     if (isAccepted)
         numAccepted++;
     else
-        trajectory.restore(*context);
+        trajectory.reject(*context);
     context->systemChanged();
     context->setTime(context->getTime() + getStepSize());
 }

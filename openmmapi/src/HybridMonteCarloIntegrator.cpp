@@ -171,9 +171,7 @@ void HybridMonteCarloIntegrator::setStepSize(double size) {
 }
 
 void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed, bool alsoForIntegrators) {
-    randomNumberSeed = seed;
-    if (context != NULL)
-        activeSeed = chooseSeed(seed);
+    SeededMove::setRandomNumberSeed(seed);
     for (int i = 0; i < getNumMoves() && alsoForIntegrators; i++)
         if (auto move = dynamic_cast<MonteCarloMove*>(&getMove(i)))
             move->setRandomNumberSeed(seed);
@@ -190,18 +188,12 @@ long long HybridMonteCarloIntegrator::getNumAccepted() const {
 }
 
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
-    if (owner != NULL && &contextRef.getOwner() != owner)
-        throw OpenMMException("This Integrator is already bound to a context");
-    context = &contextRef;
-    owner = &contextRef.getOwner();
-    activeSeed = chooseSeed(randomNumberSeed);
-    resetCounters();
+    bind(contextRef, context, owner);
     CompoundIntegrator::initialize(contextRef);
 }
 
 void HybridMonteCarloIntegrator::step(int steps) {
-    if (context == NULL)
-        throw OpenMMException("This Integrator is not bound to a context!");
+    requireContext(context);
     for (int i = 0; i < steps; i++) {
         int index = chooseMove();
         getMove(index).step(1);
@@ -211,7 +203,7 @@ void HybridMonteCarloIntegrator::step(int steps) {
 }
 
 int HybridMonteCarloIntegrator::chooseMove() const {
-    auto words = Philox(activeSeed, RandomStream::MoveChoice)(0, context->getStepCount());
+    auto words = getRandom(RandomStream::MoveChoice)(0, context->getStepCount());
     double choice = Philox::uniform(words[0], words[1]), bound = 0;
     for (int i = 1; i < getNumMoves(); i++) {
         bound += probabilities[i];
@@ -224,8 +216,7 @@ int HybridMonteCarloIntegrator::chooseMove() const {
 void HybridMonteCarloIntegrator::createCheckpoint(ostream& stream) const {
     writeName(stream, NAME);
     writeBinary(stream, getNumIntegrators());
-    writeBinary(stream, activeSeed);
-    writeCounters(stream);
+    writeSeedAndCounters(stream);
     CompoundIntegrator::createCheckpoint(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
@@ -240,8 +231,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
     if (numIntegrators != getNumIntegrators())
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is of one with " + to_string(numIntegrators) +
                               " moves, and this one has " + to_string(getNumIntegrators()));
-    readBinary(stream, activeSeed);
-    readCounters(stream);
+    readSeedAndCounters(stream);
     loadIntegrators(stream);
     if (!MembraneState(*this, *context).loadCheckpoint(stream))
         throw OpenMMException("HybridMonteCarloIntegrator: the checkpoint is damaged");
@@ -249,8 +239,7 @@ void HybridMonteCarloIntegrator::loadCheckpoint(istream& stream) {
 
 void HybridMonteCarloIntegrator::loadFirstCheckpoint(istream& stream) {
     long long numAccepted, numDiverged;
-    readBinary(stream, activeSeed);
-    readCounters(stream);
+    readSeedAndCounters(stream);
     readBinary(stream, numAccepted);
     readBinary(stream, numDiverged);
     loadIntegrators(stream);
@@ -286,8 +275,7 @@ void HybridMonteCarloIntegrator::setFirstCounters(long long numAccepted, long lo
 
 void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
-    node.setIntProperty("activeSeed", (int) activeSeed);
-    storeCounters(node);
+    storeSeedAndCounters(node);
     CompoundIntegrator::serializeParameters(node.createChildNode("Integrators"));
     MembraneState(*this, *context).serialize(node);
 }
@@ -295,8 +283,7 @@ void HybridMonteCarloIntegrator::serializeParameters(SerializationNode& node) co
 void HybridMonteCarloIntegrator::deserializeParameters(const SerializationNode& node) {
     requireVersion(node, VERSION, "HybridMonteCarloIntegrator", OLDEST_VERSION);
     CompoundIntegrator::deserializeParameters(node.getChildNode("Integrators"));
-    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    loadCounters(node);
+    loadSeedAndCounters(node);
     if (node.getIntProperty("version") == OLDEST_VERSION)
         setFirstCounters(node.getLongProperty("numAccepted"), node.getLongProperty("numDiverged"));
     else

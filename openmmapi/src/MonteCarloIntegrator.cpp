@@ -26,19 +26,8 @@ void MonteCarloIntegrator::setTemperature(double temperature) {
     this->temperature = temperature;
 }
 
-void MonteCarloIntegrator::setRandomNumberSeed(int seed) {
-    randomNumberSeed = seed;
-    if (context != NULL)
-        activeSeed = chooseSeed(seed);
-}
-
 void MonteCarloIntegrator::initialize(ContextImpl& contextRef) {
-    if (owner != NULL && &contextRef.getOwner() != owner)
-        throw OpenMMException("This Integrator is already bound to a context");
-    context = &contextRef;
-    owner = &contextRef.getOwner();
-    activeSeed = chooseSeed(randomNumberSeed);
-    resetCounters();
+    bind(contextRef, context, owner);
     membranes = findMembranes(contextRef);
 }
 
@@ -51,8 +40,7 @@ vector<string> MonteCarloIntegrator::getKernelNames() {
 }
 
 void MonteCarloIntegrator::step(int steps) {
-    if (context == NULL)
-        throw OpenMMException("This Integrator is not bound to a context!");
+    requireContext(context);
     for (int i = 0; i < steps; i++) {
         makeMove();
         context->setStepCount(context->getStepCount() + 1);
@@ -61,10 +49,6 @@ void MonteCarloIntegrator::step(int steps) {
 
 double MonteCarloIntegrator::getThermalEnergy() const {
     return BOLTZMANN * temperature;
-}
-
-Philox MonteCarloIntegrator::getRandom(unsigned int stream) const {
-    return Philox(activeSeed, stream);
 }
 
 double MonteCarloIntegrator::getAcceptanceProbability(double energyChange) const {
@@ -108,15 +92,13 @@ bool MonteCarloIntegrator::kineticEnergyRequiresForce() const {
 
 void MonteCarloIntegrator::createCheckpoint(ostream& stream) const {
     writeName(stream, name);
-    writeBinary(stream, activeSeed);
-    writeCounters(stream);
+    writeSeedAndCounters(stream);
     MembraneState(*this, *context).createCheckpoint(stream);
 }
 
 void MonteCarloIntegrator::loadCheckpoint(istream& stream) {
     bool hasName = readName(stream, name);
-    readBinary(stream, activeSeed);
-    readCounters(stream);
+    readSeedAndCounters(stream);
     MembraneState state(*this, *context);
     if (!state.loadCheckpoint(stream))
         state.loadFirstCheckpoint(stream);
@@ -126,8 +108,7 @@ void MonteCarloIntegrator::loadCheckpoint(istream& stream) {
 
 void MonteCarloIntegrator::serializeParameters(SerializationNode& node) const {
     node.setIntProperty("version", VERSION);
-    node.setIntProperty("activeSeed", (int) activeSeed);
-    storeCounters(node);
+    storeSeedAndCounters(node);
     MembraneState(*this, *context).serialize(node);
 }
 
@@ -138,6 +119,5 @@ void MonteCarloIntegrator::deserializeParameters(const SerializationNode& node) 
         state.deserializeFirst(node);
     else
         state.deserialize(node);
-    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
-    loadCounters(node);
+    loadSeedAndCounters(node);
 }

@@ -39,6 +39,11 @@ void MonteCarloMove::requireEnd(istream& stream, const Integrator& integrator, C
         throw OpenMMException(name + ": the checkpoint is of another class");
 }
 
+void MonteCarloMove::requireContext(const ContextImpl* context) {
+    if (context == NULL)
+        throw OpenMMException("This Integrator is not bound to a context!");
+}
+
 long long& MonteCarloMove::addCounter(const string& name) {
     counters.push_back({name, 0});
     return counters.back().second;
@@ -70,4 +75,42 @@ void MonteCarloMove::loadCounters(const SerializationNode& node) {
             throw OpenMMException("The State is of another class of Integrator: it has no '" + counter.first + "'");
         counter.second = node.getLongProperty(counter.first);
     }
+}
+
+void SeededMove::setRandomNumberSeed(int seed) {
+    randomNumberSeed = seed;
+    activeSeed = chooseSeed(seed);
+}
+
+void SeededMove::bind(ContextImpl& newContext, ContextImpl*& context, Context*& owner) {
+    if (owner != NULL && &newContext.getOwner() != owner)
+        throw OpenMMException("This Integrator is already bound to a context");
+    context = &newContext;
+    owner = &newContext.getOwner();
+    activeSeed = chooseSeed(randomNumberSeed);
+    resetCounters();
+}
+
+Philox SeededMove::getRandom(unsigned int stream) const {
+    return Philox(activeSeed, stream);
+}
+
+void SeededMove::writeSeedAndCounters(ostream& stream) const {
+    writeBinary(stream, activeSeed);
+    writeCounters(stream);
+}
+
+void SeededMove::readSeedAndCounters(istream& stream) {
+    readBinary(stream, activeSeed);
+    readCounters(stream);
+}
+
+void SeededMove::storeSeedAndCounters(SerializationNode& node) const {
+    node.setIntProperty("activeSeed", (int) activeSeed);
+    storeCounters(node);
+}
+
+void SeededMove::loadSeedAndCounters(const SerializationNode& node) {
+    activeSeed = (unsigned int) node.getIntProperty("activeSeed");
+    loadCounters(node);
 }

@@ -80,6 +80,16 @@ void testExclusions() {
             ASSERT_EQUAL(mesh.areBonded(i, j), mesh.areExcluded(i, j, 1));
             ASSERT_EQUAL(mesh.areBonded(i, j) || shareNeighbor, mesh.areExcluded(i, j, 2));
             numExcluded += mesh.areExcluded(i, j, 2);
+            for (int ignored = 0; ignored < 66; ignored++) {
+                bool shareOther = any_of(bonded[i].begin(), bonded[i].end(),
+                                         [&](int n) { return n != ignored && bonded[n].count(j) > 0; });
+                ASSERT_EQUAL(mesh.areBonded(i, j) || shareOther, mesh.areExcluded(i, j, 2, ignored));
+            }
+            for (int level = 0; level <= 2; level++) {
+                bool isVisited = false;
+                mesh.forEachExcluded(i, level, [&](int excluded) { isVisited |= (excluded == j); });
+                ASSERT_EQUAL(mesh.areExcluded(i, j, level), isVisited);
+            }
         }
     ASSERT(numExcluded > 384 && numExcluded < 66 * 65);
 }

@@ -176,7 +176,7 @@ public:
      */
     virtual void initialize(const OpenMM::System& system) = 0;
     /**
-     * Draw velocities, and keep a copy of them and of the positions.
+     * Keep a copy of the positions and velocities, and draw those with which a trajectory begins.
      *
      * @param context      the Context in which to execute the kernel
      * @param kT           the temperature, measured in kJ/mol
@@ -201,7 +201,12 @@ public:
      */
     virtual double computeKineticEnergy(OpenMM::ContextImpl& context) = 0;
     /**
-     * Restore the positions with which begin() left the Context, and its velocities, reversed.
+     * Go back to the positions and velocities with which begin() left the Context, and reverse the velocities: what
+     * becomes of a trajectory that is rejected.
+     */
+    virtual void reject(OpenMM::ContextImpl& context) = 0;
+    /**
+     * Go back to the positions and velocities that begin() found in the Context.
      */
     virtual void restore(OpenMM::ContextImpl& context) = 0;
 };

@@ -23,7 +23,7 @@ namespace HelfrichPlugin {
  * Which move a step is follows from the seed and the Context's step count alone, so that a restarted simulation makes
  * the same choices.
  */
-class OPENMM_EXPORT_HELFRICH HybridMonteCarloIntegrator : public OpenMM::CompoundIntegrator, public MonteCarloMove {
+class OPENMM_EXPORT_HELFRICH HybridMonteCarloIntegrator : public OpenMM::CompoundIntegrator, public SeededMove {
 public:
     /**
      * Create a HybridMonteCarloIntegrator.
@@ -121,12 +121,6 @@ public:
      */
     const EdgeFlipIntegrator& getFlipIntegrator() const;
     /**
-     * Get the random number seed.  See setRandomNumberSeed() for details.
-     */
-    int getRandomNumberSeed() const {
-        return randomNumberSeed;
-    }
-    /**
      * Set the random number seed of the choice of moves and of the moves.  If it is 0 (the default), a unique seed is
      * chosen when a Context is created.
      */
@@ -175,8 +169,6 @@ private:
     void setFirstCounters(long long numAccepted, long long numDiverged);
     /// of each move; that of the first is not used
     std::vector<double> probabilities;
-    int randomNumberSeed = 0;
-    unsigned int activeSeed = 0;
     /// of the first move, which may be an Integrator that does not count
     long long& numTrajectories = addCounter("numTrajectories");
 };

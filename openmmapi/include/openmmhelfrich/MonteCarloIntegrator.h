@@ -10,7 +10,6 @@
 namespace HelfrichPlugin {
 
 class HelfrichForceImpl;
-class Philox;
 
 /**
  * This is the base of Integrators whose steps are Monte Carlo moves with random numbers of their own.  What a derived
@@ -21,7 +20,7 @@ class Philox;
  * simulation continued from either repeats exactly what an uninterrupted one does, and Context::reinitialize(true)
  * keeps the triangles.
  */
-class OPENMM_EXPORT_HELFRICH MonteCarloIntegrator : public OpenMM::Integrator, public virtual MonteCarloMove {
+class OPENMM_EXPORT_HELFRICH MonteCarloIntegrator : public OpenMM::Integrator, public SeededMove {
 public:
     /**
      * Get the temperature of the Metropolis test, in Kelvin.
@@ -33,18 +32,6 @@ public:
      * Set the temperature of the Metropolis test, in Kelvin.
      */
     void setTemperature(double temperature);
-    /**
-     * Get the random number seed.  See setRandomNumberSeed() for details.
-     */
-    int getRandomNumberSeed() const {
-        return randomNumberSeed;
-    }
-    /**
-     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the
-     * platform and the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is
-     * created.
-     */
-    void setRandomNumberSeed(int seed);
     /**
      * Make Monte Carlo moves.
      *
@@ -68,10 +55,6 @@ protected:
      * Get kT, in kJ/mol.
      */
     double getThermalEnergy() const;
-    /**
-     * Get one of the streams of random numbers of the seed.  See RandomStream for those that there are.
-     */
-    Philox getRandom(unsigned int stream) const;
     /**
      * Get the Metropolis probability min(1, exp(-dE/kT)).
      */
@@ -116,8 +99,6 @@ private:
     const std::string name;
     const bool allowsZero;
     double temperature;
-    int randomNumberSeed = 0;
-    unsigned int activeSeed = 0;
     std::vector<HelfrichForceImpl*> membranes;
 };
 

@@ -12,6 +12,8 @@
 
 namespace HelfrichPlugin {
 
+class Philox;
+
 /**
  * What an Integrator has whose steps are Monte Carlo moves, which leave the Boltzmann distribution at a temperature as
  * it is: MonteCarloIntegrator and the classes derived from it, and those that OpenMM's own Integrators are the base of.
@@ -70,6 +72,10 @@ protected:
     static void requireEnd(std::istream& stream, const OpenMM::Integrator& integrator, OpenMM::ContextImpl& context,
                            const std::string& name);
     /**
+     * Throw an exception if an Integrator is bound to no Context.
+     */
+    static void requireContext(const OpenMM::ContextImpl* context);
+    /**
      * Declare something that this move counts.
      *
      * @param name  its name in States; in checkpoints, counters are in the order of declaration
@@ -86,6 +92,46 @@ protected:
     void loadCounters(const OpenMM::SerializationNode& node);
 private:
     std::deque<std::pair<std::string, long long>> counters;
+};
+
+/**
+ * What an Integrator has whose random numbers come from a counter-based generator: a seed.  With the counters it is the
+ * whole state of the generator.
+ */
+class OPENMM_EXPORT_HELFRICH SeededMove : public virtual MonteCarloMove {
+public:
+    /**
+     * Get the random number seed.  See setRandomNumberSeed() for details.
+     */
+    int getRandomNumberSeed() const {
+        return randomNumberSeed;
+    }
+    /**
+     * Set the random number seed.  Two simulations with the same seed draw the same random numbers, whatever the
+     * platform and the number of threads.  If the seed is 0 (the default), a unique one is chosen when a Context is
+     * created.
+     */
+    void setRandomNumberSeed(int seed);
+protected:
+    /**
+     * Bind an Integrator to a Context, with the seed and all counters as they are at first.
+     *
+     * @param newContext  the Context
+     * @param context     that of the Integrator, which is to be the new one
+     * @param owner       its owner
+     */
+    void bind(OpenMM::ContextImpl& newContext, OpenMM::ContextImpl*& context, OpenMM::Context*& owner);
+    /**
+     * Get one of the streams of random numbers of the seed.  See RandomStream for those that there are.
+     */
+    Philox getRandom(unsigned int stream) const;
+    void writeSeedAndCounters(std::ostream& stream) const;
+    void readSeedAndCounters(std::istream& stream);
+    void storeSeedAndCounters(OpenMM::SerializationNode& node) const;
+    void loadSeedAndCounters(const OpenMM::SerializationNode& node);
+private:
+    int randomNumberSeed = 0;
+    unsigned int activeSeed = 0;
 };
 
 } // namespace HelfrichPlugin

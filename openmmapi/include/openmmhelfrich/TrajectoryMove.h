@@ -38,6 +38,9 @@ public:
         return numDiverged;
     }
 protected:
+    // The Integrator has made the base before; compilers are told so.
+    TrajectoryMove() : MonteCarloMove() {
+    }
     // In files of version 0.1.0 the counters are the mixture's.
     friend class HybridMonteCarloIntegrator;
     long long &numTrajectories = addCounter("numTrajectories"), &numAccepted = addCounter("numAccepted"),

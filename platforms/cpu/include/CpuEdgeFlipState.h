@@ -5,6 +5,7 @@
 #include "CpuHalfedges.h"
 #include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
 #include "openmmhelfrich/HelfrichForce.h"
 #include <vector>
@@ -95,12 +96,11 @@ private:
     void beginWalk(Walks& walks, const CpuEdgeFlipBatch& batch, int n, int corner, int wanted) const;
     void collect(CpuEdgeFlipBatch& batch, int n, bool areBonded) const;
     /**
-     * Add what flips change by changing which pairs are excluded at level 2: those of forEachExcluded() in the
-     * HalfedgeConnectivity, told from it by what is around the flip.  (At level 1 they are i-j and k-l.)
+     * Add what flips change by changing which pairs are excluded at level 2.  (At level 1 they are i-j and k-l.)
      */
     void findRepulsion(CpuEdgeFlipBatch& batch) const;
     void addRepulsion(CpuEdgeFlipBatch& batch, ClosePairs& pairs) const;
-    bool shareOtherNeighbor(int middle, int vertex1, int vertex2) const;
+    Vector3<double> getPosition(int vertex) const;
     double distance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
     void setBonded(int vertex, int other);

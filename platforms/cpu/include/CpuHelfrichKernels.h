@@ -165,10 +165,14 @@ public:
                  long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
+    void reject(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:
+    // those of the start, times a factor
+    void setVelocities(OpenMM::ContextImpl& context, double factor) const;
     std::vector<double> inverseMasses, chunkEnergies;
     TrajectoryStart start;
+    double kT;
 };
 
 } // namespace HelfrichPlugin

@@ -5,6 +5,7 @@
 #include "openmmhelfrich/internal/HelfrichMesh.h"
 #include "CpuHelfrichNeighborList.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <array>
 #include <vector>
 
@@ -21,11 +22,15 @@ namespace HelfrichPlugin {
 class CpuHelfrichRepulsion {
 public:
     /**
+     * Follow a change of the layout.
+     */
+    void followLayout(const CpuHelfrichLayout& layout, int numThreads);
+    /**
      * Get whether a vertex in a range of slots has moved so far that there may be pairs which are not in the lists.
      *
      * @param positions  the position of each slot: x, y, z, unused
      */
-    bool hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot, int lastSlot) const;
+    bool hasMoved(const double* positions, int firstSlot, int lastSlot) const;
     /**
      * Get the lists before exclusions, partitioned for the mesh and up to date.  See update() for the other parameters.
      */
@@ -49,27 +54,30 @@ public:
                    double* gradients) const;
 private:
     typedef std::array<int, 3> Cell;
+    typedef Vector3<double> Point;
     /// a vertex where it was when the list was built
-    struct Point {
-        double x[3];
+    struct PlacedVertex {
+        Point x;
         int vertex;
     };
     void updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
     void adaptSkin();
     void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
-    Cell findCell(const std::array<double, 3>& x) const;
+    Cell findCell(const Point& x) const;
     unsigned int findBucket(const Cell& cell) const;
-    void sortIntoBuckets();
-    void addCandidates(int vertex, double cutoff2);
-    void addCandidatesInRow(int vertex, const Cell& first, double cutoff2);
+    void sortIntoBuckets(const CpuHelfrichLayout& layout);
+    void addCandidates(const PlacedVertex& vertex, double cutoff2);
+    void addCandidatesInRow(const PlacedVertex& vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
     double onset = -1, skin = 0;
     int numUpdates = 0;
-    /// what the pairs are those of; slots depend on the layout's width
-    int exclusionLevel = -1, width = 0;
-    long long revision = -1;
-    std::vector<std::array<double, 3>> reference;
-    std::vector<Point> points;
+    /// whether the pairs are those of the lists and the layout; and at which level of exclusions
+    bool hasPairs = false;
+    int exclusionLevel = -1;
+    /// where the vertex of each slot was when the list was built: each step looks at all, in this order
+    std::vector<Point> reference;
+    /// the same of all vertices, in the order of the buckets
+    std::vector<PlacedVertex> placedVertices;
     std::vector<int> bucketStarts;
     CpuHelfrichNeighborList candidates;
     std::vector<int> pairStarts, pairs, marks;

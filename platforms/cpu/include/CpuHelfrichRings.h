@@ -55,17 +55,17 @@ inline Coordinates<Real> loadCoordinates(const CpuHelfrichArrays<Real>& arrays, 
 }
 
 /**
- * The vectors from points to others.  Nothing else here takes the difference of two positions.
+ * The vectors from points to others, in the type in which the loops compute.
  */
 inline Point<double> displacement(const Coordinates<double>& from, const Coordinates<double>& to,
                                   const CpuHelfrichArrays<double>& arrays) {
-    return to - from;
+    return HelfrichPlugin::displacement(from, to);
 }
 
 inline Point<float> displacement(const Coordinates<float>& from, const Coordinates<float>& to,
                                  const CpuHelfrichArrays<float>& arrays) {
     auto convert = [](auto integers) { return __builtin_convertvector(integers, Vector<float>); };
-    Coordinates<float> d = to - from;
+    Coordinates<float> d = HelfrichPlugin::displacement(from, to);
     return Point<float>{convert(d.x), convert(d.y), convert(d.z)} * broadcast(arrays.fixedUnit);
 }
 

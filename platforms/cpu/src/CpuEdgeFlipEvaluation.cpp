@@ -23,11 +23,10 @@ public:
             : vertices(vertices), batch(batch), first(first), origin(position(0)) {
     }
     /**
-     * Get the vectors from vertices 0 to those of another number.  Nothing else here takes the difference of two
-     * positions.
+     * Get the vectors from vertices 0 to those of another number.
      */
     Point displacement(int n) const {
-        return position(n) - origin;
+        return HelfrichPlugin::displacement(origin, position(n));
     }
     Simd area(int n) const {
         Simd result;

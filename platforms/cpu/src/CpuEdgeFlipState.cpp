@@ -33,13 +33,6 @@ void CpuEdgeFlipState::setPositions(const CpuEdgeFlipState& other, int first, in
 }
 
 /**
- * The vector from a vertex to another.
- */
-static Vector3<double> displacement(const CpuEdgeFlipVertex& from, const CpuEdgeFlipVertex& to) {
-    return {to.x - from.x, to.y - from.y, to.z - from.z};
-}
-
-/**
  * Walks around vertices to see if they are bonded to others.  All go on at the same time, and those that are around
  * before the others begin again: no branch depends on a valence, which no processor could predict.
  */
@@ -210,26 +203,18 @@ void CpuEdgeFlipState::findRepulsion(CpuEdgeFlipBatch& batch) const {
 
 void CpuEdgeFlipState::addRepulsion(CpuEdgeFlipBatch& batch, ClosePairs& pairs) const {
     // The flip takes from i and j, and gives to k and l, the paths to the bonded neighbors of the opposite vertex.  It
-    // matters where there is no other path of two edges.
+    // matters where nothing else excludes the pair.
 
     pairs.walks.finish(mesh);
     for (int m = 0; m < pairs.walks.count; m++)
         if (pairs.walks.isFound[m]) {
             int n = pairs.attempt[m], corner = pairs.corner[m], vertex = batch.vertex[corner][n];
             batch.attempts[n].dependsOnCloseNeighbors = true;
-            if (!shareOtherNeighbor(batch.vertex[corner ^ 1][n], vertex, pairs.neighbor[m]))
+            int opposite = batch.vertex[corner ^ 1][n];
+            if (!mesh.areExcluded(vertex, pairs.neighbor[m], p.repulsionExclusionLevel, opposite))
                 batch.attempts[n].energy += (corner < 2 ? 1 : -1) * pairEnergy(vertex, pairs.neighbor[m]);
         }
     pairs.walks.clear();
-}
-
-bool CpuEdgeFlipState::shareOtherNeighbor(int middle, int vertex1, int vertex2) const {
-    // Only flips at the two vertices may matter, so it looks around these, and not around the bonded neighbors.
-
-    for (int neighbor : mesh.neighbors(vertex1))
-        if (neighbor != middle && mesh.isAround(vertex2, neighbor))
-            return true;
-    return false;
 }
 
 void CpuEdgeFlipState::carryOut(const CpuEdgeFlipList& flips) {
@@ -336,8 +321,12 @@ void CpuEdgeFlipState::setBonded(int vertex, int other) {
     swap(*found, neighbors[--list.numApart]);
 }
 
+Vector3<double> CpuEdgeFlipState::getPosition(int vertex) const {
+    return {vertices[vertex].x, vertices[vertex].y, vertices[vertex].z};
+}
+
 double CpuEdgeFlipState::distance2(int vertex1, int vertex2) const {
-    Vector3<double> d = displacement(vertices[vertex1], vertices[vertex2]);
+    Vector3<double> d = displacement(getPosition(vertex1), getPosition(vertex2));
     return dot(d, d);
 }
 

@@ -52,6 +52,7 @@ void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         particles[slot] = mesh->getParticles()[layout.vertices[slot]];
+    repulsion.followLayout(layout, numThreads);
     revision = mesh->getRevision();
 }
 
@@ -147,8 +148,7 @@ void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& paramet
         loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
                                        chunkSums[chunk]);
         if (parameters.has(Term::Repulsion))
-            chunkSums[chunk].outdated =
-                    repulsion.hasMoved(layout, arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
+            chunkSums[chunk].outdated = repulsion.hasMoved(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     }
     sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
     sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
@@ -450,8 +450,7 @@ CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl
 #pragma omp parallel for schedule(static) num_threads(numThreads)
     for (int chunk = 0; chunk < numChunks; chunk++) {
         loadPositions(source, chunk);
-        chunkSums[chunk].outdated =
-                repulsion.hasMoved(layout, positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+        chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     }
     return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
@@ -503,15 +502,20 @@ void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                       const Philox& random, long long trajectory) {
+    this->kT = kT;
+    start.keep(*getData(context).positions, *getData(context).velocities, refreshment, random, trajectory);
+    setVelocities(context, 1);
+    return computeKineticEnergy(context);
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
     vector<Vec3>& velocities = *getData(context).velocities;
     forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
-        for (int i = first; i < last; i++)
-            if (inverseMasses[i] != 0)
-                velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT * inverseMasses[i]), refreshment,
-                                                              random, trajectory, i);
+        for (int i = first; i < last; i++) {
+            double deviation = sqrt(kT * inverseMasses[i]);
+            velocities[i] = (deviation == 0 ? start.getVelocities()[i] : start.drawVelocity(i, deviation)) * factor;
+        }
     });
-    start.keep(*getData(context).positions, velocities);
-    return computeKineticEnergy(context);
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
@@ -541,6 +545,12 @@ double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl
     return addUp(chunkEnergies);
 }
 
+void CpuIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {
+    *getData(context).positions = start.getPositions();
+    setVelocities(context, -1);
+}
+
 void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    start.restore(*getData(context).positions, *getData(context).velocities);
+    *getData(context).positions = start.getPositions();
+    *getData(context).velocities = start.getVelocities();
 }

@@ -6,20 +6,16 @@
 using namespace HelfrichPlugin;
 using namespace std;
 
-/**
- * The vector from a point to another.  Nothing else here takes the difference of two positions.
- */
-static Vector3<double> displacement(const double* from, const double* to) {
-    return {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
+static Vector3<double> getPoint(const double* x) {
+    return {x[0], x[1], x[2]};
 }
 
 void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
                                   const HelfrichParameters& p, bool hasMoved) {
     updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
-    if (mesh.getRevision() != revision || layout.width != width || p.repulsionExclusionLevel != exclusionLevel) {
+    if (!hasPairs || p.repulsionExclusionLevel != exclusionLevel) {
         removeExclusions(mesh, layout, p.repulsionExclusionLevel);
-        revision = mesh.getRevision();
-        width = layout.width;
+        hasPairs = true;
         exclusionLevel = p.repulsionExclusionLevel;
     }
 }
@@ -34,7 +30,7 @@ void CpuHelfrichRepulsion::updateCandidates(const CpuHelfrichLayout& layout, con
     onset = newOnset;
     adaptSkin();
     findCandidates(layout, positions);
-    revision = -1;
+    hasPairs = false;
 }
 
 CpuHelfrichNeighborList& CpuHelfrichRepulsion::getNeighborList(const HelfrichMesh& mesh,
@@ -55,26 +51,33 @@ void CpuHelfrichRepulsion::adaptSkin() {
     numUpdates = 0;
 }
 
-bool CpuHelfrichRepulsion::hasMoved(const CpuHelfrichLayout& layout, const double* positions, int firstSlot,
-                                    int lastSlot) const {
+void CpuHelfrichRepulsion::followLayout(const CpuHelfrichLayout& layout, int numThreads) {
+    hasPairs = false;
+    if (placedVertices.empty())
+        return;
+    reference.resize(layout.getNumSlots());
+#pragma omp parallel for schedule(static) num_threads(numThreads)
+    for (size_t i = 0; i < placedVertices.size(); i++)
+        reference[layout.slots[placedVertices[i].vertex]] = placedVertices[i].x;
+}
+
+bool CpuHelfrichRepulsion::hasMoved(const double* positions, int firstSlot, int lastSlot) const {
     if (reference.empty())
         return true;
     double limit = 0.25 * skin * skin;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
-        Vector3<double> moved = displacement(reference[layout.vertices[slot]].data(), positions + 4 * slot);
+        Vector3<double> moved = displacement(reference[slot], getPoint(positions + 4 * slot));
         if (!(dot(moved, moved) <= limit))
             return true;
     }
     return false;
 }
 
-CpuHelfrichRepulsion::Cell CpuHelfrichRepulsion::findCell(const array<double, 3>& x) const {
+CpuHelfrichRepulsion::Cell CpuHelfrichRepulsion::findCell(const Point& x) const {
     // Far away all is one cell: that can make the list slow, but not wrong.
 
-    Cell cell;
-    for (int i = 0; i < 3; i++)
-        cell[i] = (int) max(-1e9, min(1e9, floor(x[i] / (onset + skin))));
-    return cell;
+    auto number = [&](double coordinate) { return (int) max(-1e9, min(1e9, floor(coordinate / (onset + skin)))); };
+    return {number(x.x), number(x.y), number(x.z)};
 }
 
 unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
@@ -85,58 +88,57 @@ unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
     return hash & (bucketStarts.size() - 2);
 }
 
-void CpuHelfrichRepulsion::sortIntoBuckets() {
+void CpuHelfrichRepulsion::sortIntoBuckets(const CpuHelfrichLayout& layout) {
     size_t numBuckets = 1;
-    while (numBuckets < reference.size())
+    while (numBuckets < layout.slots.size())
         numBuckets *= 2;
     bucketStarts.assign(numBuckets + 1, 0);
-    for (auto& x : reference)
-        bucketStarts[findBucket(findCell(x)) + 1]++;
+    for (int slot : layout.slots)
+        bucketStarts[findBucket(findCell(reference[slot])) + 1]++;
     for (size_t i = 1; i < bucketStarts.size(); i++)
         bucketStarts[i] += bucketStarts[i - 1];
     vector<int> next(bucketStarts.begin(), bucketStarts.end() - 1);
-    points.resize(reference.size());
-    for (size_t v = 0; v < reference.size(); v++)
-        points[next[findBucket(findCell(reference[v]))]++] = {{reference[v][0], reference[v][1], reference[v][2]},
-                                                              (int) v};
+    placedVertices.resize(layout.slots.size());
+    for (size_t v = 0; v < layout.slots.size(); v++) {
+        const Point& x = reference[layout.slots[v]];
+        placedVertices[next[findBucket(findCell(x))]++] = {x, (int) v};
+    }
 }
 
 void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
-    reference.resize(layout.slots.size());
-    for (size_t v = 0; v < reference.size(); v++)
-        for (int i = 0; i < 3; i++)
-            reference[v][i] = positions[4 * layout.slots[v] + i];
-    sortIntoBuckets();
-    candidates.lists.resize(reference.size());
+    reference.resize(layout.getNumSlots());
+    for (int slot = 0; slot < layout.getNumSlots(); slot++)
+        reference[slot] = getPoint(positions + 4 * slot);
+    sortIntoBuckets(layout);
+    candidates.lists.resize(layout.slots.size());
     candidates.neighbors.clear();
     candidates.revision = -1;
     candidates.numBuilds++;
-    for (size_t v = 0; v < reference.size(); v++) {
+    for (size_t v = 0; v < layout.slots.size(); v++) {
         int start = candidates.neighbors.size();
-        addCandidates(v, (onset + skin) * (onset + skin));
+        addCandidates({reference[layout.slots[v]], (int) v}, (onset + skin) * (onset + skin));
         candidates.lists[v] = {start, 0, int(candidates.neighbors.size() - start)};
     }
 }
 
-void CpuHelfrichRepulsion::addCandidates(int vertex, double cutoff2) {
-    Cell center = findCell(reference[vertex]);
+void CpuHelfrichRepulsion::addCandidates(const PlacedVertex& vertex, double cutoff2) {
+    Cell center = findCell(vertex.x);
     for (int dy = -1; dy <= 1; dy++)
         for (int dz = -1; dz <= 1; dz++)
             addCandidatesInRow(vertex, {center[0] - 1, center[1] + dy, center[2] + dz}, cutoff2);
 }
 
-void CpuHelfrichRepulsion::addCandidatesInRow(int vertex, const Cell& first, double cutoff2) {
+void CpuHelfrichRepulsion::addCandidatesInRow(const PlacedVertex& vertex, const Cell& first, double cutoff2) {
     // Points of other cells can have the same buckets: they are found in their own row, or are too far away.
 
-    const array<double, 3>& x = reference[vertex];
     int numBuckets = bucketStarts.size() - 1, begin = findBucket(first), end = min(begin + 3, numBuckets);
     auto addRange = [&](int start, int stop) {
         for (int i = start; i < stop; i++) {
-            const Point& other = points[i];
-            Vector3<double> d = displacement(x.data(), other.x);
-            if (dot(d, d) >= cutoff2 || other.vertex == vertex)
+            const PlacedVertex& other = placedVertices[i];
+            Vector3<double> d = displacement(vertex.x, other.x);
+            if (dot(d, d) >= cutoff2 || other.vertex == vertex.vertex)
                 continue;
-            Cell cell = findCell(reference[other.vertex]);
+            Cell cell = findCell(other.x);
             if (cell[1] == first[1] && cell[2] == first[2])
                 candidates.neighbors.push_back(other.vertex);
         }
@@ -175,9 +177,9 @@ double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichPara
                                      double* gradients) const {
     double energy = 0, onset2 = p.repulsionOnset * p.repulsionOnset;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
-        const double* x = positions + 4 * slot;
+        Vector3<double> x = getPoint(positions + 4 * slot);
         for (int i = pairStarts[slot]; i < pairStarts[slot + 1]; i++) {
-            Vector3<double> d = displacement(positions + pairs[i], x);
+            Vector3<double> d = displacement(getPoint(positions + pairs[i]), x);
             double r2 = dot(d, d);
             if (r2 >= onset2)
                 continue;

@@ -76,13 +76,17 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
 
 double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                             const Philox& random, long long trajectory) {
-    vector<Vec3>& velocities = *getData(context).velocities;
-    for (size_t i = 0; i < masses.size(); i++)
-        if (masses[i] != 0)
-            velocities[i] = TrajectoryStart::drawVelocity(velocities[i], sqrt(kT / masses[i]), refreshment, random,
-                                                          trajectory, i);
-    start.keep(*getData(context).positions, velocities);
+    this->kT = kT;
+    start.keep(*getData(context).positions, *getData(context).velocities, refreshment, random, trajectory);
+    setVelocities(context, 1);
     return computeKineticEnergy(context);
+}
+
+void ReferenceIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
+    for (size_t i = 0; i < masses.size(); i++) {
+        Vec3 velocity = (masses[i] == 0 ? start.getVelocities()[i] : start.drawVelocity(i, sqrt(kT / masses[i])));
+        (*getData(context).velocities)[i] = velocity * factor;
+    }
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const KickAndDrift& times) {
@@ -106,6 +110,12 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
     return energy;
 }
 
+void ReferenceIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {
+    *getData(context).positions = start.getPositions();
+    setVelocities(context, -1);
+}
+
 void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
-    start.restore(*getData(context).positions, *getData(context).velocities);
+    *getData(context).positions = start.getPositions();
+    *getData(context).velocities = start.getVelocities();
 }

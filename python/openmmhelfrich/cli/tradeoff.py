@@ -10,7 +10,7 @@ from .errors import friendly
 from .terminal import show
 
 if TYPE_CHECKING:  # cli starts without what simulates
-    from ..tradeoff.search import Point
+    from ..tradeoff.search import SearchPoint
 
 app = typer.Typer()
 
@@ -111,7 +111,7 @@ class _Progress:
         if self._status:
             self._status.stop()
 
-    def __call__(self, point: "Point") -> None:
+    def __call__(self, point: "SearchPoint") -> None:
         from ..tradeoff.settings import describe
 
         if self._quiet:

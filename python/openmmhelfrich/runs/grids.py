@@ -40,7 +40,7 @@ _RANGE = "a list of values, or a table of start, stop and step"
 
 
 @dataclass(frozen=True)
-class Point:
+class GridPoint:
     """One run of a grid.
 
     Attributes
@@ -167,7 +167,7 @@ class Grid(Section):
         return self
 
 
-def readGrid(file: PathLike) -> list[Point]:
+def readGrid(file: PathLike) -> list[GridPoint]:
     """Read and check a grid and return its points.
 
     Raises
@@ -248,8 +248,8 @@ def _createPoint(
     path: Path,
     mistakes: "_Mistakes",
     meshes: dict[str, Mesh],
-) -> Point | None:
-    """Return a Point, or None if it cannot be, after noting why."""
+) -> GridPoint | None:
+    """Return a GridPoint, or None if it cannot be, after noting why."""
     name = _nameOf(parameters)
     with mistakes.of(name):
         data = _merge(copy.deepcopy(base), variant)
@@ -262,7 +262,7 @@ def _createPoint(
             config.mesh.file = str((path.parent / config.mesh.file).resolve())
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
-        return Point(name, parameters, config, _checkRun(config, meshes))
+        return GridPoint(name, parameters, config, _checkRun(config, meshes))
     return None
 
 

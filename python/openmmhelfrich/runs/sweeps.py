@@ -34,7 +34,7 @@ from ..tables import headOf
 from .checkpoint import loadRunState
 from .config import Config, readConfig
 from .configfile import settingsText
-from .grids import Point, readGrid, seedOf
+from .grids import GridPoint, readGrid, seedOf
 from .outputs import Outputs
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
@@ -51,7 +51,7 @@ class PointStatus:
 
     Attributes
     ----------
-    point : Point
+    point : GridPoint
         which
     status : str
         "waiting", "running", "done", "failed" or "stopped"
@@ -67,7 +67,7 @@ class PointStatus:
         what came of it
     """
 
-    point: Point
+    point: GridPoint
     status: str = "waiting"
     stage: str = ""
     position: int = 0
@@ -196,7 +196,7 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
 
 
-def _place(point: Point, folder: Path) -> None:
+def _place(point: GridPoint, folder: Path) -> None:
     """Give a point its folder, and its random numbers if it was begun anew there."""
     config = point.config
     # The folder belongs to the point, and the lock to its run.
@@ -234,7 +234,7 @@ def _beginAnew(state: PointStatus) -> None:
     state.status, state.verdict, state.reason, state.observables = "waiting", "", "", {}
 
 
-def _requireSameSettings(point: Point, folder: Path) -> None:
+def _requireSameSettings(point: GridPoint, folder: Path) -> None:
     """Raise a ValueError if the folder of a point holds a run of other settings."""
     config = point.config
     file = _settingsFile(config)
@@ -457,7 +457,7 @@ class _Dispatcher:
         self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
         self._states = {state.point.name: state for state in result.points}
         self._waiting = [state.point for state in result.points if state.status == "waiting"]
-        self._running: dict[Any, Point] = {}  # by their futures
+        self._running: dict[Any, GridPoint] = {}  # by their futures
 
     def run(self) -> None:
         self._client.subscribe_topic(self._name, self._hear)

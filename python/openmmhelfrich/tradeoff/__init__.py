@@ -12,9 +12,9 @@ from ..files import PathLike
 from ..io.locks import locked
 from ..runs.config import Config, parseConfig, readConfig
 from .report import recommendationText, tableText, writeReport
-from .search import OutOfTime, Point, Search
+from .search import OutOfTime, Search, SearchPoint
 
-__all__ = ["Point", "Search", "recommendationText", "tableText", "tradeoff", "writeReport"]
+__all__ = ["Search", "SearchPoint", "recommendationText", "tableText", "tradeoff", "writeReport"]
 
 
 def tradeoff(
@@ -25,8 +25,8 @@ def tradeoff(
     minutes: float | None = None,
     axes: Sequence[str] | None = None,
     overwrite: bool = False,
-    progress: Callable[[Point], None] | None = None,
-) -> tuple[Search, Point | None]:
+    progress: Callable[[SearchPoint], None] | None = None,
+) -> tuple[Search, SearchPoint | None]:
     """Measure the settings of a scene, and find the cheapest one that keeps within an error.
 
     The cost is the processor time, on one thread, to an independent sample of the lowest shape modes.  The search goes
@@ -51,11 +51,11 @@ def tradeoff(
     overwrite : bool
         begin anew instead of going on with an earlier search
     progress : callable, optional
-        called with the :class:`Point` before and after it is measured
+        called with the :class:`SearchPoint` before and after it is measured
 
     Returns
     -------
-    Search, Point or None
+    Search, SearchPoint or None
         everything that was measured, and what is recommended: None if the time was spent before
 
     Raises
@@ -88,8 +88,8 @@ def _search(
     minutes: float | None,
     axes: Sequence[str] | None,
     overwrite: bool,
-    progress: Callable[[Point], None] | None,
-) -> tuple[Search, Point | None]:
+    progress: Callable[[SearchPoint], None] | None,
+) -> tuple[Search, SearchPoint | None]:
     """Go on with a search, or begin one, and write down what it found."""
     if overwrite:
         for ending in (".json", "_start.ply", "_start.json", "_coarse.ply", "_coarse.json"):

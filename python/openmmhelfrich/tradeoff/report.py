@@ -8,14 +8,14 @@ from ..files import PathLike, replacing
 from ..pictures.plots import ownStyle, saveFigure
 from ..runs.config import asDict
 from ..runs.configfile import configText
-from .search import AVERAGES, Point, Search
+from .search import AVERAGES, Search, SearchPoint
 from .settings import apply, describe, isExact
 
 SHAPE_SAMPLES = 20  # independent ones that a recommended run has at least
 
 
-def writeReport(search: Search, prefix: PathLike, recommended: Point | None = None) -> list[str]:
-    """Write PREFIX.md, PREFIX.png and, if there is a Point to recommend, PREFIX.toml, and return their names."""
+def writeReport(search: Search, prefix: PathLike, recommended: SearchPoint | None = None) -> list[str]:
+    """Write PREFIX.md, PREFIX.png and, if there is a SearchPoint to recommend, PREFIX.toml, and return their names."""
     files = [f"{prefix}.md", f"{prefix}.png"]
     with replacing(files[0]) as part:
         part.write_text(tableText(search, recommended), encoding="utf-8")
@@ -27,7 +27,7 @@ def writeReport(search: Search, prefix: PathLike, recommended: Point | None = No
     return files
 
 
-def tableText(search: Search, recommended: Point | None = None) -> str:
+def tableText(search: Search, recommended: SearchPoint | None = None) -> str:
     """Return what a search measured as tables in Markdown: the cost of settings, their accuracy, and minimizations."""
     tables = []
     for columns in (_costs, _accuracies):
@@ -59,12 +59,12 @@ def _minimaText(search: Search) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _head(search: Search, point: Point, recommended: Point | None) -> dict[str, str]:
+def _head(search: Search, point: SearchPoint, recommended: SearchPoint | None) -> dict[str, str]:
     text = f"**{describe(point.setting)}**" if point is recommended else describe(point.choice or point.setting)
     return {"axis": point.axis, "setting": text if point.measurement else f"{text}: {point.problem.replace('|', '/')}"}
 
 
-def _costs(search: Search, point: Point) -> dict[str, str]:
+def _costs(search: Search, point: SearchPoint) -> dict[str, str]:
     m = point.measured
     bending = m.observables["bending"]
     diffusion = f"{m.secondsPerStep * m.stepsPerEdge:.3g}" if math.isfinite(m.stepsPerEdge) else "–"
@@ -84,7 +84,7 @@ def _costs(search: Search, point: Point) -> dict[str, str]:
     }
 
 
-def _accuracies(search: Search, point: Point) -> dict[str, str]:
+def _accuracies(search: Search, point: SearchPoint) -> dict[str, str]:
     m, reference = point.measured, search.reference.measured.observables["bending"]
     corrected = ""
     if m.reweighted:
@@ -107,7 +107,7 @@ def _accuracies(search: Search, point: Point) -> dict[str, str]:
     }
 
 
-def stepsFor(search: Search, point: Point) -> int:
+def stepsFor(search: Search, point: SearchPoint) -> int:
     """Return the number of Monte Carlo steps after which the standard errors of bending energy, area and volume are
     half of the search's error, and the shape has been sampled.
     """
@@ -119,7 +119,7 @@ def stepsFor(search: Search, point: Point) -> int:
     return math.ceil(max(*needed, SHAPE_SAMPLES * search.time(point)[0]))
 
 
-def recommendationText(search: Search, point: Point) -> str:
+def recommendationText(search: Search, point: SearchPoint) -> str:
     """Return a configuration of the scene at a setting, for openmm-helfrich run.
 
     It has twice the steps that the error takes, for a run's summary averages over the second half.
@@ -149,7 +149,7 @@ def recommendationText(search: Search, point: Point) -> str:
 
 
 @ownStyle()
-def plot(search: Search, file: PathLike, recommended: Point | None = None) -> None:
+def plot(search: Search, file: PathLike, recommended: SearchPoint | None = None) -> None:
     """Draw the cost of an independent sample at each setting, and against it how far averages may be off, with the
     Pareto front.
     """
@@ -192,7 +192,7 @@ def plot(search: Search, file: PathLike, recommended: Point | None = None) -> No
     saveFigure(figure, file, dpi=110)
 
 
-def _plotCosts(axes: Any, search: Search, points: list[Point], colors: dict[str, Any]) -> None:
+def _plotCosts(axes: Any, search: Search, points: list[SearchPoint], colors: dict[str, Any]) -> None:
     cost = [search.seconds(point) for point in points]
     errors = [c * min(search.time(point)[1], 0.9) for c, point in zip(cost, points)]
     places = [-i for i in range(len(points))]
@@ -205,6 +205,6 @@ def _plotCosts(axes: Any, search: Search, points: list[Point], colors: dict[str,
     axes.set(xscale="log", xlabel="s per independent sample of the shape", ylim=(-len(points), 1))
 
 
-def _bound(search: Search, point: Point) -> float:
+def _bound(search: Search, point: SearchPoint) -> float:
     """Return the largest deviation of an average, with its error."""
     return max(abs(deviation) + error for deviation, error in search.deviations(point).values())

@@ -47,7 +47,7 @@ WORTHWHILE = 0.9  # a change must bring the cost down to so much of what it was,
 
 
 @dataclass
-class Point:
+class SearchPoint:
     """A setting that was measured, or why it could not be: the choice on an axis, and all else that is not as the scene
     has it.
     """
@@ -83,7 +83,7 @@ class Search:
     config, scene : Config
         the scene as it was written, and with every default filled in, and the mesh and the targets that its stages lead
         to
-    points : list of Point
+    points : list of SearchPoint
         what was measured, in order; the first is the scene as it stands, the second the reference: short steps, and a
         long run
     minima : list of Minimum
@@ -100,34 +100,34 @@ class Search:
         effort: float = 3e8,
         minutes: float | None = None,
         names: Sequence[str] | None = None,
-        progress: Callable[[Point], None] | None = None,
+        progress: Callable[[SearchPoint], None] | None = None,
     ):
         self.config, self._prefix, self.error, self._effort = config, str(prefix), error, effort
         self._names = None if names is None else [_FORMERLY.get(name, name) for name in names]
         self._progress = progress or (lambda *_: None)
         self._end = math.inf if minutes is None else time.process_time() + 60 * minutes
         self._file = Path(f"{prefix}.json")
-        self.points: list[Point] = []
+        self.points: list[SearchPoint] = []
         self.minima: list[Minimum] = []
         # Those that the search has come to: what it knows, so that one that goes on decides as before.
-        self._seen: list[Point] = []
+        self._seen: list[SearchPoint] = []
         self._seed = config.sampling.seed or 1
         self.scene, self._mesh = self._begin(config, "start")
         self._load()
         self._coarse: tuple[Config, Mesh] | None = None
 
     @property
-    def baseline(self) -> Point:
+    def baseline(self) -> SearchPoint:
         """The scene as it stands."""
         return self.points[0]
 
     @property
-    def reference(self) -> Point:
+    def reference(self) -> SearchPoint:
         """The scene with short steps, in a long run."""
         return self.points[1]
 
-    def run(self) -> Point:
-        """Measure what has not been measured, and return the Point to recommend.
+    def run(self) -> SearchPoint:
+        """Measure what has not been measured, and return the SearchPoint to recommend.
 
         Raises OutOfTime when the time is spent.
         """
@@ -140,7 +140,7 @@ class Search:
         self._findMinima()
         return min(best, self.baseline, key=self.seconds)
 
-    def time(self, point: Point) -> tuple[float, float]:
+    def time(self, point: SearchPoint) -> tuple[float, float]:
         """Return the integrated autocorrelation time of a point's shape in Monte Carlo steps, and its relative standard
         error.
 
@@ -149,11 +149,11 @@ class Search:
         """
         return point.measured.shapeTime(*(self._variances() if _isAlike(point) else (None, 0.0)))
 
-    def seconds(self, point: Point) -> float:
+    def seconds(self, point: SearchPoint) -> float:
         """Return the cost of an independent sample of the shape in seconds of one processor."""
         return point.measured.secondsPerStep * self.time(point)[0]
 
-    def evaluations(self, point: Point) -> float:
+    def evaluations(self, point: SearchPoint) -> float:
         """Return the number of force evaluations to an independent sample of the shape."""
         return point.measured.evaluationsPerStep * self.time(point)[0]
 
@@ -174,7 +174,7 @@ class Search:
             best.observables["shape"].time / (motion.interval * motion.length * len(motion.variances))
         )
 
-    def deviations(self, point: Point) -> dict[str, tuple[float, float]]:
+    def deviations(self, point: SearchPoint) -> dict[str, tuple[float, float]]:
         """Return the relative deviation of each average from the reference's and its standard error, by name."""
         result = {}
         for name in AVERAGES:
@@ -186,7 +186,7 @@ class Search:
             )
         return result
 
-    def bias(self, point: Point) -> float:
+    def bias(self, point: SearchPoint) -> float:
         """Return the largest relative deviation of an average from the reference's that is certain: more than twice its
         standard error; 0 where the distribution is the same.
         """
@@ -194,7 +194,7 @@ class Search:
             return 0.0
         return max(max(0.0, abs(deviation) - 2 * error) for deviation, error in self.deviations(point).values())
 
-    def gain(self, point: Point) -> float:
+    def gain(self, point: SearchPoint) -> float:
         """Return how many times more independent samples of the shape a point gives in a time than the scene as it
         stands.
         """
@@ -212,7 +212,7 @@ class Search:
         """Return the scene's own distribution with short steps, and with moves that reach all of it."""
         return {"sampling.step_size": "auto", "sampling.target_acceptance": 0.9, **_moves(self.scene)}
 
-    def _descend(self, available: list[Axis]) -> Point:
+    def _descend(self, available: list[Axis]) -> SearchPoint:
         """Go through the axes once, from each with the best choice to the next, and return the point at the end after a
         longer run there.
         """
@@ -244,7 +244,7 @@ class Search:
         if time.process_time() > self._end:
             raise OutOfTime
 
-    def _isAdmissible(self, point: Point) -> bool:
+    def _isAdmissible(self, point: SearchPoint) -> bool:
         return point.measurement is not None and point.measurement.acceptance > 0.3 and self.bias(point) <= self.error
 
     def _measure(
@@ -253,17 +253,17 @@ class Search:
         choice: dict[str, Any],
         others: dict[str, Any],
         effort: float,
-        best: Point | None = None,
+        best: SearchPoint | None = None,
         accuracy: float = math.inf,
-    ) -> Point:
-        """Return the Point of a choice beside others, from the file if it is there."""
+    ) -> SearchPoint:
+        """Return the SearchPoint of a choice beside others, from the file if it is there."""
         setting = {**others, **choice}
         for point in self.points:
             if keyOf(point.setting) == keyOf(setting) and point.effort >= effort:
                 self._seen.append(point)
                 return point
         self._checkTime()
-        point = Point(axis, choice, setting, effort, None)
+        point = SearchPoint(axis, choice, setting, effort, None)
         self._progress(point)
         try:
             point.measurement = self._run(setting, effort, best, accuracy)
@@ -277,7 +277,7 @@ class Search:
         self._progress(point)
         return point
 
-    def _run(self, setting: dict[str, Any], effort: float, best: Point | None, accuracy: float) -> Measurement:
+    def _run(self, setting: dict[str, Any], effort: float, best: SearchPoint | None, accuracy: float) -> Measurement:
         scene, mesh = self._place(setting)
         if COARSER in setting:
             setting = forEdges(setting, mesh.edgeLengths.mean() / self._mesh.edgeLengths.mean())
@@ -328,7 +328,7 @@ class Search:
             scene.platform.threads = 1
         target = Path(f"{self._prefix}_{name}.json")
         if not target.exists() or not file.exists():
-            self._progress(Point("equilibration", {}, {}, 0, None))
+            self._progress(SearchPoint("equilibration", {}, {}, 0, None))
             targets = self._prepare(scene, mesh, last, file)
             with replacing(target) as part:
                 part.write_text(json.dumps(targets))
@@ -367,7 +367,7 @@ class Search:
         if self._file.exists():
             try:
                 data = json.loads(self._file.read_text(encoding="utf-8"))
-                scene, points = data["scene"], [Point(**point) for point in data["points"]]
+                scene, points = data["scene"], [SearchPoint(**point) for point in data["points"]]
                 minima = [Minimum(**minimum) for minimum in data.get("minima", ())]
             except (ValueError, LookupError, TypeError, AttributeError):
                 raise ValueError(
@@ -404,7 +404,7 @@ def _moves(scene: Config) -> dict[str, Any]:
     }
 
 
-def _isAlike(point: Point) -> bool:
+def _isAlike(point: SearchPoint) -> bool:
     """Return whether a point's shape has about the variance that it has in the scene: the tether hardly changes it,
     unless it is left out.
     """

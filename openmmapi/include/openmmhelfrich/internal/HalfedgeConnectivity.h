@@ -214,10 +214,20 @@ public:
         return false;
     }
     /**
-     * Visit the vertices that are excluded from the repulsion of a vertex, some of them more than once, and perhaps the
-     * vertex itself.
+     * Get whether a pair of different vertices is excluded from the repulsion.  It looks around these two only, not
+     * around their bonded neighbors, where another thread may flip edges.
      *
-     * @param level  0 for none, 1 for bonded neighbors, 2 for those that share a bonded neighbor too
+     * @param level    0 for no pair, 1 for bonded neighbors, 2 for those that share a bonded neighbor too
+     * @param ignored  a vertex that does not count as a shared one, or -1
+     */
+    bool areExcluded(int vertex1, int vertex2, int level, int ignored = -1) const {
+        for (int neighbor : neighbors(vertex1))
+            if ((level > 0 && neighbor == vertex2) || (level > 1 && neighbor != ignored && isAround(vertex2, neighbor)))
+                return true;
+        return false;
+    }
+    /**
+     * Visit the vertices for which areExcluded() is true, some of them more than once, and perhaps the vertex itself.
      */
     template <class Visitor>
     void forEachExcluded(int vertex, int level, Visitor visit) const {
@@ -228,14 +238,6 @@ public:
                     for (int second : neighbors(neighbor))
                         visit(second);
             }
-    }
-    /**
-     * Get whether a pair of different vertices is excluded from the repulsion.  See forEachExcluded() for the level.
-     */
-    bool areExcluded(int vertex1, int vertex2, int level) const {
-        bool isFound = false;
-        forEachExcluded(vertex1, level, [&](int vertex) { isFound |= (vertex == vertex2); });
-        return isFound;
     }
     /**
      * Get whether a halfedge's edge may never flip.

@@ -52,6 +52,14 @@ inline Vector3<Real> cross(const Vector3<Real>& a, const Vector3<Real>& b) {
 }
 
 /**
+ * The vector from a point to another.  Nothing else on the CPU takes the difference of two positions.
+ */
+template <class Real>
+inline Vector3<Real> displacement(const Vector3<Real>& from, const Vector3<Real>& to) {
+    return to - from;
+}
+
+/**
  * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to
  * the triangles (i, j, k) and (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge
  * e, and its component along it is

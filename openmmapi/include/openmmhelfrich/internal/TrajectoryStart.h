@@ -10,39 +10,49 @@
 namespace HelfrichPlugin {
 
 /**
- * The positions and velocities at the start of a trajectory, to which it returns when it is rejected.
+ * The positions and velocities before a trajectory, and the draw of those with which it begins.  As random numbers can
+ * be drawn again, one copy of the velocities is enough to go back to either.
  */
 class TrajectoryStart {
 public:
     /**
-     * Draw the velocity of a particle.
+     * Keep what there is before a trajectory.
      *
-     * @param velocity     the velocity that it has
-     * @param deviation    the standard deviation of each component, sqrt(kT/m)
-     * @param refreshment  the factor of the velocity drawn; that which it has gets the factor sqrt(1-refreshment^2)
+     * @param positions    the positions
+     * @param velocities   the velocities before the draw
+     * @param refreshment  the factor of the velocities drawn; those that there are get the factor sqrt(1-refreshment^2)
      * @param random       the source of random numbers
      * @param trajectory   the number of the trajectory
-     * @param particle     the index of the particle
      */
-    static OpenMM::Vec3 drawVelocity(const OpenMM::Vec3& velocity, double deviation, double refreshment,
-                                     const Philox& random, long long trajectory, int particle) {
-        return velocity * std::sqrt(1 - refreshment * refreshment) +
-               drawNormals(random, trajectory, particle) * (refreshment * deviation);
-    }
-    void keep(const std::vector<OpenMM::Vec3>& positions, const std::vector<OpenMM::Vec3>& velocities) {
+    void keep(const std::vector<OpenMM::Vec3>& positions, const std::vector<OpenMM::Vec3>& velocities,
+              double refreshment, const Philox& random, long long trajectory) {
         this->positions = positions;
         this->velocities = velocities;
+        this->refreshment = refreshment;
+        this->random = random;
+        this->trajectory = trajectory;
     }
     /**
-     * Get the positions as they were kept, and the velocities reversed.
+     * Draw the velocity with which a particle begins the trajectory.
+     *
+     * @param particle   the index of the particle
+     * @param deviation  the standard deviation of each component, sqrt(kT/m)
      */
-    void restore(std::vector<OpenMM::Vec3>& positions, std::vector<OpenMM::Vec3>& velocities) const {
-        positions = this->positions;
-        for (size_t i = 0; i < velocities.size(); i++)
-            velocities[i] = -this->velocities[i];
+    OpenMM::Vec3 drawVelocity(int particle, double deviation) const {
+        return velocities[particle] * std::sqrt(1 - refreshment * refreshment) +
+               drawNormals(random, trajectory, particle) * (refreshment * deviation);
+    }
+    const std::vector<OpenMM::Vec3>& getPositions() const {
+        return positions;
+    }
+    const std::vector<OpenMM::Vec3>& getVelocities() const {
+        return velocities;
     }
 private:
     std::vector<OpenMM::Vec3> positions, velocities;
+    double refreshment = 1;
+    Philox random = Philox(0, 0);
+    long long trajectory = 0;
 };
 
 } // namespace HelfrichPlugin
