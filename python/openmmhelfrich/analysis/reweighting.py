@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 from scipy import stats
 from scipy.special import expit, logsumexp
@@ -149,7 +149,7 @@ class Reweighting:
         return -logsumexp(terms, axis=0)
 
 
-def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
+def reweight(energies: Sequence[Any] | NDArray[Any], temperatures: Sequence[Any] | NDArray[Any]) -> Reweighting:
     """Combine the energies sampled at several temperatures.
 
     Parameters
@@ -233,7 +233,7 @@ def _chiSquared(counts: np.ndarray, expected: np.ndarray) -> tuple[float, int]:
     return float(chiSquared), max(1, cells - bins - (len(counts) - 1))
 
 
-def _checked(energies: Sequence[ArrayLike], temperatures: Sequence[float]) -> tuple[list[np.ndarray], np.ndarray]:
+def _checked(energies: Any, temperatures: Any) -> tuple[list[np.ndarray], np.ndarray]:
     kT = np.array([thermalEnergy(t) for t in temperatures])
     if len(energies) != len(kT) or len(kT) < 2 or not np.all(np.diff(kT) > 0):
         raise ValueError(

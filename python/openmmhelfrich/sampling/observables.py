@@ -69,6 +69,14 @@ class Moment:
         return {name: valueIn(energy, unit.kilojoules_per_mole) * self._energyScale for name, energy in terms.items()}
 
     @cached_property
+    def otherEnergy(self) -> float | None:
+        """The energy of the System's forces beside the membrane's, in the unit of energy; None if there are none."""
+        if self.context.getSystem().getNumForces() == 1:
+            return None
+        total = self.context.getState(energy=True).getPotentialEnergy()
+        return valueIn(total, unit.kilojoules_per_mole) * self._energyScale - sum(self.energies.values())
+
+    @cached_property
     def geometry(self) -> Any:
         """The HelfrichGeometry."""
         return self.force.getGeometryInContext(self.context)
@@ -325,6 +333,18 @@ OBSERVABLES = (
         inSweep="mean",
     ),
     *map(_term, HelfrichForce.getTermNames()),
+    Observable(
+        "E_other",
+        lambda m: m.otherEnergy,
+        "energy",
+        "energy of other forces",
+        "other forces",
+        isDefault=False,
+        panel="energy",
+        digits=".1f",
+        onPage="mean",
+        inSweep="mean",
+    ),
     _sum(
         "area",
         _area,

@@ -3,7 +3,7 @@
 import csv
 import os
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -141,6 +141,7 @@ class MeshReporter:
         numFrames: int | None = None,
         precision: str = "double",
         lengthUnit: str = "nm",
+        beads: Sequence[int] = (),
     ):
         """Create a MeshReporter.
 
@@ -151,7 +152,7 @@ class MeshReporter:
         reportInterval : int
             the number of steps between frames
         force : HelfrichForce
-            the membrane; particles that belong to none of its triangles are left out
+            the membrane; other particles than its vertices are left out, unless they are `beads`
         append : bool
             add to an existing file instead of replacing it
         numFrames : int, optional
@@ -160,6 +161,8 @@ class MeshReporter:
             of the positions: "double", or "single" for files that are a third smaller
         lengthUnit : str
             the name of the unit of length, if 1 nm stands for another
+        beads : sequence of int
+            the indices of other particles to write beside the vertices, as cells of a point each
 
         Raises
         ------
@@ -174,7 +177,7 @@ class MeshReporter:
         if numFrames is not None and not append:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
-        self._vertices = np.unique(force.getTriangles())
+        self._vertices, self._beads = np.unique(force.getTriangles()), np.asarray(beads, dtype=np.int64)
         if append and numFrames != 0 and Path(file).exists():
             self._requireSameMembrane(file)
         self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
@@ -194,7 +197,7 @@ class MeshReporter:
         curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
         # The vertices are numbered anew if other particles lie between them.
         triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
-        mesh = Mesh(positions[self._vertices], triangles)
+        mesh = Mesh(positions[self._vertices], triangles, beads=positions[self._beads])
         self._writer.add(
             MeshFrame(
                 simulation.currentStep,
@@ -224,8 +227,11 @@ class MeshReporter:
     def _requireSameMembrane(self, file: PathLike) -> None:
         with readMeshTrajectory(file) as trajectory:
             mesh = trajectory[0].mesh
-        if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
+        found = len(mesh.vertices), len(mesh.triangles), len(mesh.beads)
+        own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
+        if found != own:
+            what = " and {} beads" if found[2] != own[2] else ""
             raise ValueError(
-                f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
-                f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}"
+                f"{file} has frames of {found[0]} vertices and {found[1]} triangles{what.format(found[2])}; "
+                f"this membrane has {own[0]} and {own[1]}{what.format(own[2])}"
             )
