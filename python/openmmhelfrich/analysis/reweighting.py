@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from openmm import unit
 from scipy import stats
 from scipy.special import expit, logsumexp
 
+from ..display import Brief
 from ..optional import dataFrame, require
 from ..units import thermalEnergy
 from .correlation import autocorrelationTime
@@ -25,8 +26,8 @@ from .correlation import autocorrelationTime
 _LEAST_COUNT = 10
 
 
-@dataclass(frozen=True, eq=False)
-class DensityOfStates:
+@dataclass(frozen=True, eq=False, repr=False)
+class DensityOfStates(Brief):
     """The density of states in bins of energy, from all temperatures together and from each.
 
     Attributes
@@ -53,8 +54,8 @@ class DensityOfStates:
     pValue: float
 
 
-@dataclass(frozen=True, eq=False)
-class Reweighting:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reweighting(Brief):
     """What the energies at several temperatures say together.
 
     Attributes

@@ -10,8 +10,8 @@ import typer
 from .errors import friendly
 
 if TYPE_CHECKING:  # cli starts without what simulates
+    from ..runs.progress import RunProgress
     from ..runs.summary import Summary
-    from .progress import Progress
 
 app = typer.Typer()
 
@@ -97,14 +97,14 @@ def _override(section: Any, **values: Any) -> None:
             setattr(section, name, value)
 
 
-def _report(work: Callable[["Progress"], "Summary"], quiet: bool) -> None:
+def _report(work: Callable[["RunProgress"], "Summary"], quiet: bool) -> None:
     """Do a run with its progress shown, and print its summary.
 
     A run that was stopped ends the command as the signal would have.
     """
-    from .progress import Progress
+    from ..runs.progress import RunProgress
 
-    with Progress(quiet) as progress:
+    with RunProgress(quiet) as progress:
         summary = work(progress)
     if not quiet:
         for label, text in summary.lines():

@@ -11,6 +11,7 @@ import openmm as mm
 from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
+from ..display import drawing
 from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, mending, meshfiles
@@ -408,7 +409,22 @@ class Mesh:
         return result
 
     def __repr__(self) -> str:
-        return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
+        beads = f", and {len(self.beads)} beads" if len(self.beads) else ""
+        return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles{beads}>"
+
+    def plot(self, **look: Any) -> Any:
+        """Return a Picture of the mesh colored by its mean curvature, which a notebook shows and ``save`` writes.
+
+        ::
+
+            mesh.plot(elevation=10, range=(-2, 2)).save("vesicle.png", dpi=300)
+
+        Parameters
+        ----------
+        look
+            how it is drawn: see :class:`openmmhelfrich.pictures.look.Look`
+        """
+        return drawing().meshPicture(self, **look)
 
 
 def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

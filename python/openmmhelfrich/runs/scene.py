@@ -44,7 +44,7 @@ class Tether(NamedTuple):
     lengthScale: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """A membrane and the conditions of a run, with a value for everything.
 
@@ -104,6 +104,13 @@ class Scene:
     platform: mm.Platform
     platformProperties: dict[str, str]
     setup: Setup | None = None
+
+    def __repr__(self) -> str:
+        stages = ", ".join(stage.title for stage in self.stages)
+        return (
+            f"<Scene: {len(self.mesh.vertices)} vertices, {stages}, steps of {self.stepSize:.3g} ps, seed {self.seed}, "
+            f"{self.platform.getName()}>"
+        )
 
     @classmethod
     def of(

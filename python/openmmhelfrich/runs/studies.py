@@ -33,6 +33,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .progress import RunProgress, following
 from .readiness import requireReady
 from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
@@ -42,7 +43,7 @@ from .summary import Summary
 
 def run(
     config: Config | dict[str, Any] | PathLike,
-    progress: Callable[["Study"], None] | None = None,
+    progress: Callable[["Study"], None] | bool | None = None,
     setup: Setup | None = None,
 ) -> Summary:
     """Do everything that a configuration asks for and return a Summary.
@@ -51,8 +52,8 @@ def run(
     ----------
     config : Config, dict or path
         what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
-    progress : callable, optional
-        called after each step with the :class:`Study`
+    progress : callable or True, optional
+        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
     setup : callable, optional
         called with the System and the :class:`Scene` before the Context is made. It may add forces and give vertices
         other masses, of which 0 holds a vertex where it is. It may add particles, beads, and then returns their
@@ -96,13 +97,14 @@ def run(
         study.save()  # with all files empty: whatever happens from now on, the run can go on
         for path in old:
             path.unlink(missing_ok=True)
-        return study.finish(progress)
+        with following(progress, RunProgress) as shown:
+            return study.finish(shown)
 
 
 def resume(
     prefix: PathLike,
     steps: int | None = None,
-    progress: Callable[["Study"], None] | None = None,
+    progress: Callable[["Study"], None] | bool | None = None,
     platform: str | None = None,
     threads: int | None = None,
     setup: Setup | None = None,
@@ -118,8 +120,8 @@ def resume(
         the first part of the names of the run's files
     steps : int, optional
         more Monte Carlo steps than were asked for, by the last stage if it samples and otherwise by a new one that does
-    progress : callable, optional
-        called after each step with the :class:`Study`
+    progress : callable or True, optional
+        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
     platform : str, optional
         another platform than before.  The results are the same but for rounding errors
     threads : int, optional
@@ -161,7 +163,8 @@ def resume(
         study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
         requireRoom(scene, outputs, state.step)
         requireMatplotlib()
-        return study.finish(progress)
+        with following(progress, RunProgress) as shown:
+            return study.finish(shown)
 
 
 class Study:

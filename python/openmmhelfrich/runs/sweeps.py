@@ -21,6 +21,7 @@ from typing import Any
 import openmm as mm
 
 from ..analysis.description import classifyShape
+from ..display import briefly, htmlTable
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
@@ -36,6 +37,7 @@ from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import Point, readGrid
 from .outputs import Outputs
+from .progress import SweepProgress, following
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
 from .summary import Summary
@@ -74,7 +76,7 @@ class PointStatus:
     observables: dict = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(repr=False)
 class SweepResult:
     """What came of a sweep.
 
@@ -96,13 +98,32 @@ class SweepResult:
         """Return the number of points of a status."""
         return sum(point.status == status for point in self.points)
 
+    def __repr__(self) -> str:
+        counts = [
+            f"{n} {status}" for status in dict.fromkeys(p.status for p in self.points) if (n := self.count(status))
+        ]
+        return f"<SweepResult: {len(self.points)} points, {', '.join(counts)}, {self.table}>"
+
+    def _repr_html_(self) -> str:
+        shown = ("shapeClass", "reducedVolume", "E_bending/8 pi kappa", "acceptance")
+        rows = [
+            [
+                state.point.name,
+                state.status,
+                *(briefly(state.observables.get(name, "")) for name in shown),
+                state.reason,
+            ]
+            for state in self.points
+        ]
+        return htmlTable(rows, ["point", "status", *shown, "reason"])
+
 
 def sweep(
     grid: PathLike,
     output: PathLike | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[list[PointStatus]], None] | None = None,
+    progress: Callable[[list[PointStatus]], None] | bool | None = None,
     setup: Setup | None = None,
 ) -> SweepResult:
     """Run what is left of a grid.
@@ -118,8 +139,8 @@ def sweep(
         on this machine
     workers : int, optional
         the number of processes of the latter, one for each core by default.  No result depends on it
-    progress : callable, optional
-        called with the points, several times a second
+    progress : callable or True, optional
+        called with the points, several times a second; True shows bars, in a terminal and in Jupyter
     setup : callable, optional
         of every point: see :func:`openmmhelfrich.run`. It goes to other processes, so that what it refers to must be
         what pickle or cloudpickle take: no Context, no open file. A sweep that is to go on takes the same setup, for
@@ -149,8 +170,8 @@ def sweep(
     folder.mkdir(parents=True, exist_ok=True)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
-            with _client(scheduler, workers) as client:
-                _Dispatcher(client, result, stop, progress or (lambda points: None), setup).run()
+            with _client(scheduler, workers) as client, following(progress, SweepProgress) as shown:
+                _Dispatcher(client, result, stop, shown or (lambda points: None), setup).run()
         result.signal = stop.signal
     _writeTable(result)
     return result

@@ -114,17 +114,17 @@ class Panel:
     ----------
     title : str
         what it shows
-    beside : str
-        the title of the panel over which plots draw this one, with an axis of its own
     range : tuple
         the least and the greatest value, if these are fixed
+    isRate : bool
+        whether what it shows is a rate since the beginning, which there is not where nothing was tried
     onlyChanges : bool
         whether it is left out where nothing changes
     """
 
     title: str
-    beside: str = ""
     range: tuple[float, float] | None = None
+    isRate: bool = False
     onlyChanges: bool = False
 
 
@@ -217,8 +217,8 @@ PANELS = (
     Panel("energy"),
     Panel("area"),
     Panel("volume"),
-    Panel("reduced volume", beside="volume"),
-    Panel("accepted so far", range=(0, 1)),
+    Panel("reduced volume"),
+    Panel("accepted so far", range=(0, 1), isRate=True),
     Panel("temperature", onlyChanges=True),
 )
 
@@ -486,8 +486,21 @@ def curves(panel: Panel, table: Table) -> list[Observable]:
     found = [
         o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
     ]
+    if panel.isRate:
+        found = [o for o in found if not _isIdle(o, table)]
     isStill = panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found)
     return [] if isStill or all(map(isTarget, found)) else found
+
+
+def _isIdle(rate: Observable, table: Table) -> bool:
+    """Return whether nothing has been tried of which this is the rate: no flip was accepted or forbidden, or stages
+    only minimized, each of which counts as a step.
+    """
+    if np.any(table[rate.name] != 0):
+        return False
+    if rate.name == "flipAcceptance" and "flipsForbidden" in table:
+        return not np.any(table["flipsForbidden"])
+    return "stage" in table and table["step"][-1] <= table["stage"][-1]
 
 
 def isTarget(observable: Observable) -> bool:
