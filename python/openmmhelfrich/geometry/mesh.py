@@ -409,7 +409,8 @@ class Mesh:
         return result
 
     def __repr__(self) -> str:
-        beads = f", and {len(self.beads)} beads" if len(self.beads) else ""
+        count = len(self.beads)
+        beads = f", and {count} bead{'s' if count > 1 else ''}" if count else ""
         return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles{beads}>"
 
     def plot(self, **look: Any) -> Any:

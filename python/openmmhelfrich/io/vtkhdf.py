@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
-from ..geometry.measures import localMeanCurvatures
+from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from .drafts import Draft, GrowingFile, signalsLater
 
@@ -56,8 +56,8 @@ class MeshFrame(NamedTuple):
     mesh : Mesh
         positions, in nm, and the triangles at that step, and the beads if there are any
     data : dict
-        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature", in 1/nm, and "Area", in nm^2, from a
-        MeshReporter
+        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature" and "SmoothMeanCurvature", in 1/nm, and
+        "Area", in nm^2, from a MeshReporter
     """
 
     step: int
@@ -66,9 +66,14 @@ class MeshFrame(NamedTuple):
 
 
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
-    """Return a MeshFrame of a closed mesh with the mean curvature and the area of its vertices."""
-    area = mesh.vertexAreas
-    return MeshFrame(step, mesh, {"MeanCurvature": localMeanCurvatures(mesh.vertexMeanCurvatures, area), "Area": area})
+    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives."""
+    area, curvature = mesh.vertexAreas, mesh.vertexMeanCurvatures
+    data = {
+        "MeanCurvature": localMeanCurvatures(curvature, area),
+        "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvature, area),
+        "Area": area,
+    }
+    return MeshFrame(step, mesh, data)
 
 
 def writeMeshTrajectory(

@@ -46,9 +46,9 @@ class Picture:
         what is drawn
     """
 
-    def __init__(self, figure: Any, transparent: bool = False):
+    def __init__(self, figure: Any, dpi: float = 120, transparent: bool = False):
         """Create a Picture of a Figure of matplotlib."""
-        self.figure, self._transparent = figure, transparent
+        self.figure, self._dpi, self._transparent = figure, dpi, transparent
 
     def __repr__(self) -> str:
         width, height = self.figure.get_size_inches()
@@ -57,22 +57,22 @@ class Picture:
     def _repr_png_(self) -> bytes:
         out = io.BytesIO()
         with ownStyle():
-            self.figure.savefig(out, dpi=120, format="png", transparent=self._transparent)
+            self.figure.savefig(out, dpi=self._dpi, format="png", transparent=self._transparent)
         return out.getvalue()
 
-    def save(self, file: PathLike, dpi: float = 150) -> None:
+    def save(self, file: PathLike, dpi: float | None = None) -> None:
         """Write the picture, replacing one that exists in a single step.
 
         Parameters
         ----------
         file : path
             the picture to write; its suffix tells the format: .png, .pdf, .svg and what else matplotlib knows
-        dpi : float
-            pixels an inch, of formats that have pixels
+        dpi : float, optional
+            pixels an inch, of formats that have pixels; by default as many as it was made for
         """
         requirePlotFormat(file)
         with ownStyle():
-            saveFigure(self.figure, file, dpi, self._transparent)
+            saveFigure(self.figure, file, dpi or self._dpi, self._transparent)
 
 
 def requirePlotFormat(file: PathLike) -> None:
@@ -166,7 +166,7 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     lengthUnit, energyUnit : str
         names for the axes
     """
-    pathPicture(windows, lengthUnit, energyUnit).save(file, 120)
+    pathPicture(windows, lengthUnit, energyUnit).save(file)
 
 
 @ownStyle()
@@ -225,7 +225,7 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", look: Look = SH
     look : Look
         how to draw it, but for `cut`
     """
-    _meshPicture(mesh, lengthUnit, look).save(file, look.dpi)
+    _meshPicture(mesh, lengthUnit, look).save(file)
 
 
 def meshPicture(mesh: Mesh, lengthUnit: str = "nm", **look: Any) -> Picture:
@@ -265,7 +265,7 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
     _colorBar(figure, axes, norm, lengthUnit, look)
     if look.scaleBar:
         _scaleBar(figure, axes, mesh, look, lengthUnit)
-    return Picture(figure, look.transparent)
+    return Picture(figure, look.dpi, look.transparent)
 
 
 def _beadTriangles(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -154,12 +154,14 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
                 reset_camera=False,
                 show_scalar_bar=False,
             )
-            _addBeads(plotter, pyvista, mesh, middle, direction, look)
             if i == 0:
                 sizes = {"title_font_size": round(18 * scale), "label_font_size": round(16 * scale)}
                 plotter.add_scalar_bar(title + "\n", **sizes, **SCALE)
+            _addBeads(plotter, pyvista, mesh, middle, direction, look)
             if len(frames) > 1:
-                plotter.add_text(f"step {frames[i].step}", position=(20, 20), name="step", color="black", font_size=12)
+                place, letters = (20 * scale, look.size[1] - 40 * scale), round(12 * scale)
+                step = f"step {frames[i].step}"
+                plotter.add_text(step, position=place, name="step", color="black", font_size=letters)
             image = plotter.screenshot(return_img=True, transparent_background=look.transparent)
             yield _withScaleBar(image, 2 * plotter.camera.parallel_scale, lengthUnit, look) if look.scaleBar else image
     finally:

@@ -12,7 +12,7 @@ import openmm as mm
 from openmm import app, unit
 
 from ..files import PathLike
-from ..geometry.measures import localMeanCurvatures
+from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
@@ -121,8 +121,9 @@ class MeshReporter:
     """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time
     series.
 
-    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the
-    step as its time. :func:`readMeshTrajectory` reads the frames back.
+    Each frame has the mean curvature of each vertex ("MeanCurvature", in 1/nm), that of its neighborhood
+    ("SmoothMeanCurvature", which pictures show), and its area ("Area", in nm^2), and the step as its time.
+    :func:`readMeshTrajectory` reads the frames back.
 
     The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are
     written all at once, after a minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.
@@ -178,8 +179,8 @@ class MeshReporter:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
         self._vertices, self._beads = np.unique(force.getTriangles()), np.asarray(beads, dtype=np.int64)
-        if append and numFrames != 0 and Path(file).exists():
-            self._requireSameMembrane(file)
+        isLater = append and numFrames != 0 and Path(file).exists()
+        self._names = self._requireSameMembrane(file) if isLater else None
         self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
         # A script that ends without close() has its last frames too.
         self._end = weakref.finalize(self, self._writer.close)
@@ -198,13 +199,14 @@ class MeshReporter:
         # The vertices are numbered anew if other particles lie between them.
         triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
         mesh = Mesh(positions[self._vertices], triangles, beads=positions[self._beads])
-        self._writer.add(
-            MeshFrame(
-                simulation.currentStep,
-                mesh,
-                {"MeanCurvature": np.float32(localMeanCurvatures(curvatures, areas)), "Area": np.float32(areas)},
-            )
-        )
+        data = {
+            "MeanCurvature": localMeanCurvatures(curvatures, areas),
+            "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvatures, areas),
+            "Area": areas,
+        }
+        names = self._names or data  # those of a file of an earlier version stay
+        frame = {name: np.float32(data[name]) for name in names if name in data}
+        self._writer.add(MeshFrame(simulation.currentStep, mesh, frame))
 
     def getNumFrames(self) -> int:
         """Get the number of frames so far, in the file and waiting."""
@@ -224,9 +226,10 @@ class MeshReporter:
         finally:
             self._end.detach()
 
-    def _requireSameMembrane(self, file: PathLike) -> None:
+    def _requireSameMembrane(self, file: PathLike) -> list[str]:
+        """Raise a ValueError if a file is of another membrane; return the names of its data."""
         with readMeshTrajectory(file) as trajectory:
-            mesh = trajectory[0].mesh
+            mesh, data = trajectory[0].mesh, trajectory[0].data
         found = len(mesh.vertices), len(mesh.triangles), len(mesh.beads)
         own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
         if found != own:
@@ -235,3 +238,4 @@ class MeshReporter:
                 f"{file} has frames of {found[0]} vertices and {found[1]} triangles{what.format(found[2])}; "
                 f"this membrane has {own[0]} and {own[1]}{what.format(own[2])}"
             )
+        return list(data)
