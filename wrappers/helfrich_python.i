@@ -11,7 +11,7 @@ from openmm import unit
 %}
 
 %pythoncode %{
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class HelfrichSurfaceGeometry:
     """The geometry of a connected surface.
 
@@ -31,8 +31,15 @@ class HelfrichSurfaceGeometry:
     areaDifference: unit.Quantity
     integratedMeanCurvature: unit.Quantity
 
+    def __repr__(self):
+        return f"<{type(self).__name__}: {self._describe()}>"
 
-@dataclasses.dataclass(frozen=True, eq=False)
+    def _describe(self):
+        names = {'area': 2, 'volume': 3, 'areaDifference': 2, 'integratedMeanCurvature': 1}
+        return ', '.join(f"{name} {_text(getattr(self, name), unit.nanometer**power)}" for name, power in names.items())
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class HelfrichGeometry(HelfrichSurfaceGeometry):
     """The geometry of a membrane.
 
@@ -53,6 +60,9 @@ class HelfrichGeometry(HelfrichSurfaceGeometry):
     vertexAreas: unit.Quantity
     vertexMeanCurvatures: unit.Quantity
     surfaces: tuple
+
+    def _describe(self):
+        return f"{super()._describe()}, {len(self.vertexAreas)} vertices, surfaces: {len(self.surfaces)}"
 
     @classmethod
     def _fromNumbers(cls, *numbers):
@@ -84,7 +94,7 @@ def _duplicate(cls, original):
 def _text(value, standard):
     """Return a number or a Quantity in a few digits, with its unit."""
     number = value.value_in_unit(standard) if unit.is_quantity(value) else value
-    return f"{number:.3g} {standard.get_symbol()}"
+    return f"{number:.5g} {standard.get_symbol().replace('**', '^')}"
 
 
 def _describeHelfrichForce(force):
@@ -121,7 +131,7 @@ def _describeMixture(integrator):
         move = integrator.getMove(index)
         kind = type(move).__name__
         text = _DESCRIPTIONS[kind](move) if kind in _DESCRIPTIONS else kind
-        return f"{integrator.getMoveProbability(index):.3g} {text}"
+        return f"{100*integrator.getMoveProbability(index):.3g}% {text}"
 
     return ', '.join(map(describe, range(integrator.getNumMoves())))
 

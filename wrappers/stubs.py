@@ -111,14 +111,17 @@ def extensionStub() -> str:
     borrowed = [node for node in _functions(lender) if node.name in lent]
     imports = """\
 import dataclasses
-from typing import Any, SupportsIndex, TypeAlias, overload
+from typing import Any, Protocol, SupportsIndex, TypeAlias, overload
 
 import numpy as np
 import openmm
 from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 
-Number: TypeAlias = float | unit.Quantity
+class HasUnit(Protocol):
+    def value_in_unit(self, unit: Any) -> Any: ...
+
+Number: TypeAlias = float | HasUnit
 """
     parts = [_classStub(node, borrowed if node.name == BORROWER else []) for node in shown]
     return HEAD + imports + "\n" + "\n".join([*parts, "def _setStepListener(listener: Any) -> None: ...\n"])
@@ -165,7 +168,8 @@ def _methodStub(name: str, node: ast.FunctionDef) -> Iterator[str]:
         yield CONSTRUCTORS[name].rstrip()
         return
     isPublic = not node.name.startswith("_") or node.name in ("__init__", "__getattr__")
-    if not isPublic or node.args.vararg is not None:  # an abstract class has no constructor
+    isOpen = node.args.vararg is not None  # of what is overloaded, or the constructor of an abstract class
+    if not isPublic or (isOpen and node.name == "__init__"):
         return
     if any("property" in ast.unparse(decorator) for decorator in node.decorator_list):
         return
@@ -186,6 +190,8 @@ def _argumentStubs(node: ast.FunctionDef) -> Iterator[str]:
             continue
         default = " = ..." if i >= optional else ""
         yield f"{argument.arg}: {_argumentType(argument)}{default}"
+    if node.args.vararg is not None:
+        yield f"*{node.args.vararg.arg}: Any"
 
 
 def _argumentType(argument: ast.arg) -> str:

@@ -47,6 +47,7 @@ from .io.vtkhdf import (
     writeMeshTrajectory as writeMeshTrajectory,
 )
 from .runs.grids import readGrid as readGrid
+from .runs.scene import Scene as Scene
 from .runs.studies import resume as resume, run as run
 from .runs.sweeps import sweep as sweep
 from .sampling.adaptation import (
@@ -91,6 +92,7 @@ __all__ = [
     "MonteCarloIntegrator",
     "ObservablesReporter",
     "ReplicaExchange",
+    "Scene",
     "ShearWaveIntegrator",
     "StepSizeAdapter",
     "StepSizeTracker",

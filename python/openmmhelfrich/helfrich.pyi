@@ -1,14 +1,17 @@
 """Written by wrappers/stubs.py."""
 
 import dataclasses
-from typing import Any, SupportsIndex, TypeAlias, overload
+from typing import Any, Protocol, SupportsIndex, TypeAlias, overload
 
 import numpy as np
 import openmm
 from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 
-Number: TypeAlias = float | unit.Quantity
+class HasUnit(Protocol):
+    def value_in_unit(self, unit: Any) -> Any: ...
+
+Number: TypeAlias = float | HasUnit
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HelfrichSurfaceGeometry:
@@ -228,6 +231,7 @@ class HybridMonteCarloIntegrator(openmm.CompoundIntegrator, MonteCarloMove, _Mix
     def getFlipAcceptanceRate(self) -> float: ...
     def getFlipIntegrator(self) -> EdgeFlipIntegrator: ...
     def getRandomNumberSeed(self) -> int: ...
+    def setRandomNumberSeed(self, *args: Any) -> None: ...
     def getNumAttempted(self) -> int: ...
     def getNumAccepted(self) -> int: ...
     def step(self, steps: SupportsIndex) -> None: ...

@@ -34,7 +34,7 @@ from ..sampling.observables import (
 from ..tables import Table, headOf
 from ..version import __version__
 from .curvature import shownSurface, simplification
-from .look import BEAD_COLOR, colorScale, curvatureLabel, unitText
+from .look import BEAD_COLOR, colorScale, unitText
 from .plots import beadRadius
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
@@ -184,7 +184,7 @@ def _shape(
     shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
     beads = [frames[i].mesh.beads for i in chosen]
     return {
-        "label": _forPlotly(curvatureLabel(lengthUnit)),
+        "lengthUnit": _forPlotly(unitText(lengthUnit)),
         "colors": colorScale(),
         "beadColor": [round(255 * float(BEAD_COLOR))] * 3,
         "index": chosen,
