@@ -148,9 +148,15 @@ _DESCRIPTIONS = {
 
 def _represent(object, name):
     """Return what an object of a class is, in a line."""
-    head = (f"{type(object).__name__} {object.getName()!r}" if name == 'HelfrichForce' else
-            f"{type(object).__name__} at {_text(object.getTemperature(), unit.kelvin)}")
-    return f"<{head}: {_DESCRIPTIONS[name](object)}>"
+    head = f" {object.getName()!r}" if name == 'HelfrichForce' else _describeTemperature(object)
+    return f"<{type(object).__name__}{head}: {_DESCRIPTIONS[name](object)}>"
+
+
+def _describeTemperature(integrator):
+    try:
+        return f" at {_text(integrator.getTemperature(), unit.kelvin)}"
+    except openmm.OpenMMException:  # a mixture none of whose moves has one
+        return ''
 
 
 def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5,
