@@ -12,7 +12,7 @@ import numpy as np
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn
+from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn, shownValues
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import shownSurface, simplification
@@ -124,7 +124,7 @@ def observablesPicture(
     rows[-1].set_xlabel("Monte Carlo step")
     for axes, (panel, observables) in zip(rows, shown):
         for observable in observables:
-            _plotCurve(axes, table, observable, panel.isRate)
+            _plotCurve(axes, table["step"], shownValues(panel, observable, table), observable)
         axes.set_ylabel(headOf(panel.title, _unitOf(observables[0], lengthUnit, energyUnit)))
         if panel.range:
             axes.set_ylim(panel.range)
@@ -134,13 +134,10 @@ def observablesPicture(
     return Picture(figure)
 
 
-def _plotCurve(axes: Any, table: Table, observable: Observable, isRate: bool) -> None:
-    steps, values = table["step"], table[observable.name]
+def _plotCurve(axes: Any, steps: np.ndarray, values: np.ndarray, observable: Observable) -> None:
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
         return
-    if isRate and np.any(values > 0):  # it is 0 until something has been tried
-        values = np.where(np.cumsum(values > 0) > 0, values, np.nan)
     label = observable.label or observable.title
     axes.plot(steps, values, color=observable.color, lw=1 if observable.isTerm else None, label=label)
 

@@ -30,6 +30,7 @@ from ..sampling.observables import (
     observablesIn,
     observableUnits,
     readObservables,
+    shownValues,
 )
 from ..tables import Table, headOf
 from ..version import __version__
@@ -235,7 +236,10 @@ def _panels(table: Table, units: dict[str, str]) -> dict[str, Any]:
     panels = [
         {
             "title": _forPlotly(headOf(panel.title, unitText(units.get(observables[0].name, "")))),
-            "curves": [{"name": o.label or o.title, "values": _rounded(table[o.name][rows])} for o in observables],
+            "curves": [
+                {"name": o.label or o.title, "values": _rounded(shownValues(panel, o, table)[rows])}
+                for o in observables
+            ],
         }
         for panel, observables in shown
         if observables

@@ -492,6 +492,14 @@ def curves(panel: Panel, table: Table) -> list[Observable]:
     return [] if isStill or all(map(isTarget, found)) else found
 
 
+def shownValues(panel: Panel, observable: Observable, table: Table) -> NDArray[np.float64]:
+    """Return the values of a curve of a panel: NaN for a rate until something has been accepted, unless nothing is."""
+    values = table[observable.name]
+    if not panel.isRate or not np.any(values > 0):
+        return values
+    return np.where(np.cumsum(values > 0) > 0, values, np.nan)
+
+
 def _isIdle(rate: Observable, table: Table) -> bool:
     """Return whether nothing has been tried of which this is the rate: no flip was accepted or forbidden, or stages
     only minimized, each of which counts as a step.
