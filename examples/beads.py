@@ -1,5 +1,5 @@
-"""A vesicle that is held at one pole and pulled at the other by a bead, in a whole study: forces, beads and fixed vertices
-take part in its stages, its checkpoint and its pictures.
+"""A vesicle that is held at one pole and pulled at the other by a bead, in a whole study: forces, beads and fixed
+vertices take part in its stages, its checkpoint and its pictures.
 
 Writes the files of a run, beads.*, and beads_pulled.png.
 """

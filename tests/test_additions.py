@@ -8,6 +8,7 @@ import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
+from openmmhelfrich.io.conversion import convert
 
 KT = 0.00831446261815324 * 300
 POLES = [[-2, -2, 0.8], [2, 2, 2]]
@@ -79,7 +80,9 @@ def test_a_run_goes_on_with_what_its_checkpoint_has(tmp_path):
     assert not mh.resume(tmp_path / "stopped").interrupted
     tables = [(tmp_path / f"{name}.csv").read_bytes() for name in ("whole", "stopped")]
     assert tables[0] == tables[1]
-    assert (tmp_path / "whole.vtkhdf").read_bytes() == (tmp_path / "stopped.vtkhdf").read_bytes()
+    whole, stopped = (mh.readMeshTrajectory(tmp_path / f"{name}.vtkhdf") for name in ("whole", "stopped"))
+    assert len(whole) == len(stopped) > 5 and all(stopped.holds(frame, i) for i, frame in enumerate(whole))
+    assert (tmp_path / "whole.dcd").read_bytes() == (tmp_path / "stopped.dcd").read_bytes()
 
 
 def test_a_setup_that_is_given_again_must_be_the_same(tmp_path):
@@ -161,6 +164,68 @@ def test_sweeps_have_the_setup(tmp_path):
     context = mm.Context(frame.mesh.createSystem(), mm.VerletIntegrator(0.1))
     with pytest.raises(ValueError, match="the setup cannot go to the processes of the sweep"):
         mh.sweep(tmp_path / "grid.toml", tmp_path / "more", setup=lambda s, scene: context)
+
+
+def test_frames_of_every_kind_have_the_beads(tmp_path):
+    mh.run(configuration(tmp_path, sampling={"steps": 5, "flip_probability": 0.0}), setup=tie)
+    (frame,) = mh.readMeshTrajectory(tmp_path / "run.vtkhdf")
+    convert(tmp_path / "run.vtkhdf", tmp_path / "copy.vtkhdf")
+    (copied,) = mh.readMeshTrajectory(tmp_path / "copy.vtkhdf")
+    assert np.array_equal(copied.mesh.beads, frame.mesh.beads)
+    convert(tmp_path / "run.dcd", tmp_path / "dcd.vtkhdf", topology=tmp_path / "run.psf")
+    (plain,) = mh.readMeshTrajectory(tmp_path / "dcd.vtkhdf")
+    assert plain.mesh.beads == pytest.approx(frame.mesh.beads, abs=1e-5)
+    assert plain.mesh.vertices == pytest.approx(frame.mesh.vertices, abs=1e-5)
+    convert(tmp_path / "run.vtkhdf", tmp_path / "run.xyz")
+    lines = (tmp_path / "run.xyz").read_text().splitlines()
+    assert lines[0] == "164" and [line[0] for line in lines[2:]] == ["V"] * 162 + ["B"] * 2
+    convert(tmp_path / "run.vtkhdf", tmp_path / "run_last.vtu")
+    assert len(mh.Mesh.read(tmp_path / "run_last.vtu").vertices) == 162
+
+
+def test_vtk_reads_the_beads_as_points(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    mesh = mh.Mesh.icosphere(1)
+    frames = [
+        mh.MeshFrame(step, mh.Mesh(mesh.vertices, mesh.triangles, beads=[[step, 0, 2], [0, step, 3]]), {"Area": areas})
+        for step, areas in ((0, mesh.vertexAreas), (5, 2 * mesh.vertexAreas))
+    ]
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", frames)
+    reader = pyvista.get_reader(tmp_path / "a.vtkhdf")
+    for i, frame in enumerate(frames):
+        reader.reader.SetStep(i)
+        reader.reader.Update()
+        found = pyvista.wrap(reader.reader.GetOutput())
+        assert (found.n_verts, found.n_faces, found.n_points) == (2, 80, 44)
+        assert np.array_equal(found.points[42:], frame.mesh.beads) and found.verts.tolist() == [1, 42, 1, 43]
+        area = np.asarray(found.point_data["Area"])
+        assert np.array_equal(area[:42], np.float32(frame.data["Area"])) and np.all(np.isnan(area[42:]))
+    with pytest.raises(ValueError, match="the frame of step 7 has 42 vertices"):
+        mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", [frames[0], mh.MeshFrame(7, mesh, frames[0].data)])
+
+
+def test_a_scene_is_what_a_configuration_makes(tmp_path):
+    """Scripts have the defaults of configurations, with a mesh of their own or one that is named."""
+    mesh = mh.Mesh.icosphere(2)
+    (tmp_path / "a.toml").write_text("mesh = {icosphere = 2}\nsampling = {seed = 1}\n")
+    scenes = [
+        mh.Scene.of(tmp_path / "a.toml"),
+        mh.Scene.of({"mesh": {"icosphere": 2}, "sampling": {"seed": 1}}),
+        mh.Scene.of({"sampling": {"seed": 1}}, mesh),
+    ]
+    energies = []
+    for scene in scenes:
+        assert (scene.tether, scene.stepSize) == (scenes[0].tether, scenes[0].stepSize)
+        simulation = scene.createSimulation(scene.createForce())
+        simulation.step(4)
+        energies.append(simulation.context.getState(energy=True).getPotentialEnergy()._value)
+    assert energies[0] == energies[1] == energies[2]
+    default, own = scenes[0].createIntegrator(), mh.HybridMonteCarloIntegrator(300, 0.1)
+    for ask in ("getFlipFraction", "getStepsPerTrajectory"):
+        assert getattr(default, ask)() == getattr(own, ask)()
+    assert [default.getMoveProbability(i) for i in range(2)] == [own.getMoveProbability(i) for i in range(2)]
+    with pytest.raises(ValueError, match=r"\[mesh\] is missing"):
+        mh.Scene.of({})
 
 
 def system(count):

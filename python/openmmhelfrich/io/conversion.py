@@ -91,8 +91,9 @@ def convert(
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
     .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates
-    are in angstroms, its vertices V and its beads B; the mesh formats leave beads out. The mesh formats hold one mesh: with several frames, as many files are written, with the number of
-    the frame in each name.  VTU, VTK and PLY files have the values at the vertices too.
+    are in angstroms, its vertices V and its beads B.  The mesh formats hold one mesh, without beads: with several
+    frames, as many files are written, with the number of the frame in each name.  VTU, VTK and PLY files have the
+    values at the vertices too.
 
     Parameters
     ----------
