@@ -199,9 +199,9 @@ def residentMemory():
 def measureMemory(results, size, platform, threads, precision):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
-    import openmmhelfrich.helfrich  # the library is loaded before anything is measured
 
     import openmmhelfrich as mh
+    import openmmhelfrich.helfrich  # the library is loaded before anything is measured
 
     mesh = createMembrane(size)
     sizes = []

@@ -5,8 +5,7 @@ Prints the averages of each window.
 
 import sys
 
-import openmm as mm
-from openmm import app, unit
+from openmm import unit
 
 import openmmhelfrich as mh
 
@@ -14,22 +13,13 @@ subdivisions, steps = map(int, sys.argv[1:]) if len(sys.argv) > 1 else (3, 100)
 temperature = 300 * unit.kelvin
 kT = temperature * unit.MOLAR_GAS_CONSTANT_R
 
-mesh = mh.Mesh.icosphere(subdivisions)
-length = mesh.edgeLengths.mean()
-force = mh.HelfrichForce()
-force.setTriangles(mesh.triangles)
-force.setBendingModulus(20 * kT)
-force.setAreaModulus(1e6 * kT)
-force.setTargetArea(mesh.area)
-force.setVolumeModulus(1e6 * kT)
-force.setTargetVolume(0.95 * mesh.volume)
-force.setTether(1e4 * kT, 0.75 * length, 1.4 * length, 2)
-system = mesh.createSystem()
-system.addForce(force)
-integrator = mh.HybridMonteCarloIntegrator(temperature, 1e-4 * unit.picoseconds)
-integrator.setRandomNumberSeed(1)
-simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatformByName("CPU"))
-simulation.context.setPositions(mesh.vertices)
+# The tether, the step size and all else that is not said here are as in a configuration.
+scene = mh.Scene.of(
+    {"membrane": {"reduced_volume": 0.95}, "sampling": {"temperature": temperature, "seed": 1}},
+    mh.Mesh.icosphere(subdivisions),
+)
+force = scene.createForce()
+simulation = scene.createSimulation(force)
 
 adapted = mh.adaptStepSize(simulation, 2 * steps)
 print(f"step size {adapted.stepSize:.3g} ps, accepted {adapted.acceptance:.0%}")

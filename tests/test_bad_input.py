@@ -13,6 +13,11 @@ from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, 
 NAN, INF = math.nan, math.inf
 
 
+def replaced(values, i, value):
+    """Return a list with another value in one place."""
+    return [*values[:i], value, *values[i + 1 :]]
+
+
 def octahedron():
     vertices = np.concatenate((np.eye(3), -np.eye(3)))
     return mh.Mesh(vertices, [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)])
@@ -405,9 +410,7 @@ INTEGRATORS = [
     ),
     *[
         (
-            lambda i=i, value=value: mh.ShearWaveIntegrator(
-                *[300, 0.1, 1, 2, 10][:i], value, *[300, 0.1, 1, 2, 10][i + 1 :]
-            ),
+            lambda i=i, value=value: mh.ShearWaveIntegrator(*replaced([300, 0.1, 1, 2, 10], i, value)),
             [words],
         )
         for i, words in enumerate(

@@ -182,6 +182,14 @@ def testScriptOfReplicaExchange(tmp_path):
     assert (tmp_path / "exchange.zip").stat().st_size > 10000
 
 
+def testBeads(tmp_path, examples):
+    lines = execute(tmp_path, examples / "beads.py", 2, 20).splitlines()
+    assert any("1 bead, " in line and "fixed vert" in line for line in lines)
+    numbers = re.findall(r"(\d\.\d\d) nm", lines[-1])
+    assert len(numbers) == 2 and min(map(float, numbers)) > 2.1  # of a sphere it is 2
+    assert (tmp_path / "beads_pulled.png").stat().st_size > 5000
+
+
 def testLooking(tmp_path, examples):
     lines = execute(tmp_path, examples / "looking.py", 20).splitlines()
     assert len(lines) == 10 and lines[-1].startswith("step 20: reduced volume 0.9")

@@ -71,7 +71,7 @@ def testReadersAgree(frames, tmp_path):
             and np.array_equal(points, frame.mesh.vertices)
             and np.array_equal(triangles, frame.mesh.triangles)
         )
-        assert set(data) == {"MeanCurvature", "Area"} and all(
+        assert set(data) == {"MeanCurvature", "SmoothMeanCurvature", "Area"} and all(
             np.array_equal(data[name], np.float32(frame.data[name])) for name in data
         )
 

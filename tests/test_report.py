@@ -66,7 +66,7 @@ def testThePageHoldsTheFrames(results):
     shape, trajectory = partsOf(page)[0]["shape"], mh.readMeshTrajectory("run.vtkhdf")
     assert (
         [frame["step"] for frame in shape["frames"]] == [4, 8, 12, 16, 20]
-        and shape["lengthUnit"] == "um"
+        and shape["lengthUnit"] == "µm"
         and not shape["wide"]
     )
     for shown, frame in zip(shape["frames"], trajectory, strict=True):
@@ -87,7 +87,7 @@ def testThePageHoldsTheTableAndTheSettings(results):
         panel["title"]: {curve["name"]: curve["values"] for curve in panel["curves"]}
         for panel in data["panels"]["panels"]
     }
-    assert list(panels) == ["energy (kT)", "area (um^2)", "volume (um^3)", "reduced volume", "accepted so far"]
+    assert list(panels) == ["energy (kT)", "area (µm²)", "volume (µm³)", "reduced volume", "accepted so far"]
     assert set(panels["energy (kT)"]) == {"total", "bending", "tether"} and set(panels["accepted so far"]) == {
         "trajectories",
         "flips",
@@ -97,7 +97,7 @@ def testThePageHoldsTheTableAndTheSettings(results):
     assert (
         facts["steps"] == "20"
         and facts["frames"] == "5"
-        and "um^2" in facts["area"]
+        and "µm²" in facts["area"]
         and mh.__version__ in facts["this page"]
     )
 

@@ -296,7 +296,7 @@ def test_edges_that_do_not_come_within_the_bounds_are_said(inFolder):
 
 
 def test_few_iterations_are_no_error(inFolder):
-    """TriMem makes 10 by default; what is left is a note then, and the verdict says what a shape far from a minimum is."""
+    """TriMem makes 10 by default; what is left is a note then; the verdict is that of a shape far from a minimum."""
     mosaic(inFolder, uvSphere(32, 16))
     (inFolder / "conf.toml").write_text(
         convertConfig("conf.ini").replace("max_iterations = 5000", "max_iterations = 2")

@@ -11,7 +11,7 @@ from openmm import unit
 %}
 
 %pythoncode %{
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class HelfrichSurfaceGeometry:
     """The geometry of a connected surface.
 
@@ -31,8 +31,15 @@ class HelfrichSurfaceGeometry:
     areaDifference: unit.Quantity
     integratedMeanCurvature: unit.Quantity
 
+    def __repr__(self):
+        return f"<{type(self).__name__}: {self._describe()}>"
 
-@dataclasses.dataclass(frozen=True, eq=False)
+    def _describe(self):
+        names = {'area': 2, 'volume': 3, 'areaDifference': 2, 'integratedMeanCurvature': 1}
+        return ', '.join(f"{name} {_text(getattr(self, name), unit.nanometer**power)}" for name, power in names.items())
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class HelfrichGeometry(HelfrichSurfaceGeometry):
     """The geometry of a membrane.
 
@@ -53,6 +60,9 @@ class HelfrichGeometry(HelfrichSurfaceGeometry):
     vertexAreas: unit.Quantity
     vertexMeanCurvatures: unit.Quantity
     surfaces: tuple
+
+    def _describe(self):
+        return f"{super()._describe()}, {len(self.vertexAreas)} vertices, surfaces: {len(self.surfaces)}"
 
     @classmethod
     def _fromNumbers(cls, *numbers):
@@ -81,7 +91,77 @@ def _duplicate(cls, original):
     return duplicate
 
 
-def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5,
+def _text(value, standard):
+    """Return a number or a Quantity in a few digits, with its unit."""
+    number = value.value_in_unit(standard) if unit.is_quantity(value) else value
+    return f"{number:.5g} {standard.get_symbol().replace('**', '^')}"
+
+
+def _describeHelfrichForce(force):
+    energy, length = unit.kilojoule_per_mole, unit.nanometer
+    moduli = {
+        'bending': (force.getBendingModulus(), energy),
+        'area': (force.getAreaModulus(), energy),
+        'volume': (force.getVolumeModulus(), energy),
+        'area difference': (force.getAreaDifferenceModulus(), energy),
+        'tether': (force.getTether()[0], energy),
+        'repulsion': (force.getRepulsion()[0], energy),
+        'tension': (force.getTension(), energy/length**2),
+        'pressure': (force.getPressure(), energy/length**3),
+    }
+    terms = [
+        f"{name} {_text(modulus, standard)}" for name, (modulus, standard) in moduli.items() if modulus._value != 0
+    ]
+    return ', '.join([f"{force.getNumTriangles()} triangles", *terms])
+
+
+def _describeTrajectories(integrator):
+    step = _text(integrator.getStepSize(), unit.picosecond)
+    return f"trajectories of {integrator.getStepsPerTrajectory()} steps of {step}"
+
+
+def _describeFlips(integrator):
+    return f"sweeps of flips over {integrator.getFraction():.3g} of the edges"
+
+
+def _describeWaves(integrator):
+    return f"{integrator.getMovesPerStep()} shear waves of {_text(integrator.getAmplitude(), unit.nanometer)}"
+
+
+def _describeMixture(integrator):
+    def describe(index):
+        move = integrator.getMove(index)
+        kind = type(move).__name__
+        text = _DESCRIPTIONS[kind](move) if kind in _DESCRIPTIONS else kind
+        return f"{100*integrator.getMoveProbability(index):.3g}% {text}"
+
+    return ', '.join(map(describe, range(integrator.getNumMoves())))
+
+
+_DESCRIPTIONS = {
+    'HelfrichForce': _describeHelfrichForce,
+    'CustomTrajectoryIntegrator': _describeTrajectories,
+    'EdgeFlipIntegrator': _describeFlips,
+    'HamiltonianTrajectoryIntegrator': _describeTrajectories,
+    'HybridMonteCarloIntegrator': _describeMixture,
+    'ShearWaveIntegrator': _describeWaves,
+}
+
+
+def _represent(object, name):
+    """Return what an object of a class is, in a line."""
+    head = f" {object.getName()!r}" if name == 'HelfrichForce' else _describeTemperature(object)
+    return f"<{type(object).__name__}{head}: {_DESCRIPTIONS[name](object)}>"
+
+
+def _describeTemperature(integrator):
+    try:
+        return f" at {_text(integrator.getTemperature(), unit.kelvin)}"
+    except openmm.OpenMMException:  # a mixture none of whose moves has one
+        return ''
+
+
+def _trajectoryArguments(temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5,
                          engine='native'):
     return temperature, stepSize, stepsPerTrajectory, flipFraction, flipProbability, engine
 
@@ -196,6 +276,9 @@ static void _setStepListener(PyObject* listener) {
 
     def __copy__(self):
         return _duplicate(Class, self)
+
+    def __repr__(self):
+        return _represent(self, "Class")
 }
 }
 %enddef
@@ -216,7 +299,7 @@ HELFRICH_MOVE(ShearWaveIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
-        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.1, flipProbability=0.5,
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5,
         engine='native')
         __init__(self, trajectory, flips=None, flipProbability=0.5)
 

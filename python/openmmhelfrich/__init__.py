@@ -50,6 +50,7 @@ _HOMES = {
     ],
     "analysis.reweighting": ["reweight"],
     "runs.grids": ["readGrid"],
+    "runs.scene": ["Scene"],
     "runs.studies": ["resume", "run"],
     "runs.sweeps": ["sweep"],
     "version": ["__version__"],
@@ -69,7 +70,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULES, *_PACKAGES})
+    return sorted({*_MODULES, *_PACKAGES, *(name for name in globals() if name.startswith("__"))})
 
 
 # OpenMM loads the plugin when it is imported itself, unless this names another folder: then the extension does.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .display import columnTable
 from .files import PathLike, replacing
 from .messages import quoted, shortened
 from .optional import dataFrame
@@ -67,6 +68,12 @@ class Table(dict[str, NDArray[np.float64]]):
         table = cls(zip(map(plainName, heads), columns))
         table.source = str(file)
         return table
+
+    def __repr__(self) -> str:
+        return f"<Table of {max(map(len, self.values()), default=0)} rows: {', '.join(self)}>"
+
+    def _repr_html_(self) -> str:
+        return columnTable(self)
 
     def requireRows(self) -> None:
         """Raise a ValueError if the table has no rows."""

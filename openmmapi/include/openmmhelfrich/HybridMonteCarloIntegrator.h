@@ -37,7 +37,7 @@ public:
      * CustomTrajectoryIntegrator
      */
     HybridMonteCarloIntegrator(double temperature, double stepSize, int stepsPerTrajectory = 100,
-                               double flipFraction = 0.1, double flipProbability = 0.5,
+                               double flipFraction = 0.3, double flipProbability = 0.5,
                                const std::string& engine = "native");
     /**
      * Create a HybridMonteCarloIntegrator whose trajectories another Integrator makes.

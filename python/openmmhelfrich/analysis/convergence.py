@@ -8,6 +8,7 @@ from typing import Any
 import openmm as mm
 from openmm import app
 
+from ..display import Brief
 from ..geometry.axisymmetric import AxisymmetricShape, axisymmetricMinimum
 from ..geometry.measures import reducedAreaDifference, volumeOfReduced
 from ..geometry.mesh import Mesh
@@ -29,8 +30,8 @@ _TETHER = (100, 0.88, 1.17)  # its modulus over the bending modulus, and its bou
 _ELONGATION = {"prolate": 1.3}
 
 
-@dataclass(frozen=True, eq=False)
-class DiscreteMinimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class DiscreteMinimum(Brief):
     """A minimum shape of triangles, and the axisymmetric one that it stands for.
 
     Attributes

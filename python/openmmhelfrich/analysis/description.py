@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..display import Brief
 from ..geometry import connectivity, measures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
 from .frames import checkedFrames, trianglesOfEach
 
 
-@dataclass(frozen=True, eq=False)
-class ShapeDescription:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShapeDescription(Brief):
     """Size and form of a closed surface.
 
     Attributes

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from ..display import Brief
 from ..optional import dataFrame
 from .frames import checkedFrames, trianglesOfEach
 
 
-@dataclass(frozen=True, eq=False)
-class Diffusion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diffusion(Brief):
     """Mean squared displacement of vertices along the surface, in nm^2, against the lag, in frames: 4D times the lag
     where they diffuse.
     """

@@ -10,14 +10,15 @@ from openmm import unit
 from scipy.spatial import ConvexHull
 from scipy.special import j0
 
+from ..display import Brief
 from ..optional import dataFrame
 from ..units import valueIn
 from .correlation import meanErrorTime
 from .frames import checkedFrames
 
 
-@dataclass(frozen=True, eq=False)
-class FluctuationSpectrum:
+@dataclass(frozen=True, eq=False, repr=False)
+class FluctuationSpectrum(Brief):
     """Fluctuations of a quasi-spherical vesicle, r = R (1 + sum_lm u_lm Y_lm), with its mean radius R.
 
     Attributes

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 from openmm import unit
 from scipy import stats
 from scipy.special import expit, logsumexp
 
+from ..display import Brief
 from ..optional import dataFrame, require
 from ..units import thermalEnergy
 from .correlation import autocorrelationTime
@@ -25,8 +26,8 @@ from .correlation import autocorrelationTime
 _LEAST_COUNT = 10
 
 
-@dataclass(frozen=True, eq=False)
-class DensityOfStates:
+@dataclass(frozen=True, eq=False, repr=False)
+class DensityOfStates(Brief):
     """The density of states in bins of energy, from all temperatures together and from each.
 
     Attributes
@@ -53,8 +54,8 @@ class DensityOfStates:
     pValue: float
 
 
-@dataclass(frozen=True, eq=False)
-class Reweighting:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reweighting(Brief):
     """What the energies at several temperatures say together.
 
     Attributes
@@ -149,7 +150,7 @@ class Reweighting:
         return -logsumexp(terms, axis=0)
 
 
-def reweight(energies: Sequence, temperatures: Sequence) -> Reweighting:
+def reweight(energies: Sequence[Any] | NDArray[Any], temperatures: Sequence[Any] | NDArray[Any]) -> Reweighting:
     """Combine the energies sampled at several temperatures.
 
     Parameters
@@ -233,7 +234,7 @@ def _chiSquared(counts: np.ndarray, expected: np.ndarray) -> tuple[float, int]:
     return float(chiSquared), max(1, cells - bins - (len(counts) - 1))
 
 
-def _checked(energies: Sequence[ArrayLike], temperatures: Sequence[float]) -> tuple[list[np.ndarray], np.ndarray]:
+def _checked(energies: Any, temperatures: Any) -> tuple[list[np.ndarray], np.ndarray]:
     kT = np.array([thermalEnergy(t) for t in temperatures])
     if len(energies) != len(kT) or len(kT) < 2 or not np.all(np.diff(kT) > 0):
         raise ValueError(

@@ -11,8 +11,8 @@ from .errors import friendly
 from .terminal import say, show
 
 if TYPE_CHECKING:  # cli starts without what simulates
+    from ..runs.progress import RunProgress
     from ..runs.summary import Summary
-    from .progress import Progress
 
 app = typer.Typer()
 
@@ -82,7 +82,7 @@ def resume(
     """
     from ..runs.studies import CompleteError, resume as resumeRun
 
-    def work(progress: "Progress") -> "Summary":
+    def work(progress: "RunProgress") -> "Summary":
         return resumeRun(prefix, steps, progress, platform, threads)
 
     try:
@@ -119,15 +119,15 @@ def _override(section: Any, **values: Any) -> None:
             setattr(section, name, value)
 
 
-def _report(work: Callable[["Progress"], "Summary"], quiet: bool, acceptAnything: bool) -> None:
+def _report(work: Callable[["RunProgress"], "Summary"], quiet: bool, acceptAnything: bool) -> None:
     """Do a run with its progress shown, and print its summary.
 
     A run that was stopped ends the command as the signal would have.  A failed verdict is an error, also when all is
     quiet.
     """
-    from .progress import Progress
+    from ..runs.progress import RunProgress
 
-    with Progress(quiet) as progress:
+    with RunProgress(quiet) as progress:
         summary = work(progress)
     if not quiet:
         show(summary.lines())

@@ -161,6 +161,10 @@ def plot(
             "--output", "-o", metavar="FILE", help="The picture: .png, .pdf or .svg; by default PREFIX_plot.png."
         ),
     ] = None,
+    size: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="W H", help="Width and height, in inches.")
+    ] = None,
+    dpi: Annotated[float, typer.Option(min=1, max=10000, help="Pixels an inch, of a picture that has pixels.")] = 120.0,
     overwrite: Overwrite = False,
 ) -> None:
     """Plot energies by term, area, volume and acceptance against steps.
@@ -169,7 +173,7 @@ def plot(
     """
     from ..io.conversion import requireNew
     from ..io.runfiles import beside, prefixOf
-    from ..pictures.plots import plotObservables
+    from ..pictures.plots import plotObservables, requirePlotFormat
     from ..sampling.observables import observableUnits, readObservables
 
     table = beside(prefixOf(source), ".csv")
@@ -178,9 +182,10 @@ def plot(
     if not table.exists():
         raise FileNotFoundError(f"there is no table of observables {table}")
     output = output or table.with_name(table.stem + "_plot.png")
+    requirePlotFormat(output)
     requireNew([output], table, overwrite)
     units = observableUnits(table)
-    plotObservables(readObservables(table), output, units["area"].removesuffix("^2"), units["energy"])
+    plotObservables(readObservables(table), output, units["area"].removesuffix("^2"), units["energy"], size, dpi)
     print(output)
 
 
@@ -207,6 +212,22 @@ def render(
     topology: Topology = None,
     elevation: Annotated[float, typer.Option(help="Direction of view: degrees above the xy plane.")] = 30.0,
     azimuth: Annotated[float, typer.Option(help="Direction of view: degrees around z, from x.")] = 30.0,
+    zoom: Annotated[float, typer.Option(help="How much larger than to fill the picture.")] = 1.0,
+    size: Annotated[tuple[int, int], typer.Option(metavar="W H", help="Width and height, in pixels.")] = (1024, 768),
+    dpi: Annotated[float, typer.Option(help="Pixels an inch, which a picture tells its reader.")] = 150.0,
+    color_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--range", metavar="LOW HIGH", help="Curvatures at the ends of the color map."),
+    ] = None,
+    color_map: Annotated[str, typer.Option(metavar="NAME", help="A color map of matplotlib.")] = "coolwarm",
+    edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of triangles.")] = False,
+    transparent: Annotated[bool, typer.Option("--transparent", help="Leave the background of a PNG out.")] = False,
+    scale_bar: Annotated[
+        bool, typer.Option("--scale-bar", help="Draw a bar of a round length; the view has no perspective then.")
+    ] = False,
+    bar_length: Annotated[
+        float | None, typer.Option(min=0, metavar="L", help="Draw a scale bar of this length.")
+    ] = None,
     cut: Annotated[
         bool, typer.Option("--cut", help="Leave out the half that is nearer to the viewer, to show what is inside.")
     ] = False,
@@ -228,19 +249,24 @@ def render(
     openmm-helfrich render results/cell.vtkhdf -o cell.mp4 --every 2
 
     openmm-helfrich render results/stomatocyte.vtkhdf --cut --elevation 0
+
+    openmm-helfrich render results/cell.vtkhdf --size 2400 1800 --dpi 300 --range -2 2 --scale-bar --transparent
     """
     from ..io.conversion import ChosenFrames, openFrames, requireNew, selectFrames
     from ..io.runfiles import shapesOf
+    from ..pictures.look import Look
     from ..pictures.rendering import render as renderFrames, requireFormat
 
     source = shapesOf(source, topology)
     output = output or source.with_suffix(".png")
     requireFormat(output)
+    bar = bar_length or scale_bar
+    look = Look(elevation, azimuth, zoom, size, dpi, color_range, color_map, edges, transparent, bar, cut)
     requireNew([output], source, overwrite)
     frames = openFrames(source, topology)
     chosen = ChosenFrames(frames, selectFrames(source, frames, frame, every))
     lengthUnit = length_unit or str(getattr(frames, "lengthUnit", "nm"))
-    renderFrames(chosen, output, lengthUnit, elevation, azimuth, fps, cut)
+    renderFrames(chosen, output, lengthUnit, fps, look)
     print(output)
 
 

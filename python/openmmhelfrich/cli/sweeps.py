@@ -3,17 +3,12 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
-from rich.progress import TaskID
 
 from .errors import friendly
-from .progress import SECONDS_BETWEEN_LINES, Bars
 from .runs import FAILED_VERDICT, AcceptAnything, Quiet
-
-if TYPE_CHECKING:  # cli starts without what simulates
-    from ..runs.sweeps import PointStatus
 
 app = typer.Typer()
 
@@ -55,10 +50,11 @@ def sweep(
 
     The exit code is 3 if the verdict on a point is failed, and 1 if a point ended with an error.
     """
+    from ..runs.progress import SweepProgress
     from ..runs.sweeps import sweep as runSweep
 
     start = time.monotonic()
-    with _SweepProgress(quiet) as progress:
+    with SweepProgress(quiet) as progress:
         result = runSweep(grid, output, scheduler, workers, progress, retry)
     if not quiet:
         counts = ", ".join(
@@ -80,55 +76,3 @@ def sweep(
         raise typer.Exit(1)
     if failed and not acceptAnything:
         raise typer.Exit(FAILED_VERDICT)
-
-
-class _SweepProgress(Bars):
-    """A bar for the sweep and one for each point that runs, on a terminal; elsewhere plain lines; nothing when quiet.
-
-    Called with the states of the points.
-    """
-
-    def __init__(self, quiet: bool):
-        super().__init__(quiet)
-        self._tasks: dict[str, TaskID] = {}
-        self._known: dict[str, str] = {}
-        self._shownAt = 0.0
-
-    def __call__(self, states: "list[PointStatus]") -> None:
-        if self._quiet:
-            return
-        if not self._known:
-            self._known = {state.point.name: state.status for state in states}
-        for state in states:
-            if state.status != self._known[state.point.name]:
-                self._known[state.point.name] = state.status
-                reason = f", {state.verdict}" if state.verdict else f": {state.reason}" if state.reason else ""
-                self._say(f"{state.point.name}: {state.status}{reason}")
-        if self._bar:
-            self._draw(self._bar, states)
-        elif time.monotonic() >= self._shownAt + SECONDS_BETWEEN_LINES:
-            self._shownAt = time.monotonic()
-            running = [
-                f"{state.point.name} {state.stage} {state.position}/{state.steps}"
-                for state in states
-                if state.status == "running"
-            ]
-            self._say(f"{self._count(states)} of {len(states)} points{''.join('; ' + text for text in running)}")
-
-    def _draw(self, bar: Any, states: list["PointStatus"]) -> None:
-        self._show(bar, "points", self._count(states), len(states), "")
-        for state in states:
-            name = state.point.name
-            if state.status == "running":
-                self._show(bar, name, state.position, state.steps, state.stage)
-            elif name in self._tasks:
-                bar.remove_task(self._tasks.pop(name))
-
-    def _show(self, bar: Any, name: str, done: int, total: int, text: str) -> None:
-        if name not in self._tasks:
-            self._tasks[name] = bar.add_task(name, total=total, text=text)
-        bar.update(self._tasks[name], completed=done, total=total, text=text)
-
-    @staticmethod
-    def _count(states: list["PointStatus"]) -> int:
-        return sum(state.status in ("done", "failed") for state in states)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import optimize
 from scipy.integrate import cumulative_simpson
 
+from ..display import Brief
 from .measures import reducedVolume as reducedVolumeOf
 from .shapes import invaginatedSphere, spheroidAspectRatio
 
@@ -22,8 +23,8 @@ _LEAST, _MOST = 0.3, {"prolate": 0.98, "oblate": 0.98, "stomatocyte": 0.65}
 _MODES, _NODES = 128, 320
 
 
-@dataclass(frozen=True, eq=False)
-class AxisymmetricShape:
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisymmetricShape(Brief):
     """An axisymmetric vesicle of area 4 pi.
 
     Attributes

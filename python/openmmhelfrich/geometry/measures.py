@@ -29,3 +29,19 @@ def localMeanCurvatures(meanCurvatures: NDArray[np.float64], areas: NDArray[np.f
     as in the force.
     """
     return np.divide(meanCurvatures, areas, out=np.zeros_like(areas), where=areas > 0)
+
+
+def smoothCurvatures(
+    edges: NDArray[np.integer], meanCurvatures: NDArray[np.float64], areas: NDArray[np.float64], rounds: int = 2
+) -> NDArray[np.float64]:
+    """Return mean curvatures averaged over neighborhoods: integrals over areas, each summed over neighbors a number of
+    times.
+
+    The curvature of single vertices of a fluctuating membrane is mostly noise, in which its shape would not be seen.
+    """
+    a, b = edges.T
+    for _ in range(rounds):
+        meanCurvatures, areas = (
+            x + np.bincount(a, x[b], len(x)) + np.bincount(b, x[a], len(x)) for x in (meanCurvatures, areas)
+        )
+    return localMeanCurvatures(meanCurvatures, areas)

@@ -11,6 +11,7 @@ import openmm as mm
 from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
+from ..display import drawing
 from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, mending, meshfiles
@@ -33,11 +34,13 @@ class Mesh:
         the vertices of each triangle, counter-clockwise seen from outside
     box : (3, 3) float64 array or None
         the vectors of the periodic box, in nm, if there is one
+    beads : (B, 3) float64 array
+        positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
     notes : list of str
         what :meth:`read` left out or changed, and what :meth:`repaired` and :meth:`remeshed` did, each in a sentence
     """
 
-    def __init__(self, vertices: Any, triangles: ArrayLike, box: Any = None):
+    def __init__(self, vertices: Any, triangles: ArrayLike, box: Any = None, beads: Any = None):
         """Create a Mesh from arrays, which are copied.
 
         Parameters
@@ -48,6 +51,8 @@ class Mesh:
             the vertices of each triangle, counter-clockwise seen from outside
         box : (3, 3) array or Quantity, optional
             the vectors of a periodic box, in nm unless they carry a unit
+        beads : (B, 3) array or Quantity, optional
+            the positions of particles that are no vertices
 
         Raises
         ------
@@ -58,6 +63,7 @@ class Mesh:
         self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
         self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
         self.notes: list[str] = []
 
     @classmethod
@@ -342,13 +348,13 @@ class Mesh:
 
     def topology(self) -> app.Topology:
         """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for
-        each edge.
+        each edge; a residue and an atom for each bead, in a chain of their own.
 
         A Topology keeps the atoms of a residue together; where the vertices of membranes alternate, so do residues of
         their ids.  Names of atoms and the order of bonds are such that files of OpenMM (PDB, PDBx/mmCIF) keep all of
         them.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        return MeshTopology(self.triangles, len(self.vertices))
+        return MeshTopology(self.triangles, len(self.vertices), len(self.beads))
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
         """Create an openmm.System with a particle for each vertex and no forces.
@@ -436,7 +442,23 @@ class Mesh:
         return result
 
     def __repr__(self) -> str:
-        return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles>"
+        count = len(self.beads)
+        beads = f", and {count} bead{'s' if count > 1 else ''}" if count else ""
+        return f"<Mesh of {len(self.vertices)} vertices and {len(self.triangles)} triangles{beads}>"
+
+    def plot(self, **look: Any) -> Any:
+        """Return a Picture of the mesh colored by its mean curvature, which a notebook shows and ``save`` writes.
+
+        ::
+
+            mesh.plot(elevation=10, range=(-2, 2)).save("vesicle.png", dpi=300)
+
+        Parameters
+        ----------
+        look
+            how it is drawn: see :class:`openmmhelfrich.pictures.look.Look`
+        """
+        return drawing().meshPicture(self, **look)
 
 
 def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

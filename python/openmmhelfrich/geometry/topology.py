@@ -11,7 +11,7 @@ from . import atomnames, connectivity
 
 class MeshTopology(app.Topology):
     """An openmm.app.Topology of a mesh: a residue for each connected membrane, an atom for each vertex, a bond for each
-    edge.
+    edge; and a residue and an atom for each bead, in a chain of their own.
 
     These are Python objects, which take 2 kB a vertex.  A simulation does not use them; they are made when one is asked
     for.
@@ -19,11 +19,11 @@ class MeshTopology(app.Topology):
 
     _MADE_LATER = ("_chains", "_numResidues", "_bonds")
 
-    def __init__(self, triangles: NDArray[np.integer], numVertices: int):
+    def __init__(self, triangles: NDArray[np.integer], numVertices: int, numBeads: int = 0):
         """Create a MeshTopology from arrays; the triangles are copied."""
         super().__init__()
-        self._triangles, self._numVertices = triangles.copy(), numVertices
-        self._numAtoms = numVertices
+        self._triangles, self._numVertices, self._numBeads = triangles.copy(), numVertices, numBeads
+        self._numAtoms = numVertices + numBeads
         for name in self._MADE_LATER:
             delattr(self, name)
 
@@ -48,3 +48,6 @@ class MeshTopology(app.Topology):
         edges = connectivity.edgesOf(self._triangles, self._numVertices)
         for i, j in atomnames.orderOfBonds(edges, self._numVertices).tolist():
             self.addBond(atoms[i], atoms[j])
+        beads = self.addChain("B") if self._numBeads else None
+        for bead in range(self._numBeads):
+            self.addAtom("B", None, self.addResidue("BEA", beads, id=str(bead + 1)))

@@ -92,8 +92,9 @@ def convert(
     """Convert a file of one or more membranes to another format, which the output's suffix names.
 
     .vtkhdf, .xyz and .pvd hold all frames; a PVD file names a VTU file for each.  XYZ has no triangles; its coordinates
-    are in angstroms. The mesh formats hold one mesh: with several frames, as many files are written, with the number of
-    the frame in each name.  VTU, VTK and PLY files have the values at the vertices too.
+    are in angstroms, its vertices V and its beads B.  The mesh formats hold one mesh, without beads: with several
+    frames, as many files are written, with the number of the frame in each name.  VTU, VTK and PLY files have the
+    values at the vertices too.
 
     Parameters
     ----------
@@ -190,7 +191,6 @@ def _writePVD(file: Path, meshes: Iterable[Path], steps: Iterable[int]) -> None:
 def _writeXYZ(file: Path, frames: Iterable[MeshFrame]) -> None:
     with replacing(file) as part, open(part, "w", encoding="utf-8") as out:
         for frame in frames:
-            out.write(f"{len(frame.mesh.vertices)}\nstep {frame.step}\n")
-            out.writelines(
-                "V {:.9g} {:.9g} {:.9g}\n".format(*position) for position in (10 * frame.mesh.vertices).tolist()
-            )
+            out.write(f"{len(frame.mesh.vertices) + len(frame.mesh.beads)}\nstep {frame.step}\n")
+            for name, points in (("V", frame.mesh.vertices), ("B", frame.mesh.beads)):
+                out.writelines("{} {:.9g} {:.9g} {:.9g}\n".format(name, *point) for point in (10 * points).tolist())

@@ -77,7 +77,9 @@ class DCDTrajectory(Frames):
             return self._file.read(1)[0][0].astype(np.float64) / 10
 
     def _read(self, i: int) -> MeshFrame:
-        return meshFrame(int(self.steps[i]), Mesh(self._positions(i), self._triangles))
+        positions, numVertices = self._positions(i), int(self._triangles.max()) + 1
+        mesh = Mesh(positions[:numVertices], self._triangles, beads=positions[numVertices:])
+        return meshFrame(int(self.steps[i]), mesh)
 
 
 def _folds(mesh: Mesh) -> float:
@@ -108,7 +110,7 @@ def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> np.ndarray
     bonds, size = _readBonds(topology)
     _requireSize(topology, size, dcd, positions)
     try:
-        return trianglesFromEdges(bonds, positions)
+        return trianglesFromEdges(bonds, positions[: bonds.max(initial=-1) + 1])  # beads have no bonds, and come last
     except ValueError as error:
         raise ValueError(f"{topology}: {error}") from None
 

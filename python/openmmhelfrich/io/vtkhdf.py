@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import PathLike, replacing
-from ..geometry.measures import localMeanCurvatures
+from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from .drafts import Draft, GrowingFile, signalsLater
 
@@ -54,10 +54,10 @@ class MeshFrame(NamedTuple):
     step : int
         the number of the step, which is the time in the file
     mesh : Mesh
-        positions, in nm, and the triangles at that step
+        positions, in nm, and the triangles at that step, and the beads if there are any
     data : dict
-        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature", in 1/nm, and "Area", in nm^2, from a
-        MeshReporter
+        arrays of shape (N,) by name, a value for each vertex: "MeanCurvature" and "SmoothMeanCurvature", in 1/nm, and
+        "Area", in nm^2, from a MeshReporter
     """
 
     step: int
@@ -66,9 +66,14 @@ class MeshFrame(NamedTuple):
 
 
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
-    """Return a MeshFrame of a closed mesh with the mean curvature and the area of its vertices."""
-    area = mesh.vertexAreas
-    return MeshFrame(step, mesh, {"MeanCurvature": localMeanCurvatures(mesh.vertexMeanCurvatures, area), "Area": area})
+    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives."""
+    area, curvature = mesh.vertexAreas, mesh.vertexMeanCurvatures
+    data = {
+        "MeanCurvature": localMeanCurvatures(curvature, area),
+        "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvature, area),
+        "Area": area,
+    }
+    return MeshFrame(step, mesh, data)
 
 
 def writeMeshTrajectory(
@@ -281,7 +286,7 @@ class MeshTrajectory(Frames):
     def holds(self, frame: MeshFrame, index: int) -> bool:
         """Return whether a frame is that of an index, in the file's precision."""
         found, precision = self[index], self._root["Points"].dtype
-        pairs = [(frame.mesh.vertices.astype(precision), found.mesh.vertices)]
+        pairs = [(_points(frame.mesh).astype(precision), _points(found.mesh))]
         pairs += [(np.asarray(frame.data[name], values.dtype), values) for name, values in found.data.items()]
         return (
             (frame.step, set(frame.data)) == (found.step, set(found.data))
@@ -340,18 +345,26 @@ class MeshTrajectory(Frames):
         if self._hasParts and self._number("Steps/NumberOfParts", i) != 1:
             raise ValueError("it has several parts; one is expected")
         part = self._number("Steps/PartOffsets", i)
-        numVertices, numCells = (self._number(name, part) for name in ("NumberOfPoints", "Polygons/NumberOfCells"))
+        numPoints, numCells = (self._number(name, part) for name in ("NumberOfPoints", "Polygons/NumberOfCells"))
         cell, corner = self._number("Steps/CellOffsets", i, 2) + part, self._number("Steps/ConnectivityIdOffsets", i, 2)
         if np.any(np.diff(self._rows("Polygons/Offsets", cell, numCells + 1)) != 3):
             raise ValueError("it has cells that are not triangles")
         numCorners = self._number("Polygons/NumberOfConnectivityIds", part)
-        mesh = Mesh(
-            self._rows("Points", self._number("Steps/PointOffsets", i), numVertices),
-            self._rows("Polygons/Connectivity", corner, numCorners).reshape(-1, 3),
-        )
+        points = self._rows("Points", self._number("Steps/PointOffsets", i), numPoints)
+        triangles = self._rows("Polygons/Connectivity", corner, numCorners).reshape(-1, 3)
+        numVertices = numPoints - self._countBeads(part, numPoints)
+        mesh = Mesh(points[:numVertices], triangles, beads=points[numVertices:])
         starts = {name: self._number(f"Steps/PointDataOffsets/{name}", i) for name in self._dataNames}
         data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
         return MeshFrame(self._number("Steps/Values", i), mesh, data)
+
+    def _countBeads(self, part: int, numPoints: int) -> int:
+        """Return how many of the last points are beads: vertices as cells, if it is they."""
+        count = self._number("Vertices/NumberOfCells", part)
+        if not 0 < count < numPoints or self._number("Vertices/NumberOfConnectivityIds", part) != count:
+            return 0
+        points = self._rows("Vertices/Connectivity", 0, count)
+        return count if np.array_equal(points, np.arange(numPoints - count, numPoints)) else 0
 
     def _rows(self, name: str, start: int, count: int) -> np.ndarray:
         """Return rows of an array."""
@@ -523,32 +536,37 @@ def _create(out: Any, frame: MeshFrame, precision: str, lengthUnit: str) -> Any:
     """Lay out a file for frames like this one."""
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}; it must be 'double' or 'single'")
-    numVertices, numTriangles = len(frame.mesh.vertices), len(frame.mesh.triangles)
+    numBeads, numTriangles = len(frame.mesh.beads), len(frame.mesh.triangles)
+    numPoints = len(frame.mesh.vertices) + numBeads
     # Of fixed length: texts of any length are in a heap, in which a damaged size can make HDF5 loop for ever.
     text = lengthUnit.encode()
     out.attrs.create("lengthUnit", text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
     root = out.create_group("VTKHDF")
     root.attrs["Version"] = VERSION
     root.attrs.create("Type", b"PolyData", dtype="S8")  # of fixed length: VTK takes no other
-    root["NumberOfPoints"] = np.array([numVertices])
+    root["NumberOfPoints"] = np.array([numPoints])
     root.create_dataset(
         "Points",
         (0, 3),
         "f8" if precision == "double" else "f4",
         maxshape=(None, 3),
-        chunks=(numVertices, 3),
+        chunks=(numPoints, 3),
         **COMPRESSION,
     )
     for kind in KINDS:
         cells = root.create_group(kind)
-        count = numTriangles if kind == "Polygons" else 0
-        cells["NumberOfCells"], cells["NumberOfConnectivityIds"] = np.array([count]), np.array([3 * count])
-        cells.create_dataset("Offsets", data=3 * np.arange(count + 1), **COMPRESSION)
-        cells.create_dataset("Connectivity", (0,), "i8", maxshape=(None,), chunks=(max(1, 3 * count),), **COMPRESSION)
+        count, size = {"Polygons": (numTriangles, 3), "Vertices": (numBeads, 1)}.get(kind, (0, 3))
+        cells["NumberOfCells"], cells["NumberOfConnectivityIds"] = np.array([count]), np.array([size * count])
+        cells.create_dataset("Offsets", data=size * np.arange(count + 1), **COMPRESSION)
+        chunks = (max(1, size * count),)
+        cells.create_dataset("Connectivity", (0,), "i8", maxshape=(None,), chunks=chunks, **COMPRESSION)
+    if numBeads:  # the same in all frames
+        root["Vertices/Connectivity"].resize(numBeads, axis=0)
+        root["Vertices/Connectivity"][:] = np.arange(numPoints - numBeads, numPoints)
     data, steps = root.create_group("PointData"), root.create_group("Steps")
     offsets = steps.create_group("PointDataOffsets")
     for name in frame.data:
-        data.create_dataset(name, (0,), "f4", maxshape=(None,), chunks=(numVertices,), **COMPRESSION)
+        data.create_dataset(name, (0,), "f4", maxshape=(None,), chunks=(numPoints,), **COMPRESSION)
         _growing(offsets, name)
     steps.attrs["NSteps"] = 0
     _growing(steps, "Values", kind="f8")
@@ -590,18 +608,20 @@ def _append(root: Any, frame: MeshFrame) -> None:
     mesh, data, steps = frame.mesh, root["PointData"], root["Steps"]
     count = int(steps.attrs["NSteps"])
     expected = int(root["NumberOfPoints"][0]), int(root["Polygons/NumberOfCells"][0]), set(data)
-    if (len(mesh.vertices), len(mesh.triangles), set(frame.data)) != expected:
+    points = _points(mesh)
+    if (len(points), len(mesh.triangles), set(frame.data)) != expected:
         raise ValueError(
-            f"the frame of step {frame.step} has {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles and "
+            f"the frame of step {frame.step} has {len(points)} vertices, {len(mesh.triangles)} triangles and "
             f"the data {sorted(frame.data)}; those before it have {expected[0]}, {expected[1]} and "
             f"{sorted(expected[2])}"
         )
     _resize(root, count + 1)
-    point, corner = count * len(mesh.vertices), count * mesh.triangles.size
-    root["Points"][point:] = mesh.vertices
+    point, corner = count * len(points), count * mesh.triangles.size
+    root["Points"][point:] = points
     root["Polygons/Connectivity"][corner:] = mesh.triangles.ravel()
     for name, values in frame.data.items():
-        data[name][point:] = values
+        data[name][point : point + len(values)] = values
+        data[name][point + len(values) :] = np.nan  # a bead has none
         steps["PointDataOffsets"][name][count] = point
     entries = {
         "Values": frame.step,
@@ -613,6 +633,11 @@ def _append(root: Any, frame: MeshFrame) -> None:
     }
     for name, entry in entries.items():
         steps[name][count] = entry
+
+
+def _points(mesh: Mesh) -> np.ndarray:
+    """Return the positions of vertices, and of the beads after them."""
+    return np.concatenate((mesh.vertices, mesh.beads)) if len(mesh.beads) else mesh.vertices
 
 
 def _sizeOf(frame: MeshFrame) -> int:

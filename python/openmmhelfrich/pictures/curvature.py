@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..geometry.measures import localMeanCurvatures
+from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 
 MAX_VERTICES = 100_000  # that are drawn as they are: triangles of more are smaller than a picture's pixels
@@ -31,10 +31,11 @@ def shownSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
         *_, became = fast_simplification.replay_simplification(mesh.vertices, mesh.triangles, collapses)
     isShown = became >= 0
     curvature, area = (
-        np.bincount(became[isShown], x[isShown], len(points)) for x in (mesh.vertexMeanCurvatures, mesh.vertexAreas)
+        np.bincount(became[isShown], x[isShown], len(points)).astype(np.float64)
+        for x in (mesh.vertexMeanCurvatures, mesh.vertexAreas)
     )
     surface = Mesh(low + size * points.astype(np.float64), triangles)
-    return surface, _smooth(surface.edges, curvature, area, 1)
+    return surface, smoothCurvatures(surface.edges, curvature, area, 1)
 
 
 def _survivors(count: int, collapses: np.ndarray) -> NDArray[np.int64]:
@@ -48,24 +49,13 @@ def _survivors(count: int, collapses: np.ndarray) -> NDArray[np.int64]:
     return number[label]
 
 
+def smoothMeanCurvature(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the mean curvature at each vertex, in 1/nm, averaged over its neighborhood: an (N,) array."""
+    return smoothCurvatures(mesh.edges, mesh.vertexMeanCurvatures, mesh.vertexAreas)
+
+
 def simplification(mesh: Mesh, surface: Mesh) -> str | None:
     """Return how what is drawn of a mesh was simplified, in words; None if it was not."""
     if surface is mesh:
         return None
     return f"simplified to {len(surface.vertices)} of {len(mesh.vertices)} vertices"
-
-
-def smoothMeanCurvature(mesh: Mesh, rounds: int = 2) -> NDArray[np.float64]:
-    """Return the mean curvature at each vertex, in 1/nm, averaged over its neighborhood: an (N,) array.
-
-    The curvature of single vertices of a fluctuating membrane is mostly noise, in which its shape would not be seen.
-    """
-    return _smooth(mesh.edges, mesh.vertexMeanCurvatures, mesh.vertexAreas, rounds)
-
-
-def _smooth(edges: NDArray[np.integer], curvature: np.ndarray, area: np.ndarray, rounds: int) -> NDArray[np.float64]:
-    """Return integrated curvatures over areas, each summed over neighbors a number of times."""
-    a, b = edges.T
-    for _ in range(rounds):
-        curvature, area = (x + np.bincount(a, x[b], len(x)) + np.bincount(b, x[a], len(x)) for x in (curvature, area))
-    return localMeanCurvatures(curvature, area)

@@ -1,9 +1,10 @@
 """Pictures: the observables of a run against its steps, and a membrane's shape colored by mean curvature."""
 
 import contextlib
-import re
+import io
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,14 @@ import numpy as np
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn
+from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn, shownValues
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import shownSurface, simplification
+from .look import BEAD_COLOR, Look, curvatureLabel, unitText
+
+# What a run's picture of its final shape is like.
+SHAPE = Look(azimuth=-60, size=(960, 660), dpi=120)
 
 _drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
@@ -32,8 +37,61 @@ def ownStyle() -> Iterator[None]:
         yield
 
 
-@ownStyle()
-def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
+class Picture:
+    """A figure that a notebook shows, and that :meth:`save` writes.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        what is drawn
+    """
+
+    def __init__(self, figure: Any, dpi: float = 120, transparent: bool = False):
+        """Create a Picture of a Figure of matplotlib."""
+        self.figure, self._dpi, self._transparent = figure, dpi, transparent
+
+    def __repr__(self) -> str:
+        width, height = self.figure.get_size_inches()
+        return f"<Picture of {width:.3g} by {height:.3g} inches; save('FILE.png') writes it>"
+
+    def _repr_png_(self) -> bytes:
+        out = io.BytesIO()
+        with ownStyle():
+            self.figure.savefig(out, dpi=self._dpi, format="png", transparent=self._transparent)
+        return out.getvalue()
+
+    def save(self, file: PathLike, dpi: float | None = None) -> None:
+        """Write the picture, replacing one that exists in a single step.
+
+        Parameters
+        ----------
+        file : path
+            the picture to write; its suffix tells the format: .png, .pdf, .svg and what else matplotlib knows
+        dpi : float, optional
+            pixels an inch, of formats that have pixels; by default as many as it was made for
+        """
+        requirePlotFormat(file)
+        with ownStyle():
+            saveFigure(self.figure, file, dpi or self._dpi, self._transparent)
+
+
+def requirePlotFormat(file: PathLike) -> None:
+    """Raise a ValueError unless matplotlib writes files with the suffix of this name."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    known = sorted(FigureCanvasBase.get_supported_filetypes())
+    if Path(file).suffix[1:].lower() not in known:
+        raise ValueError(f"{file}: no plot has the suffix '{Path(file).suffix}'; use one of .{', .'.join(known)}")
+
+
+def plotObservables(
+    table: Table,
+    file: PathLike,
+    lengthUnit: str = "nm",
+    energyUnit: str = "kT",
+    size: tuple[float, float] | None = None,
+    dpi: float = 120,
+) -> None:
     """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
 
     Parameters
@@ -44,44 +102,48 @@ def plotObservables(table: Table, file: PathLike, lengthUnit: str = "nm", energy
         the picture to write; its suffix tells the format
     lengthUnit, energyUnit : str
         names for the axes
+    size : pair of float, optional
+        width and height, in inches; by default as high as it takes
+    dpi : float
+        pixels an inch, of formats that have pixels
     """
+    observablesPicture(table, lengthUnit, energyUnit, size).save(file, dpi)
+
+
+@ownStyle()
+def observablesPicture(
+    table: Table, lengthUnit: str = "nm", energyUnit: str = "kT", size: tuple[float, float] | None = None
+) -> Picture:
+    """Return what :func:`plotObservables` writes."""
     from matplotlib.figure import Figure
 
     table.requireRows()
-    panels = [panel for panel in PANELS if curves(panel, table)]
-    titles = {panel.title for panel in panels}
-    own = [panel.title for panel in panels if panel.beside not in titles]
-    figure = Figure(figsize=(8, 1 + 2 * len(own)), layout="constrained")
-    axes = dict(zip(own, figure.subplots(len(own), 1, sharex=True, squeeze=False)[:, 0]))
-    axes[own[-1]].set_xlabel("Monte Carlo step")
-    for panel in panels:
-        shown = curves(panel, table)
-        place = axes[panel.title] if panel.title in axes else axes[panel.beside].twinx()
-        for observable in shown:
-            _plotCurve(place, table, observable, isThin=observable.isTerm or bool(panel.beside))
-        isShared = panel.beside or panel.title in {other.beside for other in panels}
-        label = headOf(panel.title, _mathUnit(shown[0], lengthUnit, energyUnit))
-        place.set_ylabel(label, color=(isShared and shown[0].color) or "black")
+    shown = [(panel, observables) for panel in PANELS if (observables := curves(panel, table))]
+    figure = Figure(figsize=size or (8, 1 + 2 * len(shown)), layout="constrained")
+    rows = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    rows[-1].set_xlabel("Monte Carlo step")
+    for axes, (panel, observables) in zip(rows, shown):
+        for observable in observables:
+            _plotCurve(axes, table["step"], shownValues(panel, observable, table), observable)
+        axes.set_ylabel(headOf(panel.title, _unitOf(observables[0], lengthUnit, energyUnit)))
         if panel.range:
-            place.set_ylim(panel.range)
-        place.ticklabel_format(useOffset=False)
-        if len(shown) > 1 and not isTarget(shown[1]):
-            place.legend(fontsize="small", ncols=3 if len(shown) > 3 else 1)
-    saveFigure(figure, file)
+            axes.set_ylim(panel.range)
+        axes.ticklabel_format(useOffset=False)
+        if len(observables) > 1 and not isTarget(observables[1]):
+            axes.legend(fontsize="small", ncols=3 if len(observables) > 3 else 1)
+    return Picture(figure)
 
 
-def _plotCurve(axes: Any, table: Table, observable: Observable, isThin: bool) -> None:
-    steps, values = table["step"], table[observable.name]
+def _plotCurve(axes: Any, steps: np.ndarray, values: np.ndarray, observable: Observable) -> None:
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
-    else:
-        axes.plot(
-            steps, values, color=observable.color, lw=1 if isThin else None, label=observable.label or observable.title
-        )
+        return
+    label = observable.label or observable.title
+    axes.plot(steps, values, color=observable.color, lw=1 if observable.isTerm else None, label=label)
 
 
-def _mathUnit(observable: Observable, lengthUnit: str, energyUnit: str) -> str:
-    return re.sub(r"\^(\d)", r"$^\1$", _plain(observable.unitIn(lengthUnit, energyUnit)))
+def _unitOf(observable: Observable, lengthUnit: str, energyUnit: str) -> str:
+    return _plain(unitText(observable.unitIn(lengthUnit, energyUnit)))
 
 
 def _plain(text: str) -> str:
@@ -89,7 +151,6 @@ def _plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-@ownStyle()
 def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit: str = "kT") -> None:
     """Plot the average energy and shape in each window of a continuation against lambda, the ways there and back apart.
 
@@ -102,6 +163,12 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
     lengthUnit, energyUnit : str
         names for the axes
     """
+    pathPicture(windows, lengthUnit, energyUnit).save(file)
+
+
+@ownStyle()
+def pathPicture(windows: Table, lengthUnit: str = "nm", energyUnit: str = "kT") -> Picture:
+    """Return what :func:`plotPath` writes."""
     from matplotlib.figure import Figure
 
     shown = [observable for observable in observablesIn(windows) if observable.onPath]
@@ -118,12 +185,12 @@ def plotPath(windows: Table, file: PathLike, lengthUnit: str = "nm", energyUnit:
                     ("" if stage is None else f"stage {stage:.0f}, ") + (f"{part.label}, " if len(parts) > 1 else ""),
                 )
         title = parts[0].title.removesuffix(" of surface 0")
-        axes.set_ylabel(headOf(title, _mathUnit(parts[0], lengthUnit, energyUnit)))
+        axes.set_ylabel(headOf(title, _unitOf(parts[0], lengthUnit, energyUnit)))
         axes.ticklabel_format(useOffset=False)
         if axes.lines:
             axes.legend(fontsize="small")
     axes.set_xlabel("$\\lambda$; bars are standard deviations")
-    saveFigure(figure, file)
+    return Picture(figure)
 
 
 def _plotBranches(axes: Any, windows: Table, name: str, prefix: str) -> None:
@@ -140,10 +207,9 @@ def _plotBranches(axes: Any, windows: Table, name: str, prefix: str) -> None:
             )
 
 
-@ownStyle()
-def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: float = 30, azimuth: float = -60) -> None:
-    """Draw a closed mesh, lit from above the viewer's shoulder and colored by mean curvature, positive where it is
-    convex.
+def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", look: Look = SHAPE) -> None:
+    """Draw a closed mesh and its beads, lit from above the viewer's shoulder and colored by mean curvature, positive
+    where it is convex.
 
     Parameters
     ----------
@@ -153,39 +219,71 @@ def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", elevation: floa
         the picture to write; its suffix tells the format
     lengthUnit : str
         the name of the unit of length
-    elevation, azimuth : float
-        direction of view, in degrees
+    look : Look
+        how to draw it, but for `cut`
     """
-    from matplotlib.colors import LightSource, TwoSlopeNorm
+    _meshPicture(mesh, lengthUnit, look).save(file)
+
+
+def meshPicture(mesh: Mesh, lengthUnit: str = "nm", **look: Any) -> Picture:
+    """Return what :func:`drawMesh` writes, with a :class:`Look` of these values."""
+    unknown = [name for name in look if name not in SHAPE.__dataclass_fields__ or name == "cut"]
+    if unknown:
+        known = ", ".join(name for name in SHAPE.__dataclass_fields__ if name != "cut")
+        raise ValueError(f"plot has no {unknown[0]}; it has {known} and lengthUnit")
+    return _meshPicture(mesh, lengthUnit, replace(SHAPE, **look))
+
+
+@ownStyle()
+def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
+    from matplotlib.colors import LightSource, Normalize
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     surface, curvature = shownSurface(mesh)
-    bound = max(np.quantile(np.abs(curvature), 0.99), 1e-12)
-    norm = TwoSlopeNorm(0, -bound, bound)
-    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    norm = Normalize(*look.limits(curvature))
+    figure = Figure(figsize=(look.size[0] / look.dpi, look.size[1] / look.dpi), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    colors = _colorMap()(norm(curvature[surface.triangles].mean(axis=1)))
-    # Edges of the triangles' own color hide the seams between them.
+    colors = _colorMap(look)(norm(curvature[surface.triangles].mean(axis=1)))
+    beads, beadColors = _beadTriangles(mesh)
+    faces, fills = np.concatenate((surface.vertices[surface.triangles], beads)), np.concatenate((colors, beadColors))
     axes.add_collection3d(
         Poly3DCollection(
-            surface.vertices[surface.triangles],
-            facecolors=colors,
-            edgecolors=colors,
+            faces,
+            facecolors=fills,
+            # Edges of the triangles' own color hide the seams between them.
+            edgecolors="0.2" if look.edges else fills,
             linewidths=0.3,
-            shade=True,
-            lightsource=LightSource(azdeg=120 - azimuth, altdeg=50),
+            shade=not look.edges,
+            lightsource=None if look.edges else LightSource(azdeg=120 - look.azimuth, altdeg=50),
         )
     )
-    _frame(axes, mesh.vertices, elevation, azimuth, lengthUnit, simplification(mesh, surface))
-    _colorBar(figure, axes, norm, lengthUnit)
-    saveFigure(figure, file)
+    _frame(axes, np.concatenate((mesh.vertices, mesh.beads)), look, lengthUnit, simplification(mesh, surface))
+    _colorBar(figure, axes, norm, lengthUnit, look)
+    if look.scaleBar:
+        _scaleBar(figure, axes, mesh, look, lengthUnit)
+    return Picture(figure, look.dpi, look.transparent)
 
 
-def _colorMap() -> Any:
+def _beadTriangles(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of triangles that make a sphere of each bead, and their colors."""
+    from matplotlib.colors import to_rgba
+
+    ball = Mesh.icosphere(1 if len(mesh.beads) <= 500 else 0, beadRadius(mesh))
+    corners = mesh.beads[:, np.newaxis, np.newaxis] + ball.vertices[ball.triangles]
+    corners = corners.reshape(-1, 3, 3)
+    return corners, np.tile(to_rgba(BEAD_COLOR), (len(corners), 1))
+
+
+def beadRadius(mesh: Mesh) -> float:
+    """Return the radius with which beads are drawn: half the mean length of edges, which an edge's neighbors leave."""
+    return 0.5 * float(mesh.edgeLengths.mean()) if len(mesh.beads) else 1.0
+
+
+def _colorMap(look: Look) -> Any:
     from matplotlib import colormaps
 
-    return colormaps["coolwarm"]
+    return colormaps[look.colorMap]
 
 
 def requireMatplotlib() -> None:
@@ -193,29 +291,47 @@ def requireMatplotlib() -> None:
     import matplotlib.figure  # noqa: F401
 
 
-def saveFigure(figure: Any, file: PathLike, dpi: float = 120) -> None:
+def saveFigure(figure: Any, file: PathLike, dpi: float = 120, transparent: bool = False) -> None:
     """Write a matplotlib Figure to a picture, replacing one that exists in a single step."""
     with _drawing, replacing(file) as part:
-        figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png")
+        figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png", transparent=transparent)
 
 
-def _frame(
-    axes: Any, vertices: np.ndarray, elevation: float, azimuth: float, lengthUnit: str, remark: str | None
-) -> None:
-    """Show all of the vertices at equal scales, and a remark beside the size."""
-    middle, size = (vertices.max(axis=0) + vertices.min(axis=0)) / 2, np.ptp(vertices, axis=0).max()
+def _frame(axes: Any, points: np.ndarray, look: Look, lengthUnit: str, remark: str | None) -> None:
+    """Show all of the points at equal scales, and a remark beside the size."""
+    middle, size = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max()
     for set_limits, center in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle):
         set_limits(center - size / 2, center + size / 2)
-    axes.set_box_aspect((1, 1, 1), zoom=1.3)
-    axes.view_init(elevation, azimuth)
+    axes.set_box_aspect((1, 1, 1), zoom=1.3 * look.zoom)
+    axes.view_init(look.elevation, look.azimuth)
     axes.set_axis_off()
-    title = ", ".join(filter(None, (f"{size:.3g} {_plain(lengthUnit)} across", remark)))
+    if look.scaleBar:
+        axes.set_proj_type("ortho")
+    title = ", ".join(filter(None, (f"{size:.3g} {_plain(unitText(lengthUnit))} across", remark)))
     axes.set_title(title, y=0, fontsize="medium")
 
 
-def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str) -> None:
+def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str, look: Look) -> None:
     from matplotlib.cm import ScalarMappable
 
     figure.colorbar(
-        ScalarMappable(norm, _colorMap()), ax=axes, shrink=0.6, label=f"mean curvature (1/{_plain(lengthUnit)})"
+        ScalarMappable(norm, _colorMap(look)), ax=axes, shrink=0.6, label=_plain(curvatureLabel(lengthUnit))
     )
+
+
+def _scaleBar(figure: Any, axes: Any, mesh: Mesh, look: Look, lengthUnit: str) -> None:
+    """Draw a bar of a length in the plane of the picture, whose scale is the same everywhere."""
+    from matplotlib.lines import Line2D
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+    figure.draw_without_rendering()
+    across = np.array([-np.sin(np.radians(look.azimuth)), np.cos(np.radians(look.azimuth)), 0.0])
+    middle = mesh.vertices.mean(axis=0)
+    ends = [proj_transform(*point, axes.get_proj())[:2] for point in (middle, middle + across)]
+    inFigure = figure.transFigure.inverted().transform(axes.transData.transform(ends))
+    scale = float(np.linalg.norm(inFigure[1] - inFigure[0]))  # of the picture's width for 1 nm
+    length = look.barLength(1 / scale)
+    x, y = 0.05, 0.08
+    figure.add_artist(Line2D([x, x + length * scale], [y, y], color="black", lw=3, solid_capstyle="butt"))
+    label = f"{length:g} {_plain(unitText(lengthUnit))}"
+    figure.text(x + length * scale / 2, y + 0.015, label, ha="center", va="bottom")

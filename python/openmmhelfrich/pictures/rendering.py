@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..files import PathLike, replacing
+from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
 from .curvature import smoothMeanCurvature
-from .plots import drawMesh
+from .look import BEAD_COLOR, Look, curvatureLabel, unitText
+from .plots import beadRadius, drawMesh
 
+LOOK = Look()
 STILL = (".png", ".jpg", ".jpeg")
 FILMS = (".gif", ".mp4")
 SCALE = {
@@ -27,19 +30,18 @@ SCALE = {
     "width": 0.4,
     "height": 0.09,
 }
-SIZE = (1024, 768)  # pixels; multiples of 16, which film formats want
+VIEW_ANGLE, DISTANCE = 30, 4.7  # degrees; of the camera, in radii of what it sees
 
 
 def render(
     frames: Sequence[MeshFrame],
     file: PathLike,
     lengthUnit: str = "nm",
-    elevation: float = 30.0,
-    azimuth: float = 30.0,
     framesPerSecond: float = 10.0,
-    cut: bool = False,
+    look: Look = LOOK,
 ) -> None:
-    """Render membranes, colored by mean curvature, positive where they are convex, on the same scale in all frames.
+    """Render membranes and their beads, colored by mean curvature, positive where they are convex, on the same scale in
+    all frames.
 
     Parameters
     ----------
@@ -50,12 +52,10 @@ def render(
         with matplotlib instead
     lengthUnit : str
         the name of the unit of length
-    elevation, azimuth : float
-        direction of view, in degrees: above the xy plane, and around z from x
     framesPerSecond : float
         of an animation
-    cut : bool
-        leave out the half that is nearer to the viewer, to show what is inside
+    look : Look
+        how to draw them
 
     Raises
     ------
@@ -64,18 +64,22 @@ def render(
     """
     suffix = Path(file).suffix.lower()
     requireFormat(file)
+    if look.transparent and suffix != ".png":
+        raise ValueError(f"{file}: only a .png has a transparent background")
+    if suffix == ".mp4" and any(n % 2 for n in look.size):
+        raise ValueError(f"{file}: the size of an .mp4 is {look.size[0]} by {look.size[1]} pixels; both must be even")
     if not len(frames):
         raise ValueError(f"{file}: there are no frames to show")
-    if suffix == ".png" and not cut and not canRender():
-        drawMesh(frames[len(frames) - 1].mesh, file, lengthUnit, elevation, azimuth)
+    if suffix == ".png" and not look.cut and not canRender():
+        drawMesh(frames[len(frames) - 1].mesh, file, lengthUnit, look)
         return
     isFilm = suffix in FILMS
-    images = _images(frames if isFilm else [frames[len(frames) - 1]], lengthUnit, elevation, azimuth, cut)
+    images = _images(frames if isFilm else [frames[len(frames) - 1]], lengthUnit, look)
     if isFilm:
         write = _writeGIF if suffix == ".gif" else _writeMP4
         write(images, file, framesPerSecond)
     else:
-        _save(next(images), file)
+        _save(next(images), file, look.dpi)
 
 
 def requireFormat(file: PathLike) -> None:
@@ -117,32 +121,33 @@ def _hasOpenGL() -> bool:
     return False
 
 
-def _images(
-    frames: Sequence[MeshFrame], lengthUnit: str, elevation: float, azimuth: float, cut: bool
-) -> Iterator[np.ndarray]:
-    """Yield the picture of each frame as an array of bytes (height, width, 3)."""
+def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterator[np.ndarray]:
+    """Yield the picture of each frame as an array of bytes (height, width, 3), or 4 with a transparent background."""
     pyvista = _requirePyvista()
-    middle, radius, bound = _bounds(frames)
+    middle, radius, curvatures = _bounds(frames)
+    limits = look.limits(curvatures)
     # VTK warns of every way to draw that it tries before the one that works.
     pyvista.vtk_verbosity("error")
-    plotter = pyvista.Plotter(off_screen=True, window_size=SIZE, lighting="three lights")
+    plotter = pyvista.Plotter(off_screen=True, window_size=look.size, lighting="three lights")
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
-    direction = _direction(np.radians(elevation), np.radians(azimuth))
-    _aim(plotter, middle, radius, direction)
-    title = f"mean curvature (1/{lengthUnit})"
+    direction = _direction(np.radians(look.elevation), np.radians(look.azimuth))
+    _aim(plotter, middle, radius, direction, look)
+    title, scale = curvatureLabel(lengthUnit), min(look.size[0] / 1024, look.size[1] / 768)
     try:
         for i in range(len(frames)):
             mesh = frames[i].mesh
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             shape[title] = smoothMeanCurvature(mesh)
-            shape = shape.clip(normal=direction, origin=middle) if cut else shape
+            shape = shape.clip(normal=direction, origin=middle) if look.cut else shape
             plotter.add_mesh(
                 shape,
                 name="membrane",
                 scalars=title,
-                clim=(-bound, bound),
-                cmap="coolwarm",
+                clim=limits,
+                cmap=look.colorMap,
+                show_edges=look.edges,
+                line_width=max(1.0, scale),
                 smooth_shading=True,
                 ambient=0.3,
                 diffuse=0.65,
@@ -150,29 +155,64 @@ def _images(
                 show_scalar_bar=False,
             )
             if i == 0:
-                plotter.add_scalar_bar(title + "\n", title_font_size=18, label_font_size=16, **SCALE)
+                sizes = {"title_font_size": round(18 * scale), "label_font_size": round(16 * scale)}
+                plotter.add_scalar_bar(title + "\n", **sizes, **SCALE)
+            _addBeads(plotter, pyvista, mesh, middle, direction, look)
             if len(frames) > 1:
-                plotter.add_text(f"step {frames[i].step}", position=(20, 20), name="step", color="black", font_size=12)
-            yield plotter.screenshot(return_img=True)
+                place, letters = (20 * scale, look.size[1] - 40 * scale), round(12 * scale)
+                step = f"step {frames[i].step}"
+                plotter.add_text(step, position=place, name="step", color="black", font_size=letters)
+            image = plotter.screenshot(return_img=True, transparent_background=look.transparent)
+            yield _withScaleBar(image, 2 * plotter.camera.parallel_scale, lengthUnit, look) if look.scaleBar else image
     finally:
         plotter.close()
 
 
-def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, float]:
-    """Return the middle and the radius of a sphere around all frames, and the largest curvature but for the outermost
-    hundredth.
+def _addBeads(plotter: Any, pyvista: Any, mesh: Mesh, middle: np.ndarray, direction: np.ndarray, look: Look) -> None:
+    """Draw the beads as spheres, but for those that are cut away."""
+    shown = mesh.beads[(mesh.beads - middle) @ direction <= 0] if look.cut else mesh.beads
+    if len(shown):
+        ball = pyvista.Sphere(radius=beadRadius(mesh), theta_resolution=16, phi_resolution=16)
+        spheres = pyvista.PolyData(shown).glyph(geom=ball, scale=False, orient=False)
+        gray = [float(BEAD_COLOR)] * 3
+        plotter.add_mesh(spheres, name="beads", color=gray, smooth_shading=True, reset_camera=False)
+
+
+def _withScaleBar(image: np.ndarray, height: float, lengthUnit: str, look: Look) -> np.ndarray:
+    """Return a picture of something so high, in nm, with a bar of a length."""
+    from matplotlib import font_manager
+    from PIL import Image, ImageDraw, ImageFont
+
+    perPixel, scale = height / image.shape[0], look.size[1] / 768
+    length = look.barLength(image.shape[1] * perPixel)
+    picture = Image.fromarray(image)
+    drawing, font = ImageDraw.Draw(picture), ImageFont.truetype(font_manager.findfont("DejaVu Sans"), 18 * scale)
+    x, y, black = 40 * scale, image.shape[0] - 40 * scale, (0, 0, 0, 255)[: image.shape[2]]
+    drawing.rectangle((x, y, x + length / perPixel, y + 6 * scale), fill=black)
+    label = f"{length:g} {unitText(lengthUnit)}"
+    drawing.text((x + length / perPixel / 2, y - 4 * scale), label, fill=black, font=font, anchor="mb")
+    return np.asarray(picture)
+
+
+def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, np.ndarray]:
+    """Return the middle and the radius of a sphere around all frames, and the curvatures that set the colors: those of
+    the frame that has the largest, but for the outermost hundredth.
     """
-    low, high, bound = np.full(3, np.inf), np.full(3, -np.inf), 1e-12
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    curvatures, bound = np.zeros(1), -1.0
     for i in range(len(frames)):
-        mesh = frames[i].mesh
-        low, high = np.minimum(low, mesh.vertices.min(axis=0)), np.maximum(high, mesh.vertices.max(axis=0))
-        bound = max(bound, np.quantile(np.abs(smoothMeanCurvature(mesh)), 0.99))
+        points = _pointsOf(frames[i].mesh)
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        found = smoothMeanCurvature(frames[i].mesh)
+        if (own := float(np.quantile(np.abs(found), 0.99))) > bound:
+            curvatures, bound = found, own
     middle = (low + high) / 2
-    return (
-        middle,
-        max(np.linalg.norm(frames[i].mesh.vertices - middle, axis=1).max() for i in range(len(frames))),
-        bound,
-    )
+    distances = (np.linalg.norm(_pointsOf(frames[i].mesh) - middle, axis=1).max() for i in range(len(frames)))
+    return middle, max(distances), curvatures
+
+
+def _pointsOf(mesh: Mesh) -> np.ndarray:
+    return np.concatenate((mesh.vertices, mesh.beads))
 
 
 def _direction(elevation: float, azimuth: float) -> np.ndarray:
@@ -180,20 +220,24 @@ def _direction(elevation: float, azimuth: float) -> np.ndarray:
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray) -> None:
+def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray, look: Look) -> None:
     """Let the camera see a sphere, above the scale of colors."""
-    plotter.camera.focal_point, plotter.camera.position = middle, middle + 4.7 * radius * direction
-    plotter.camera.SetWindowCenter(0, -0.14)
-    plotter.camera.up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)
-    plotter.camera.view_angle = 30
-    plotter.camera.clipping_range = (3.5 * radius, 6 * radius)
+    camera = plotter.camera
+    camera.focal_point, camera.position = middle, middle + DISTANCE * radius * direction
+    camera.SetWindowCenter(0, -0.14)
+    camera.up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)
+    camera.view_angle = min(VIEW_ANGLE / look.zoom, 170)
+    if look.scaleBar:
+        plotter.enable_parallel_projection()
+        camera.parallel_scale = DISTANCE * radius * np.tan(np.radians(VIEW_ANGLE / 2)) / look.zoom
+    camera.clipping_range = (3.5 * radius, 6 * radius)
 
 
-def _save(image: np.ndarray, file: PathLike) -> None:
+def _save(image: np.ndarray, file: PathLike, dpi: float) -> None:
     from PIL import Image
 
     with replacing(file) as part:
-        Image.fromarray(image).save(part)
+        Image.fromarray(image).save(part, dpi=(dpi, dpi))
 
 
 def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
@@ -211,7 +255,7 @@ def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: flo
     require("imageio_ffmpeg", "writing MP4 films")
     with (
         replacing(file) as part,
-        imageio.get_writer(str(part), fps=framesPerSecond, macro_block_size=16, quality=8) as film,
+        imageio.get_writer(str(part), fps=framesPerSecond, macro_block_size=2, quality=8) as film,
     ):
         for image in images:
             film.append_data(image)

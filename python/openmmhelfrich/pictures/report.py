@@ -30,10 +30,13 @@ from ..sampling.observables import (
     observablesIn,
     observableUnits,
     readObservables,
+    shownValues,
 )
 from ..tables import Table, headOf
 from ..version import __version__
 from .curvature import shownSurface, simplification
+from .look import BEAD_COLOR, colorScale, unitText
+from .plots import beadRadius
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
 MAX_FRAMES = 101  # the start and a hundred more
@@ -183,17 +186,26 @@ def _shape(
         else [len(frames) - 1]
     )
     shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
+    beads = [frames[i].mesh.beads for i in chosen]
     return {
-        "lengthUnit": _forPlotly(lengthUnit),
+        "lengthUnit": _forPlotly(unitText(lengthUnit)),
+        "colors": colorScale(),
+        "beadColor": [round(255 * float(BEAD_COLOR))] * 3,
         "index": chosen,
         "wide": indexType == "u4",
-        **_encode(shown, indexType),
+        **_encode(shown, beads, indexType),
+        "beadSize": 2 * beadRadius(last.mesh),
     }
 
 
-def _encode(shown: list[tuple[int, Mesh, NDArray[np.float64]]], indexType: str) -> dict[str, Any]:
+def _encode(
+    shown: list[tuple[int, Mesh, NDArray[np.float64]]], beads: list[NDArray[np.float64]], indexType: str
+) -> dict[str, Any]:
     """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
-    low, high = (limit([limit(mesh.vertices, axis=0) for _, mesh, _ in shown], axis=0) for limit in (np.min, np.max))
+    low, high = (
+        limit([limit(np.concatenate((mesh.vertices, own)), axis=0) for (_, mesh, _), own in zip(shown, beads)], axis=0)
+        for limit in (np.min, np.max)
+    )
     size, low = max(high - low), (low + high - max(high - low)) / 2  # a cube around all
     bound = max(*(np.quantile(np.abs(curvature), 0.99) for *_, curvature in shown), 1e-12)
     frames = [
@@ -202,8 +214,9 @@ def _encode(shown: list[tuple[int, Mesh, NDArray[np.float64]]], indexType: str) 
             "positions": _base64((mesh.vertices - low).T / size * 65535, "u2"),
             "triangles": _base64(mesh.triangles.T, indexType),
             "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
+            "beads": _base64((own - low).T / size * 65535, "u2"),
         }
-        for step, mesh, curvature in shown
+        for (step, mesh, curvature), own in zip(shown, beads)
     ]
     return {"low": low.tolist(), "size": float(size), "bound": float(bound), "frames": frames}
 
@@ -225,8 +238,11 @@ def _panels(table: Table, units: dict[str, str]) -> dict[str, Any]:
     shown = [(panel, curves(panel, table)) for panel in PANELS]
     panels = [
         {
-            "title": _forPlotly(headOf(panel.title, units.get(observables[0].name, ""))),
-            "curves": [{"name": o.label or o.title, "values": _rounded(table[o.name][rows])} for o in observables],
+            "title": _forPlotly(headOf(panel.title, unitText(units.get(observables[0].name, "")))),
+            "curves": [
+                {"name": o.label or o.title, "values": _rounded(shownValues(panel, o, table)[rows])}
+                for o in observables
+            ],
         }
         for panel, observables in shown
         if observables
@@ -266,7 +282,7 @@ def _fact(observable: Observable, table: Table, late: Table, units: dict[str, st
     name = observable.name
     if observable.onPage == "last":
         return f"{table[name][-1]:.1%}"
-    return f"{late[name].mean():.5g} ± {late[name].std():.2g} {units.get(name, '')}"
+    return f"{late[name].mean():.5g} ± {late[name].std():.2g} {unitText(units.get(name, ''))}"
 
 
 def _judge(table: Table | None, mesh: Mesh | None, warnings: list[str]) -> Verdict:

@@ -138,7 +138,9 @@ def loadSimulation(
     with naming(file):
         system, integrator, state = _read(file, _simulationIn)
         force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
-        mesh = Mesh(state.getPositions(asNumpy=True), force.getTriangles())
+        positions, triangles = state.getPositions(asNumpy=True), force.getTriangles()
+        numVertices = int(triangles.max()) + 1
+        mesh = Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
         )

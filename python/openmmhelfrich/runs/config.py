@@ -24,6 +24,7 @@ from .sections import (
     RepulsionSection,
     SamplingSection,
     Section,
+    SystemSection,
     TetherSection,
 )
 from .stagesettings import STAGES, AnyStage, SampleStage
@@ -57,6 +58,7 @@ class Config(Section):
     membrane: MembraneSection = MembraneSection()
     tether: TetherSection = TetherSection()
     repulsion: RepulsionSection = RepulsionSection()
+    system: SystemSection = SystemSection()
     sampling: SamplingSection = SamplingSection()
     platform: PlatformSection = PlatformSection()
     output: OutputSection = OutputSection()
@@ -99,12 +101,40 @@ def readConfig(file: PathLike) -> Config:
         allowed
     """
     path = Path(file)
-    config = parseConfig(readTOML(path), str(path))
-    if config.mesh.file is not None:
-        config.mesh.file = str(path.parent / config.mesh.file)
+    config = parseConfig(anchored(readTOML(path), path.parent), str(path))
     if config.output.prefix is None:
         config.output.prefix = path.stem
     return config
+
+
+def asConfig(config: Config | dict[str, Any] | PathLike, hasMesh: bool = False) -> Config:
+    """Return a Config as it is, or that of a nested dict, or of a file.
+
+    With `hasMesh`, a dict may leave out [mesh]: a mesh from elsewhere takes its place.
+    """
+    if isinstance(config, Config):
+        return config
+    if isinstance(config, dict):
+        return parseConfig({"mesh": {"file": "mesh"}, **config} if hasMesh else config)
+    return readConfig(config)
+
+
+def anchored(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the nested dict of a configuration whose files, relative to a folder, can be found from the working
+    folder.
+    """
+    result = dict(data)
+    for section, key in (("mesh", "file"), ("system", "forces")):
+        values = result.get(section)
+        if isinstance(values, dict) and key in values:
+            files = values[key]
+            found = [str(folder / name) if name and isinstance(name, str) else name for name in _listed(files)]
+            result[section] = {**values, key: found if isinstance(files, list) else found[0]}
+    return result
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def readTOML(file: PathLike) -> dict[str, Any]:
@@ -148,7 +178,8 @@ def namingSource(config: Config) -> Iterator[None]:
 def asDict(config: Config, onlyGiven: bool = False) -> dict[str, Any]:
     """Return the nested dict of a Config, which :func:`parseConfig` takes back, if asked for only of what was given."""
     exclude = {"sampling": {"steps"}} if config.stages else None  # stages have steps of their own
-    return config.model_dump(mode="json", exclude_none=True, exclude_unset=onlyGiven, exclude=exclude)
+    data = config.model_dump(mode="json", exclude_none=True, exclude_unset=onlyGiven, exclude=exclude)
+    return {name: values for name, values in data.items() if values != {} or name != "system"}
 
 
 def sections() -> dict[str, type[Section]]:

@@ -29,7 +29,7 @@ from pydantic_core import ErrorDetails
 from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
-from .config import Config, nearest, parseConfig, readTOML, requirement
+from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
 from .room import diskSize, requireMemory
 from .scene import Scene, loadMesh
 from .sections import Section
@@ -212,12 +212,8 @@ def _explain(mistake: ErrorDetails) -> str:
 
 
 def _readBase(file: Path) -> dict[str, Any]:
-    """Return the nested dict of a configuration whose mesh can be found from any folder."""
-    data = readTOML(file)
-    mesh = data.get("mesh")
-    if isinstance(mesh, dict) and isinstance(mesh.get("file"), str):
-        mesh["file"] = str((file.parent / mesh["file"]).resolve())
-    return data
+    """Return the nested dict of a configuration whose files can be found from any folder."""
+    return anchored(readTOML(file), file.parent.resolve())
 
 
 def _places(grid: Grid) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
@@ -260,6 +256,8 @@ def _createPoint(
             config.sampling.seed = seedOf(config.sampling.seed, name)
         if config.mesh.file is not None:
             config.mesh.file = str((path.parent / config.mesh.file).resolve())
+        if config.system.forces is not None:
+            config.system.forces = [str((path.parent / name).resolve()) for name in config.system.forces]
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
         return GridPoint(name, parameters, config, _checkRun(config, meshes))

@@ -209,6 +209,7 @@ class Recorder:
                 frames > 0,
                 frames or None,
                 lengthUnit=scene.lengthUnit,
+                beads=range(len(scene.mesh.vertices), simulation.system.getNumParticles()),
             )
         simulation.reporters += self._reporters()
 

@@ -19,8 +19,10 @@ from ..helfrich import HelfrichForce
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
 from ..units import valueIn
+from .additions import additionsTo
 from .config import Config, parseConfig
 from .scene import Scene, currentMesh
+from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
 # folded: its trajectories are then accepted as the step size has it.
@@ -41,7 +43,7 @@ def obstacle(
     the mesh has already, so that nothing but the mesh decides; of the scene's step size, or another, in ps.
     """
     mesh = currentMesh(simulation, force)
-    if _isEven(scene, simulation, force, mesh) or _accepts(scene, mesh, stepSize or scene.stepSize):
+    if _isEven(scene, simulation, force, mesh) or _accepts(scene, simulation, mesh, stepSize or scene.stepSize):
         return None
     tether, lengths = scene.tether, mesh.edgeLengths
     return (
@@ -210,17 +212,17 @@ def _isEven(scene: Scene, simulation: app.Simulation, force: HelfrichForce, mesh
     )
 
 
-def _accepts(scene: Scene, mesh: Mesh, stepSize: float) -> bool:
+def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: float) -> bool:
     """Return whether trajectories are accepted from a mesh, at the targets that it has."""
     if scene.config.sampling.flip_probability == 1:
         return True
-    trial = Scene.of(_withOwnTargets(scene.config), mesh)
+    trial = Scene.of(_withOwnTargets(scene.config), mesh, additionsTo(simulation, len(mesh.vertices)))
     try:
-        simulation = trial.createSimulation(trial.createForce())
-        trajectories = trajectoriesOf(simulation.integrator)
+        steps = trial.createSimulation(trial.createForce())
+        trajectories = trajectoriesOf(steps.integrator)
         trajectories.setStepSize(stepSize)
         while trajectories.getNumAttempted() < _TRIED:
-            simulation.step(1)
+            steps.step(1)
             if trajectories.getNumAccepted() == _ACCEPTED:
                 return True
     except OpenMMException:  # where there is no finite energy
@@ -229,8 +231,11 @@ def _accepts(scene: Scene, mesh: Mesh, stepSize: float) -> bool:
 
 
 def _withOwnTargets(config: Config) -> Config:
-    """Return a copy of a Config without targets, so that those of the mesh take their place."""
+    """Return a copy of a Config without targets, so that those of the mesh take their place, and without what a System
+    has already.
+    """
     config = config.model_copy(deep=True)
+    config.system = SystemSection()
     for name in config.membrane.targetNames():
         setattr(config.membrane, name, None)
     return config

@@ -9,19 +9,21 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import openmm as mm
 from openmm import app
 
+from ..files import PathLike
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
+from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import GREATEST_FACTOR, withApproaches
-from .config import Config, asDict, namingSource, stagesOf, valueOf
+from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
@@ -41,7 +43,7 @@ class Tether(NamedTuple):
     lengthScale: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """A membrane and the conditions of a run, with a value for everything.
 
@@ -78,6 +80,8 @@ class Scene:
         where to compute
     platformProperties : dict of str
         the properties of that
+    setup : callable or None
+        what adds a user's own forces and beads: see :func:`openmmhelfrich.run`
     """
 
     config: Config
@@ -98,16 +102,43 @@ class Scene:
     stages: tuple[StageSettings, ...]
     platform: mm.Platform
     platformProperties: dict[str, str]
+    setup: Setup | None = None
+
+    def __repr__(self) -> str:
+        stages = ", ".join(stage.title for stage in self.stages)
+        return (
+            f"<Scene: {len(self.mesh.vertices)} vertices, {stages}, steps of {self.stepSize:.3g} ps, seed {self.seed}, "
+            f"{self.platform.getName()}>"
+        )
 
     @classmethod
-    def of(cls, config: Config, mesh: Mesh | None = None) -> "Scene":
-        """Create the Scene of a Config, with the mesh that it names or another.
+    def of(
+        cls, config: Config | dict[str, Any] | PathLike, mesh: Mesh | None = None, setup: Setup | None = None
+    ) -> "Scene":
+        """Create the Scene of a configuration, with the mesh that it names or another.
+
+        ::
+
+            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.9}}, mesh)
+            force = scene.createForce()
+            simulation = scene.createSimulation(force)
+            simulation.step(1000)
+
+        Parameters
+        ----------
+        config : Config, dict or path
+            a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
+        mesh : Mesh, optional
+            the membrane; where it is given the configuration needs no [mesh]
+        setup : callable, optional
+            what adds forces and beads: see :func:`openmmhelfrich.run`
 
         Raises
         ------
         ValueError, OSError
             if the mesh cannot be simulated, or a value of the configuration does not go with it
         """
+        config = asConfig(config, hasMesh=mesh is not None)
         mesh = loadMesh(config) if mesh is None else mesh
         with namingSource(config), _overflowsExplained(config):
             config = resolve(config, mesh)
@@ -138,6 +169,7 @@ class Scene:
             stages=tuple(config.stages),
             platform=platform,
             platformProperties=properties,
+            setup=setup,
         )
 
     def createForce(self) -> HelfrichForce:
@@ -181,13 +213,25 @@ class Scene:
         return integrator
 
     def createSimulation(self, force: HelfrichForce) -> app.Simulation:
-        """Create the Simulation of a force that :meth:`createForce` made, at the mesh's positions."""
+        """Create the Simulation of a force that :meth:`createForce` made, at the mesh's positions, with what is beside
+        the membrane.
+        """
+        system, mesh = self.createSystem(force)
+        integrator, topology = self.createIntegrator(), mesh.topology()
+        simulation = app.Simulation(topology, system, integrator, self.platform, self.platformProperties)
+        simulation.context.setPositions(np.concatenate((mesh.vertices, mesh.beads)))
+        return simulation
+
+    def createSystem(self, force: HelfrichForce) -> tuple[mm.System, Mesh]:
+        """Create the System of a force that :meth:`createForce` made, with what is beside the membrane; return it and
+        the mesh with its beads.
+        """
         system = self.mesh.createSystem(self.config.sampling.mass)
         system.addForce(force)
-        integrator, topology = self.createIntegrator(), self.mesh.topology()
-        simulation = app.Simulation(topology, system, integrator, self.platform, self.platformProperties)
-        simulation.context.setPositions(self.mesh.vertices)
-        return simulation
+        addSection(system, self.config.system)
+        positions = None if self.setup is None else self.setup(system, self)
+        beads = beadPositions(positions, system.getNumParticles() - len(self.mesh.vertices))
+        return system, Mesh(self.mesh.vertices, self.mesh.triangles, beads=beads)
 
     def _createShearWaves(self) -> ShearWaveIntegrator:
         """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area, of
@@ -225,9 +269,11 @@ def loadMesh(config: Config) -> Mesh:
 
 
 def currentMesh(simulation: app.Simulation, force: HelfrichForce) -> Mesh:
-    """Return a Mesh of the present positions and live triangles."""
+    """Return a Mesh of the present positions and live triangles, and of the beads, which follow the vertices."""
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
-    return Mesh(positions, force.getTrianglesInContext(simulation.context))
+    triangles = force.getTrianglesInContext(simulation.context)
+    numVertices = int(triangles.max()) + 1
+    return Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
 
 
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
@@ -398,6 +444,9 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     output.observables_interval = int(min(output.observables_interval, steps, longest))
     if config.mesh.file is not None:
         config.mesh.file = str(Path(config.mesh.file).resolve())
+    system = config.system
+    system.fixed, system.fixed_box = fixedVertices(system, mesh) or None, None
+    system.forces = system.forces and [str(Path(file).resolve()) for file in system.forces]
     return config
 
 

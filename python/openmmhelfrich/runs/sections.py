@@ -106,6 +106,14 @@ ReducedVolume: TypeAlias = Annotated[Any, _perSurface(above=0, most=1)]
 TargetAreaDifference: TypeAlias = Annotated[Any, _perSurface("area")]
 
 
+# The least or the greatest coordinates of a box, and names of files: one, or a list.
+Corner: TypeAlias = Annotated[list[Length], Field(min_length=3, max_length=3)]
+ForceFiles: TypeAlias = Annotated[
+    list[Annotated[str, Field(min_length=1)]] | None,
+    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+]
+
+
 class Section(BaseModel):
     """A table of the file.
 
@@ -396,6 +404,35 @@ class SamplingSection(Section):
                 f"flip_probability is {self.flip_probability:g} and shear_wave_probability "
                 f"{self.shear_wave_probability:g}; they must not add up to more than 1"
             )
+        return self
+
+
+class SystemSection(Section):
+    """What there is beside the membrane: OpenMM's own forces, and vertices that stay where they are."""
+
+    forces: ForceFiles = Field(
+        None,
+        description="file of OpenMM's XML of a Force, or of a System whose forces are taken, relative to the "
+        "configuration's folder; a list for several.  Beads take a script: mh.run(config, setup=...)",
+    )
+    fixed: list[Annotated[int, Field(ge=0)]] | None = Field(
+        None,
+        description="indices, from 0, of vertices that stay where they are; their edges flip like all others",
+    )
+    fixed_box: list[Corner] | None = Field(
+        None,
+        min_length=2,
+        max_length=2,
+        description="instead: [[x, y, z], [x, y, z]], the least and the greatest coordinates of a box; the vertices "
+        "that are in it at the start stay where they are",
+    )
+
+    @model_validator(mode="after")
+    def _oneChoice(self) -> "SystemSection":
+        if self.fixed is not None and self.fixed_box is not None:
+            raise ValueError("fixed and fixed_box are both given; give one of them")
+        if self.fixed_box is not None and any(low > high for low, high in zip(*self.fixed_box)):
+            raise ValueError(f"fixed_box is {self.fixed_box}; the least coordinates must come first")
         return self
 
 

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 import openmm as mm
-from openmm import app
+from openmm import app, unit
 
 from ..analysis.description import classifyShape
 from ..analysis.verdict import FAILED, Verdict, verdictOfStages
@@ -28,10 +28,12 @@ from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObse
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
+from .additions import Setup, describe, requireSame
 from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
-from .config import Config, asDict, parseConfig, readConfig
+from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
+from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, currentMesh, platformOf
@@ -39,15 +41,35 @@ from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
 
-def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"], None] | None = None) -> Summary:
+def run(
+    config: Config | dict[str, Any] | PathLike,
+    progress: Callable[["Study"], None] | bool | None = None,
+    setup: Setup | None = None,
+) -> Summary:
     """Do everything that a configuration asks for and return a Summary.
 
     Parameters
     ----------
     config : Config, dict or path
         what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
-    progress : callable, optional
-        called after each step with the :class:`Study`
+    progress : callable or True, optional
+        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
+    setup : callable, optional
+        called with the System and the :class:`Scene` before the Context is made. It may add forces and give vertices
+        other masses, of which 0 holds a vertex where it is. It may add particles, beads, and then returns their
+        positions: an array of shape (B, 3), in nm, or a Quantity. The vertices are particles 0 to N-1, the beads those
+        that follow. All of it takes part in every stage, and is in the checkpoint
+
+    ::
+
+        def setup(system, scene):
+            bead = system.addParticle(10.0)
+            bond = mm.HarmonicBondForce()
+            bond.addBond(0, bead, 0.5, 100.0)
+            system.addForce(bond)
+            return scene.mesh.vertices[:1] * 1.5
+
+        mh.run("vesicle.toml", setup=setup)
 
     SIGINT and SIGTERM end the run early, after a checkpoint; its results are complete up to there.
 
@@ -59,7 +81,7 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
         whole then
     """
     config = _asConfig(config)
-    scene = Scene.of(config)
+    scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
@@ -67,7 +89,8 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
-    study.notes += [*scene.mesh.notes, *coarseness(scene, targets)]
+    additions = describe(study.simulation.system, len(scene.mesh.vertices))
+    study.notes += [*scene.mesh.notes, *additions, *coarseness(scene, targets)]
     study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):
@@ -75,15 +98,17 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
         study.save()  # with all files empty: whatever happens from now on, the run can go on
         for path in old:
             path.unlink(missing_ok=True)
-        return study.finish(progress)
+        with following(progress, RunProgress) as shown:
+            return study.finish(shown)
 
 
 def resume(
     prefix: PathLike,
     steps: int | None = None,
-    progress: Callable[["Study"], None] | None = None,
+    progress: Callable[["Study"], None] | bool | None = None,
     platform: str | None = None,
     threads: int | None = None,
+    setup: Setup | None = None,
 ) -> Summary:
     """Go on with a run that was stopped or killed, or make more steps, and return a Summary.
 
@@ -96,12 +121,15 @@ def resume(
         the first part of the names of the run's files, one of them, or the folder that has them alone
     steps : int, optional
         more Monte Carlo steps than were asked for, by the last stage if it samples and otherwise by a new one that does
-    progress : callable, optional
-        called after each step with the :class:`Study`
+    progress : callable or True, optional
+        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
     platform : str, optional
         another platform than before.  The results are the same but for rounding errors
     threads : int, optional
         another number of threads than before.  Results do not depend on it
+    setup : callable, optional
+        that of :func:`run`. A checkpoint holds what it made, so that none is needed; one that is given must make as
+        many particles and the same forces
 
     Raises
     ------
@@ -131,12 +159,15 @@ def resume(
             raise CompleteError(prefix, state)
         _changePlatform(config, state, platform, threads)
         simulation, force = loadSimulation(file, *platformOf(config))
-        scene = Scene.of(config, currentMesh(simulation, force))
+        scene = Scene.of(config, currentMesh(simulation, force), setup)
+        if setup is not None:
+            requireSame(simulation.system, scene.createSystem(scene.createForce())[0], prefix)
         study = Study(scene, outputs, simulation, force, state)
         study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
         requireRoom(scene, outputs, state.step)
         requireMatplotlib()
-        return study.finish(progress)
+        with following(progress, RunProgress) as shown:
+            return study.finish(shown)
 
 
 class CompleteError(ValueError):
@@ -208,7 +239,7 @@ class Study:
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
             if self.outputs.topology is not None:
-                writePSF(self.outputs.topology, self.simulation.topology, self.config.sampling.mass)
+                writePSF(self.outputs.topology, self.simulation.topology, self._masses())
             self._writeSettings()
             with (
                 StopSignals() as stop,
@@ -356,6 +387,13 @@ class Study:
         if isDue or time.monotonic() >= seconds + output.checkpoint_seconds:
             self.save()
 
+    def _masses(self) -> list[float]:
+        """Return the masses of vertices, which are as they would be if they moved, and of beads, in Da."""
+        system, numVertices = self.simulation.system, len(self.scene.mesh.vertices)
+        beads = range(numVertices, system.getNumParticles())
+        own = [system.getParticleMass(i).value_in_unit(unit.dalton) for i in beads]
+        return [self.config.sampling.mass] * numVertices + own
+
     def _place(self) -> Place:
         """Return where the run is, for the table."""
         return Place(self.index + 1, *self.stage.window())
@@ -473,16 +511,10 @@ class StopSignals:
 
 
 def _asConfig(config: Config | dict[str, Any] | PathLike) -> Config:
-    if isinstance(config, Config):
-        return config
-    if isinstance(config, dict):
-        config = parseConfig(config)
-        if config.output.prefix is None:
-            raise ValueError(
-                "[output] prefix is missing; a configuration that is not a file has no name to take it from"
-            )
-        return config
-    return readConfig(config)
+    result = asConfig(config)
+    if isinstance(config, dict) and result.output.prefix is None:
+        raise ValueError("[output] prefix is missing; a configuration that is not a file has no name to take it from")
+    return result
 
 
 def _addSteps(config: Config, steps: int) -> None:

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ..analysis.verdict import Verdict
+from ..display import htmlTable, lineText
+from ..pictures.plots import Picture, observablesPicture
 from ..sampling.averages import lateRows
 from ..sampling.observables import Observable, observablesIn
 from ..tables import Table
@@ -14,7 +16,7 @@ from .config import Config
 from .outputs import Outputs
 
 
-@dataclass
+@dataclass(repr=False)
 class Summary:
     """What a run did.
 
@@ -66,6 +68,22 @@ class Summary:
     verdict: Verdict | None
     interrupted: bool
     signal: int | None
+
+    def __repr__(self) -> str:
+        energy, volume = self.mean("energy"), self.table.get("reducedVolume")
+        shape = "" if volume is None else f", reduced volume {self.mean('reducedVolume'):.4f}"
+        stopped = ", interrupted" if self.interrupted else ""
+        return f"<Summary: {self.numVertices} vertices, {self.steps} steps{stopped}, energy {energy:.5g} kT{shape}>"
+
+    def __str__(self) -> str:
+        return lineText(self.lines())
+
+    def _repr_html_(self) -> str:
+        return htmlTable(self.lines())
+
+    def plot(self) -> Picture:
+        """Return a Picture of the observables against steps, which a notebook shows."""
+        return observablesPicture(self.table, self.config.mesh.length_unit)
 
     def drift(self, name: str) -> float:
         """Return the largest relative deviation of "area", "volume" or "areaDifference", or of one of several surfaces'

@@ -10,6 +10,7 @@ import contextlib
 import csv
 import json
 import math
+import pickle
 import signal
 import time
 import uuid
@@ -22,6 +23,7 @@ import openmm as mm
 
 from ..analysis.description import classifyShape
 from ..analysis.verdict import FAILED, Verdict
+from ..display import briefly, htmlTable
 from ..files import PathLike, replacing
 from ..geometry.measures import reducedAreaDifference
 from ..geometry.mesh import Mesh
@@ -31,11 +33,13 @@ from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
 from ..sampling.observables import observablesIn, readObservables
 from ..tables import headOf
+from .additions import Setup
 from .checkpoint import loadRunState
 from .config import Config, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, readGrid, seedOf
 from .outputs import Outputs
+from .progress import SweepProgress, following
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
 from .summary import Summary
@@ -85,7 +89,7 @@ class PointStatus:
         self.reason = outcome.get("reason", "") or "; ".join(map(str, verdict.findings if verdict else ()))
 
 
-@dataclass
+@dataclass(repr=False)
 class SweepResult:
     """What came of a sweep.
 
@@ -107,14 +111,34 @@ class SweepResult:
         """Return the number of points of a status."""
         return sum(point.status == status for point in self.points)
 
+    def __repr__(self) -> str:
+        counts = [
+            f"{n} {status}" for status in dict.fromkeys(p.status for p in self.points) if (n := self.count(status))
+        ]
+        return f"<SweepResult: {len(self.points)} points, {', '.join(counts)}, {self.table}>"
+
+    def _repr_html_(self) -> str:
+        shown = ("shapeClass", "reducedVolume", "E_bending/8 pi kappa", "acceptance")
+        rows = [
+            [
+                state.point.name,
+                state.status,
+                *(briefly(state.observables.get(name, "")) for name in shown),
+                state.reason,
+            ]
+            for state in self.points
+        ]
+        return htmlTable(rows, ["point", "status", *shown, "reason"])
+
 
 def sweep(
     grid: PathLike,
     output: PathLike | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[list[PointStatus]], None] | None = None,
+    progress: Callable[[list[PointStatus]], None] | bool | None = None,
     retry: str | None = None,
+    setup: Setup | None = None,
 ) -> SweepResult:
     """Run what is left of a grid.
 
@@ -129,11 +153,15 @@ def sweep(
         on this machine
     workers : int, optional
         the number of processes of the latter, one for each core by default.  No result depends on it
-    progress : callable, optional
-        called with the points, several times a second
+    progress : callable or True, optional
+        called with the points, several times a second; True shows bars, in a terminal and in Jupyter
     retry : str, optional
         "failed" begins points anew whose verdict is failed, with the grid's present settings and other random numbers.
         Points that are done stay, also if they were begun with other settings
+    setup : callable, optional
+        of every point: see :func:`openmmhelfrich.run`. It goes to other processes, so that what it refers to must be
+        what pickle or cloudpickle take: no Context, no open file. A sweep that is to go on takes the same setup, for
+        the points that have not begun
 
     SIGINT and SIGTERM end the sweep early, after a checkpoint of every point.
 
@@ -143,6 +171,7 @@ def sweep(
         if the grid will not do, a point has been begun with other settings, or the scheduler cannot be reached; no
         point has been touched then
     """
+    _requirePickled(setup)
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
     if retry not in (None, FAILED):
@@ -166,14 +195,14 @@ def sweep(
         _beginAnew(state)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
-            with _client(scheduler, workers) as client:
-                _Dispatcher(client, result, stop, progress or (lambda points: None)).run()
+            with _client(scheduler, workers) as client, following(progress, SweepProgress) as shown:
+                _Dispatcher(client, result, stop, shown or (lambda points: None), setup).run()
         result.signal = stop.signal
     _writeTable(result)
     return result
 
 
-def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
+def runPoint(config: Config, name: str, sweepName: str, setup: Setup | None = None) -> dict[str, Any]:
     """Do what is left of a point, on a worker, and return a dict of its status, "done", "failed", "stopped" or "busy",
     and of what there is to say.
     """
@@ -184,7 +213,7 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         with locked(Outputs.of(config).prefix, SECONDS_FOR_A_LOCK), isToStop:
             result = _finished(config)
             if result is None:
-                if _isStopped(_goOn(config, _Messenger(name, sweepName))):
+                if _isStopped(_goOn(config, _Messenger(name, sweepName), setup)):
                     return {"status": "stopped"}
                 result = _writeResult(config)
             return result
@@ -194,6 +223,18 @@ def runPoint(config: Config, name: str, sweepName: str) -> dict[str, Any]:
         return {"status": "failed", "reason": str(error)}
     except Exception as error:  # whatever goes wrong in a point is its own affair
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+
+
+def _requirePickled(setup: Setup | None) -> None:
+    """Raise a ValueError if a setup cannot go to other processes."""
+    if setup is None:
+        return
+    try:
+        require("cloudpickle", "a sweep", "sweep").dumps(setup)
+    except (TypeError, pickle.PicklingError, AttributeError) as error:
+        raise ValueError(
+            f"the setup cannot go to the processes of the sweep: {error}; make in it what it refers to"
+        ) from None
 
 
 def _place(point: GridPoint, folder: Path) -> None:
@@ -284,12 +325,12 @@ def _resultFile(config: Config) -> Path:
     return _folder(config) / "result.json"
 
 
-def _goOn(config: Config, progress: Callable[[Study], None]) -> Summary | None:
+def _goOn(config: Config, progress: Callable[[Study], None], setup: Setup | None) -> Summary | None:
     """Begin a run, or go on with it, and return its Summary; None if it has come to its end already."""
     outputs = Outputs.of(config)
     if not outputs.checkpoint.exists():
         _writeSettings(config)
-        return run(config, progress)
+        return run(config, progress, setup)
     if outputs.match(loadRunState(outputs.checkpoint).record):
         return None
     return resume(config.output.prefix or "", progress=progress, threads=config.platform.threads)
@@ -451,9 +492,14 @@ class _Dispatcher:
     """Hands points to workers, as many as there are threads for, until none is left."""
 
     def __init__(
-        self, client: Any, result: SweepResult, stop: StopSignals, progress: Callable[[list[PointStatus]], None]
+        self,
+        client: Any,
+        result: SweepResult,
+        stop: StopSignals,
+        progress: Callable[[list[PointStatus]], None],
+        setup: Setup | None,
     ) -> None:
-        self._client, self._result, self._stop, self._progress = client, result, stop, progress
+        self._client, self._result, self._stop, self._progress, self._setup = client, result, stop, progress, setup
         self._name = f"openmm-helfrich-sweep-{uuid.uuid4().hex}"
         self._states = {state.point.name: state for state in result.points}
         self._waiting = [state.point for state in result.points if state.status == "waiting"]
@@ -475,7 +521,13 @@ class _Dispatcher:
         free = max(0, sum(self._client.nthreads().values()) - len(self._running))
         for point in self._waiting[:free]:
             future = self._client.submit(
-                runPoint, point.config, point.name, self._name, key=f"{point.name}-{uuid.uuid4().hex}", pure=False
+                runPoint,
+                point.config,
+                point.name,
+                self._name,
+                self._setup,
+                key=f"{point.name}-{uuid.uuid4().hex}",
+                pure=False,
             )
             self._running[future] = point
         del self._waiting[:free]

@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from openmm import app, unit
 
+from ..display import Brief
 from ..helfrich import HamiltonianTrajectoryIntegrator, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
@@ -326,8 +327,8 @@ Adapter: TypeAlias = StepSizeAdapter | StepSizeTracker  # the others are derived
 _OTHER_ADAPTERS = (AmplitudeAdapter,)
 
 
-@dataclass(frozen=True, eq=False)
-class AdaptationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class AdaptationResult(Brief):
     """What a burn-in found.
 
     Attributes

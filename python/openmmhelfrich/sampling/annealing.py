@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from openmm import app
 
+from ..display import Brief
 from ..optional import dataFrame
 from .adaptation import Adaptation, StepSizeTracker
 from .schedules import createSchedule
 
 
-@dataclass(frozen=True, eq=False)
-class AnnealingResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class AnnealingResult(Brief):
     """What happened at each Monte Carlo step.
 
     Attributes

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
+from ..display import Brief, drawing
 from ..helfrich import HelfrichForce
 from ..tables import Table
 from .averages import averageWindows
@@ -109,8 +110,8 @@ class ContinuationPath:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class ContinuationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContinuationResult(Brief):
     """What was seen along a path.
 
     Attributes
@@ -128,6 +129,10 @@ class ContinuationResult:
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each window."""
         return self.windows.toDataFrame()
+
+    def plot(self, lengthUnit: str = "nm", energyUnit: str = "kJ/mol") -> Any:
+        """Return a Picture of the averages against lambda, the ways there and back apart, which a notebook shows."""
+        return drawing().pathPicture(self.windows, lengthUnit, energyUnit)
 
 
 def continueTo(

@@ -10,6 +10,7 @@ import numpy as np
 import openmm as mm
 from openmm import app, unit
 
+from ..display import Brief
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
@@ -25,8 +26,8 @@ _TETHER_SHARE = 1e-3
 _MARGIN, _FIRMNESS = 0.1, 1e3
 
 
-@dataclass(frozen=True, eq=False)
-class MinimizationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class MinimizationResult(Brief):
     """What a minimization came to.
 
     Attributes

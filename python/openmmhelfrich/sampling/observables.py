@@ -69,6 +69,14 @@ class Moment:
         return {name: valueIn(energy, unit.kilojoules_per_mole) * self._energyScale for name, energy in terms.items()}
 
     @cached_property
+    def otherEnergy(self) -> float | None:
+        """The energy of the System's forces beside the membrane's, in the unit of energy; None if there are none."""
+        if self.context.getSystem().getNumForces() == 1:
+            return None
+        total = self.context.getState(energy=True).getPotentialEnergy()
+        return valueIn(total, unit.kilojoules_per_mole) * self._energyScale - sum(self.energies.values())
+
+    @cached_property
     def geometry(self) -> Any:
         """The HelfrichGeometry."""
         return self.force.getGeometryInContext(self.context)
@@ -106,17 +114,17 @@ class Panel:
     ----------
     title : str
         what it shows
-    beside : str
-        the title of the panel over which plots draw this one, with an axis of its own
     range : tuple
         the least and the greatest value, if these are fixed
+    isRate : bool
+        whether what it shows is a rate since the beginning, which there is not where nothing was tried
     onlyChanges : bool
         whether it is left out where nothing changes
     """
 
     title: str
-    beside: str = ""
     range: tuple[float, float] | None = None
+    isRate: bool = False
     onlyChanges: bool = False
 
 
@@ -209,8 +217,8 @@ PANELS = (
     Panel("energy"),
     Panel("area"),
     Panel("volume"),
-    Panel("reduced volume", beside="volume"),
-    Panel("accepted so far", range=(0, 1)),
+    Panel("reduced volume"),
+    Panel("accepted so far", range=(0, 1), isRate=True),
     Panel("temperature", onlyChanges=True),
 )
 
@@ -325,6 +333,18 @@ OBSERVABLES = (
         inSweep="mean",
     ),
     *map(_term, HelfrichForce.getTermNames()),
+    Observable(
+        "E_other",
+        lambda m: m.otherEnergy,
+        "energy",
+        "energy of other forces",
+        "other forces",
+        isDefault=False,
+        panel="energy",
+        digits=".1f",
+        onPage="mean",
+        inSweep="mean",
+    ),
     _sum(
         "area",
         _area,
@@ -466,8 +486,29 @@ def curves(panel: Panel, table: Table) -> list[Observable]:
     found = [
         o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
     ]
+    if panel.isRate:
+        found = [o for o in found if not _isIdle(o, table)]
     isStill = panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found)
     return [] if isStill or all(map(isTarget, found)) else found
+
+
+def shownValues(panel: Panel, observable: Observable, table: Table) -> NDArray[np.float64]:
+    """Return the values of a curve of a panel: NaN for a rate until something has been accepted, unless nothing is."""
+    values = table[observable.name]
+    if not panel.isRate or not np.any(values > 0):
+        return values
+    return np.where(np.cumsum(values > 0) > 0, values, np.nan)
+
+
+def _isIdle(rate: Observable, table: Table) -> bool:
+    """Return whether nothing has been tried of which this is the rate: no flip was accepted or forbidden, or stages
+    only minimized, each of which counts as a step.
+    """
+    if np.any(table[rate.name] != 0):
+        return False
+    if rate.name == "flipAcceptance" and "flipsForbidden" in table:
+        return not np.any(table["flipsForbidden"])
+    return "stage" in table and table["step"][-1] <= table["stage"][-1]
 
 
 def isTarget(observable: Observable) -> bool:

@@ -3,7 +3,7 @@
 import csv
 import os
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,7 +12,7 @@ import openmm as mm
 from openmm import app, unit
 
 from ..files import PathLike
-from ..geometry.measures import localMeanCurvatures
+from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
@@ -121,8 +121,9 @@ class MeshReporter:
     """Writes a membrane's positions and live triangles to a VTKHDF file, which ParaView and pyvista play as a time
     series.
 
-    Each frame has the mean curvature ("MeanCurvature", in 1/nm) and the area ("Area", in nm^2) of each vertex, and the
-    step as its time. :func:`readMeshTrajectory` reads the frames back.
+    Each frame has the mean curvature of each vertex ("MeanCurvature", in 1/nm), that of its neighborhood
+    ("SmoothMeanCurvature", which pictures show), and its area ("Area", in nm^2), and the step as its time.
+    :func:`readMeshTrajectory` reads the frames back.
 
     The file is complete at any moment, whatever happens to the program: new frames wait in memory until they are
     written all at once, after a minute or so, at :meth:`flush` and at :meth:`close`, or else at the end of the program.
@@ -141,6 +142,7 @@ class MeshReporter:
         numFrames: int | None = None,
         precision: str = "double",
         lengthUnit: str = "nm",
+        beads: Sequence[int] = (),
     ):
         """Create a MeshReporter.
 
@@ -151,7 +153,7 @@ class MeshReporter:
         reportInterval : int
             the number of steps between frames
         force : HelfrichForce
-            the membrane; particles that belong to none of its triangles are left out
+            the membrane; other particles than its vertices are left out, unless they are `beads`
         append : bool
             add to an existing file instead of replacing it
         numFrames : int, optional
@@ -160,6 +162,8 @@ class MeshReporter:
             of the positions: "double", or "single" for files that are a third smaller
         lengthUnit : str
             the name of the unit of length, if 1 nm stands for another
+        beads : sequence of int
+            the indices of other particles to write beside the vertices, as cells of a point each
 
         Raises
         ------
@@ -174,9 +178,9 @@ class MeshReporter:
         if numFrames is not None and not append:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
-        self._vertices = np.unique(force.getTriangles())
-        if append and numFrames != 0 and Path(file).exists():
-            self._requireSameMembrane(file)
+        self._vertices, self._beads = np.unique(force.getTriangles()), np.asarray(beads, dtype=np.int64)
+        isLater = append and numFrames != 0 and Path(file).exists()
+        self._names = self._requireSameMembrane(file) if isLater else None
         self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
         # A script that ends without close() has its last frames too.
         self._end = weakref.finalize(self, self._writer.close)
@@ -194,14 +198,15 @@ class MeshReporter:
         curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
         # The vertices are numbered anew if other particles lie between them.
         triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
-        mesh = Mesh(positions[self._vertices], triangles)
-        self._writer.add(
-            MeshFrame(
-                simulation.currentStep,
-                mesh,
-                {"MeanCurvature": np.float32(localMeanCurvatures(curvatures, areas)), "Area": np.float32(areas)},
-            )
-        )
+        mesh = Mesh(positions[self._vertices], triangles, beads=positions[self._beads])
+        data = {
+            "MeanCurvature": localMeanCurvatures(curvatures, areas),
+            "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvatures, areas),
+            "Area": areas,
+        }
+        names = self._names or data  # those of a file of an earlier version stay
+        frame = {name: np.float32(data[name]) for name in names if name in data}
+        self._writer.add(MeshFrame(simulation.currentStep, mesh, frame))
 
     def getNumFrames(self) -> int:
         """Get the number of frames so far, in the file and waiting."""
@@ -221,11 +226,16 @@ class MeshReporter:
         finally:
             self._end.detach()
 
-    def _requireSameMembrane(self, file: PathLike) -> None:
+    def _requireSameMembrane(self, file: PathLike) -> list[str]:
+        """Raise a ValueError if a file is of another membrane; return the names of its data."""
         with readMeshTrajectory(file) as trajectory:
-            mesh = trajectory[0].mesh
-        if (len(mesh.vertices), len(mesh.triangles)) != (len(self._vertices), self._force.getNumTriangles()):
+            mesh, data = trajectory[0].mesh, trajectory[0].data
+        found = len(mesh.vertices), len(mesh.triangles), len(mesh.beads)
+        own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
+        if found != own:
+            what = " and {} beads" if found[2] != own[2] else ""
             raise ValueError(
-                f"{file} has frames of {len(mesh.vertices)} vertices and {len(mesh.triangles)} triangles; "
-                f"this membrane has {len(self._vertices)} and {self._force.getNumTriangles()}"
+                f"{file} has frames of {found[0]} vertices and {found[1]} triangles{what.format(found[2])}; "
+                f"this membrane has {own[0]} and {own[1]}{what.format(own[2])}"
             )
+        return list(data)

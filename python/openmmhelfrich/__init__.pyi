@@ -1,0 +1,129 @@
+"""Written by wrappers/stubs.py."""
+
+from . import (
+    analysis as analysis,
+    cli as cli,
+    geometry as geometry,
+    helfrich as helfrich,
+    io as io,
+    pictures as pictures,
+    runs as runs,
+    sampling as sampling,
+    tradeoff as tradeoff,
+)
+from .analysis import (
+    autocorrelationTime as autocorrelationTime,
+    classifyShape as classifyShape,
+    describeShape as describeShape,
+    describeTrajectory as describeTrajectory,
+    fluctuationSpectrum as fluctuationSpectrum,
+    meanAndError as meanAndError,
+    vertexDiffusion as vertexDiffusion,
+)
+from .analysis.reweighting import reweight as reweight
+from .geometry.axisymmetric import axisymmetricMinimum as axisymmetricMinimum
+from .geometry.measures import reducedVolume as reducedVolume
+from .geometry.mesh import Mesh as Mesh
+from .geometry.shapes import (
+    spheroid as spheroid,
+    spheroidAspectRatio as spheroidAspectRatio,
+    surfaceOfRevolution as surfaceOfRevolution,
+)
+from .helfrich import (
+    CustomTrajectoryIntegrator as CustomTrajectoryIntegrator,
+    EdgeFlipIntegrator as EdgeFlipIntegrator,
+    HamiltonianTrajectoryIntegrator as HamiltonianTrajectoryIntegrator,
+    HelfrichForce as HelfrichForce,
+    HybridMonteCarloIntegrator as HybridMonteCarloIntegrator,
+    MonteCarloIntegrator as MonteCarloIntegrator,
+    ShearWaveIntegrator as ShearWaveIntegrator,
+)
+from .io.locks import InUseError as InUseError
+from .io.psf import writePSF as writePSF
+from .io.vtkhdf import (
+    MeshFrame as MeshFrame,
+    meshFrame as meshFrame,
+    readMeshTrajectory as readMeshTrajectory,
+    writeMeshTrajectory as writeMeshTrajectory,
+)
+from .runs.grids import readGrid as readGrid
+from .runs.scene import Scene as Scene
+from .runs.studies import resume as resume, run as run
+from .runs.sweeps import sweep as sweep
+from .sampling.adaptation import (
+    AmplitudeAdapter as AmplitudeAdapter,
+    AmplitudeTracker as AmplitudeTracker,
+    StepSizeAdapter as StepSizeAdapter,
+    StepSizeTracker as StepSizeTracker,
+    adaptStepSize as adaptStepSize,
+)
+from .sampling.annealing import anneal as anneal
+from .sampling.continuation import ContinuationResult as ContinuationResult, continueTo as continueTo
+from .sampling.minimization import (
+    MinimizationResult as MinimizationResult,
+    minimize as minimize,
+    minimizeFluid as minimizeFluid,
+)
+from .sampling.observables import readObservables as readObservables
+from .sampling.replicaexchange import ReplicaExchange as ReplicaExchange, ThermodynamicState as ThermodynamicState
+from .sampling.reporters import MeshReporter as MeshReporter, ObservablesReporter as ObservablesReporter
+from .sampling.schedules import (
+    ExponentialSchedule as ExponentialSchedule,
+    TableSchedule as TableSchedule,
+    createSchedule as createSchedule,
+)
+from .version import __version__ as __version__
+
+__all__ = [
+    "AmplitudeAdapter",
+    "AmplitudeTracker",
+    "ContinuationResult",
+    "CustomTrajectoryIntegrator",
+    "EdgeFlipIntegrator",
+    "ExponentialSchedule",
+    "HamiltonianTrajectoryIntegrator",
+    "HelfrichForce",
+    "HybridMonteCarloIntegrator",
+    "InUseError",
+    "Mesh",
+    "MeshFrame",
+    "MeshReporter",
+    "MinimizationResult",
+    "MonteCarloIntegrator",
+    "ObservablesReporter",
+    "ReplicaExchange",
+    "Scene",
+    "ShearWaveIntegrator",
+    "StepSizeAdapter",
+    "StepSizeTracker",
+    "TableSchedule",
+    "ThermodynamicState",
+    "adaptStepSize",
+    "anneal",
+    "autocorrelationTime",
+    "axisymmetricMinimum",
+    "classifyShape",
+    "continueTo",
+    "createSchedule",
+    "describeShape",
+    "describeTrajectory",
+    "fluctuationSpectrum",
+    "meanAndError",
+    "meshFrame",
+    "minimize",
+    "minimizeFluid",
+    "readGrid",
+    "readMeshTrajectory",
+    "readObservables",
+    "reducedVolume",
+    "resume",
+    "reweight",
+    "run",
+    "spheroid",
+    "spheroidAspectRatio",
+    "surfaceOfRevolution",
+    "sweep",
+    "vertexDiffusion",
+    "writeMeshTrajectory",
+    "writePSF",
+]
