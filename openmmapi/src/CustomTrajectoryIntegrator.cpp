@@ -79,6 +79,7 @@ void CustomTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
 
 void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     requireFreeParticles(contextRef.getSystem(), NAME);
+    requireActingForces(contextRef, NAME);
     CustomIntegrator::initialize(contextRef);
     resetCounters();
 }
@@ -87,7 +88,9 @@ void CustomTrajectoryIntegrator::step(int steps) {
     if (context == NULL)
         throw OpenMMException("This Integrator is not bound to a context!");
     for (int i = 0; i < steps; i++) {
+        double start = context->getTime();
         makeTrajectory();
+        context->setTime(start + getStepsPerTrajectory() * getStepSize());
         numTrajectories++;
     }
 }
@@ -122,7 +125,6 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
     context->setVelocities(startV);
     context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     context->setStepCount(context->getStepCount() + 1);
-    context->setTime(context->getTime() + getStepSize());
 }
 
 void CustomTrajectoryIntegrator::createCheckpoint(ostream& stream) const {

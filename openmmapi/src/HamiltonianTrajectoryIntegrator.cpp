@@ -131,7 +131,7 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     else
         trajectory.restore(*context);
     context->systemChanged();
-    context->setTime(context->getTime() + getStepSize());
+    context->setTime(context->getTime() + numSteps * getStepSize());
 }
 
 int HamiltonianTrajectoryIntegrator::drawNumSteps() const {

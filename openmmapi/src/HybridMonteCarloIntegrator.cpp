@@ -197,6 +197,8 @@ void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     activeSeed = chooseSeed(randomNumberSeed);
     resetCounters();
     CompoundIntegrator::initialize(contextRef);
+    if (getFlipProbability() > 0)
+        getFlipIntegrator().requireLiveMembranes();
 }
 
 void HybridMonteCarloIntegrator::step(int steps) {

@@ -35,6 +35,7 @@ void MonteCarloIntegrator::setRandomNumberSeed(int seed) {
 void MonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     if (owner != NULL && &contextRef.getOwner() != owner)
         throw OpenMMException("This Integrator is already bound to a context");
+    requireActingForces(contextRef, name);
     context = &contextRef;
     owner = &contextRef.getOwner();
     activeSeed = chooseSeed(randomNumberSeed);
