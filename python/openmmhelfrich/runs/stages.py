@@ -32,7 +32,7 @@ from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, c
 from ..sampling.targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
 from ..tables import Table
 from .config import namingSource
-from .scene import Scene, requireComparable, requireTrajectories
+from .scene import Scene, requireComparable, requireComparableTarget, requireTrajectories
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -93,9 +93,11 @@ class Stage(ABC):
         """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
         end = endTargets(settings, start)
         for name, own in scene.ownMeasures.items():
-            requireComparable(f"the target {name}", end.get(name), own, f"the {name} of the mesh,")
-        if end and not any(scene.moduli[totalOf(name)] > 0 for name in end):
-            raise ValueError(f"it has a target for the {' and the '.join(end)}, whose modulus is 0; give it a modulus")
+            requireComparableTarget(f"the target {name}", name, end.get(name), own)
+        for name in end:
+            setsVolume = totalOf(name) == "area" and settings.reduced_volume is not None
+            if scene.moduli[totalOf(name)] == 0 and not setsVolume:
+                raise ValueError(f"it has a target for the {name}, whose modulus is 0; give it a modulus")
         return start | end
 
     @classmethod

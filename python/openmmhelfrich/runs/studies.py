@@ -34,7 +34,7 @@ from .configfile import writeSettings
 from .outputs import Outputs, Recorder
 from .readiness import requireReady
 from .room import requireRoom
-from .scene import Scene, currentMesh, platformOf
+from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
@@ -61,13 +61,14 @@ def run(config: Config | dict[str, Any] | PathLike, progress: Callable[["Study"]
     config = _asConfig(config)
     scene = Scene.of(config)
     outputs = Outputs.of(scene.config)
+    requireEffectiveTargets(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
-    study.notes += scene.mesh.notes
+    study.notes += [*scene.mesh.notes, *changedIntervals(config, scene)]
     study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):
