@@ -2,6 +2,7 @@
 #define OPENMM_CPUTHREADS_H_
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <memory>
@@ -17,7 +18,8 @@ namespace HelfrichPlugin {
  * The items of a loop are shared out evenly, so that a thread finds in its cache what it had in the loop before.  A
  * thread that has done its share helps the others.  Nobody waits for a thread that has no item under way: one that
  * other programs keep from its processor costs no more time than it would have saved.  Threads that wait look for
- * something to do for some ten microseconds, which is longer than most waits, and then sleep.
+ * something to do for some ten microseconds, which is longer than most waits, and then sleep.  A thread for
+ * which the first one had to sleep is left out for a while.
  */
 class CpuThreads {
 public:
@@ -63,10 +65,15 @@ private:
     class Waiting {
     public:
         /**
-         * Wait until a function returns true.
+         * Look for a while whether a function returns true.
          */
         template <class Function>
-        void until(const Function& isReached);
+        static bool look(const Function& isReached);
+        /**
+         * Sleep until a function returns true.
+         */
+        template <class Function>
+        void sleep(const Function& isReached);
         /**
          * Say that a sequentially consistent change was made.
          */
@@ -84,13 +91,22 @@ private:
         const void* function;
     };
     /**
-     * A thread, and its share of the loop: the items from the lower half of the number to its upper half.
+     * A share of the items of a loop: from the lower half of the number to its upper half.
+     */
+    struct alignas(64) Share {
+        std::atomic<uint64_t> items{0};
+    };
+    /**
+     * One of the threads.
      */
     struct alignas(64) Member {
-        std::atomic<uint64_t> share{0};
-        alignas(64) std::atomic<int> numBegun{0};
+        /// the number of loops that it was to take part in, and its share of the last one
+        std::atomic<int> numBegun{0}, share{0};
+        std::atomic<bool> hasItem{false};
         Waiting beginning;
         std::thread thread;
+        /// until when it is left out
+        std::chrono::steady_clock::time_point returns;
     };
     explicit CpuThreads(int numThreads);
     /**
@@ -102,14 +118,20 @@ private:
         (*static_cast<const Function*>(function))(item);
     }
     void run(int numThreads, int numItems, Task task);
-    void work(int index);
-    void serve(int index);
-    static int claim(Member& member);
+    void choose(int numThreads);
+    void waitForLate();
+    void work(Member& member);
+    void serve(Member& member);
+    static int claim(Share& share);
     const int numWanted;
     std::vector<std::unique_ptr<Member>> members;
+    std::vector<Share> shares;
+    /// those that take part in the present loop
+    std::vector<Member*> chosen;
+    bool isAnyoneLeftOut = false;
     std::atomic<bool> isEnding{false};
     Task task;
-    alignas(64) std::atomic<int> numSharing{0};
+    alignas(64) std::atomic<int> numShares{0};
     alignas(64) std::atomic<int> numLeft{0};
     Waiting end;
 };

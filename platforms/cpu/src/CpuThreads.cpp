@@ -13,6 +13,12 @@ using namespace std;
 static const int MAX_TRIES = 2000;
 
 /**
+ * A thread is left out for so many times the delay that it caused, of which no more than the longest counts.
+ */
+static const int TIMES_LEFT_OUT = 3;
+static const chrono::milliseconds LONGEST_DELAY(20);
+
+/**
  * How long it sleeps where nobody would wake it.
  */
 static const chrono::microseconds NAP(50);
@@ -38,12 +44,17 @@ void CpuThreads::wait(int& tries) {
 }
 
 template <class Function>
-void CpuThreads::Waiting::until(const Function& isReached) {
+bool CpuThreads::Waiting::look(const Function& isReached) {
     for (int tries = 0; tries < MAX_TRIES; tries++) {
         if (isReached())
-            return;
+            return true;
         rest();
     }
+    return false;
+}
+
+template <class Function>
+void CpuThreads::Waiting::sleep(const Function& isReached) {
     unique_lock<std::mutex> lock(mutex);
     numSleepers++;
     condition.wait(lock, isReached);
@@ -57,12 +68,12 @@ void CpuThreads::Waiting::changed() {
     condition.notify_all();
 }
 
-CpuThreads::CpuThreads(int numThreads) : numWanted(numThreads) {
+CpuThreads::CpuThreads(int numThreads) : numWanted(numThreads), shares(numThreads) {
     for (int i = 0; i < numThreads; i++)
         members.emplace_back(new Member);
     for (int i = 1; i < numThreads; i++)
         try {
-            members[i]->thread = thread(&CpuThreads::serve, this, i);
+            members[i]->thread = thread(&CpuThreads::serve, this, ref(*members[i]));
         }
         catch (const system_error&) {
             break; // others do its share
@@ -104,46 +115,82 @@ CpuThreads& CpuThreads::ofThisThread(int numThreads) {
 
 void CpuThreads::run(int numThreads, int numItems, Task task) {
     this->task = task;
-    numThreads = min(numThreads, numItems);
-    numSharing.store(numThreads, memory_order_relaxed);
+    choose(min(numThreads, numItems));
+    int count = chosen.size();
+    numShares.store(count, memory_order_relaxed);
     numLeft.store(numItems, memory_order_relaxed);
-    for (int i = 0; i < numThreads; i++) {
-        uint64_t begin = (int64_t) numItems * i / numThreads, end = (int64_t) numItems * (i + 1) / numThreads;
-        members[i]->share.store(end << 32 | begin, memory_order_release);
+    for (int i = 0; i < count; i++) {
+        uint64_t begin = (int64_t) numItems * i / count, end = (int64_t) numItems * (i + 1) / count;
+        chosen[i]->share.store(i, memory_order_relaxed);
+        shares[i].items.store(end << 32 | begin, memory_order_release);
     }
-    for (int i = 1; i < numThreads; i++) {
-        members[i]->numBegun++;
-        members[i]->beginning.changed();
+    for (int i = 1; i < count; i++) {
+        chosen[i]->numBegun++;
+        chosen[i]->beginning.changed();
     }
-    work(0);
-    end.until([&]() { return numLeft.load() == 0; });
+    work(*chosen[0]);
+    if (!Waiting::look([&]() { return numLeft.load() == 0; }))
+        waitForLate();
 }
 
-void CpuThreads::serve(int index) {
-    Member& member = *members[index];
+void CpuThreads::choose(int numThreads) {
+    auto now = isAnyoneLeftOut ? chrono::steady_clock::now() : chrono::steady_clock::time_point();
+    isAnyoneLeftOut = false;
+    chosen.clear();
+    for (auto& member : members) {
+        if (member->returns > now)
+            isAnyoneLeftOut = true;
+        else {
+            member->returns = {};
+            if ((int) chosen.size() < numThreads)
+                chosen.push_back(member.get());
+        }
+    }
+}
+
+void CpuThreads::waitForLate() {
+    vector<Member*> late;
+    for (Member* member : chosen)
+        if (member->hasItem.load(memory_order_relaxed))
+            late.push_back(member);
+    auto begin = chrono::steady_clock::now();
+    end.sleep([&]() { return numLeft.load() == 0; });
+    auto now = chrono::steady_clock::now();
+    for (Member* member : late)
+        member->returns = now + TIMES_LEFT_OUT * min<chrono::steady_clock::duration>(now - begin, LONGEST_DELAY);
+    isAnyoneLeftOut |= !late.empty();
+}
+
+void CpuThreads::serve(Member& member) {
     for (int numSeen = 0; !isEnding;) {
-        member.beginning.until([&]() { return member.numBegun.load() != numSeen; });
+        auto hasBegun = [&]() { return member.numBegun.load() != numSeen; };
+        if (!Waiting::look(hasBegun))
+            member.beginning.sleep(hasBegun);
         numSeen = member.numBegun;
-        work(index);
+        work(member);
     }
 }
 
-void CpuThreads::work(int index) {
+void CpuThreads::work(Member& member) {
     // An item that is claimed is one of the present loop, which goes on until it is done: only then is the task known.
 
-    int numDone = 0, count = numSharing.load(memory_order_relaxed);
-    for (int i = index; i < index + count; i++)
-        for (int item; (item = claim(*members[i % count])) >= 0; numDone++)
+    int numDone = 0, count = numShares.load(memory_order_relaxed), first = member.share.load(memory_order_relaxed);
+    for (int i = first; i < first + count; i++)
+        for (int item; (item = claim(shares[i % count])) >= 0; numDone++) {
+            if (numDone == 0)
+                member.hasItem.store(true, memory_order_relaxed);
             task.call(task.function, item);
-    if (numDone > 0 && numLeft.fetch_sub(numDone) == numDone && index > 0)
+        }
+    member.hasItem.store(false, memory_order_relaxed);
+    if (numDone > 0 && numLeft.fetch_sub(numDone) == numDone)
         end.changed();
 }
 
-int CpuThreads::claim(Member& member) {
-    uint64_t share = member.share.load(memory_order_acquire);
+int CpuThreads::claim(Share& share) {
+    uint64_t items = share.items.load(memory_order_acquire);
     do {
-        if ((uint32_t) share >= share >> 32)
+        if ((uint32_t) items >= items >> 32)
             return -1;
-    } while (!member.share.compare_exchange_weak(share, share + 1, memory_order_acquire));
-    return (uint32_t) share;
+    } while (!share.items.compare_exchange_weak(items, items + 1, memory_order_acquire));
+    return (uint32_t) items;
 }
