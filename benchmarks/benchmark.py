@@ -71,13 +71,14 @@ def createForce(mesh, repulsion=False, terms=TERMS):
 
 
 def createContext(mesh, force, integrator, platform, threads):
-    """Return a Context, of as many threads if the platform has them."""
+    """Return a Context, of as many threads if the platform has them, of OpenMM's choice with None."""
     import openmm as mm
 
     system = mesh.createSystem(mass=1.0)
     system.addForce(force)
     chosen = mm.Platform.getPlatformByName(platform)
-    context = mm.Context(system, integrator, chosen, {"Threads": str(threads)} if platform == "CPU" else {})
+    properties = {"Threads": str(threads)} if platform == "CPU" and threads is not None else {}
+    context = mm.Context(system, integrator, chosen, properties)
     context.setPositions(mesh.vertices)
     return context
 

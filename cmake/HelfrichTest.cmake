@@ -7,7 +7,4 @@ function(helfrich_add_test name)
     target_include_directories(${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests")
     target_link_libraries(${name} PRIVATE OpenMMHelfrich ${ARGN})
     add_test(NAME ${name} COMMAND ${name})
-    # Threads that spin while they wait would take the processors from those that work, where a test has more of them
-    # than there are processors.
-    set_tests_properties(${name} PROPERTIES ENVIRONMENT OMP_WAIT_POLICY=passive)
 endfunction()

@@ -6,9 +6,7 @@
 #           (10)
 #   thread  the C++ tests that use threads, or those named, under the sanitizer of data races
 #
-# Without an argument it runs all three.  This needs Clang with its run-time libraries and its OpenMP (Debian: clang
-# libclang-rt-dev libomp-dev).  That of GCC hides from the thread sanitizer how threads wait for each other, and so gets
-# false reports; Clang's tells it through the library Archer.
+# Without an argument it runs all three.  This needs Clang with its run-time libraries (Debian: clang libclang-rt-dev).
 set -euo pipefail
 root=$(realpath "$(dirname "${BASH_SOURCE[0]}")/..")
 if [ $# = 0 ]; then
@@ -18,7 +16,7 @@ fi
 part=$1
 shift
 fuzzers="FuzzCheckpoint FuzzPositions FuzzSerialization FuzzTriangles"
-tests="TestCpuEdgeFlipSweep TestHelfrichMesh TestHelfrichStencils TestCpuHelfrichForce"
+tests="TestCpuEdgeFlipSweep TestHelfrichMesh TestHelfrichStencils TestCpuHelfrichForce TestCpuThreads"
 case $part in
     memory)
         sanitizer=memory flags=address,undefined fuzzing=ON
@@ -36,15 +34,11 @@ mkdir -p "$build"
 # The libraries are those of this build, not installed ones without the sanitizer, which the environment may put first.
 unset LD_LIBRARY_PATH
 
-# OpenMM's own library comes from its wheel, without the sanitizer; the OpenMP runtime keeps what it knows of threads
-# until the end; and where an error ends a constructor of OpenMM's Context, what that had made is lost.
-printf '%s\n' leak:libomp leak:assertThrows > "$build/leaks.supp"
+# OpenMM's own library comes from its wheel, without the sanitizer; and where an error ends a constructor of OpenMM's
+# Context, what that had made is lost.
+echo leak:assertThrows > "$build/leaks.supp"
 export LSAN_OPTIONS="suppressions=$build/leaks.supp" UBSAN_OPTIONS="print_stacktrace=1"
 export TSAN_OPTIONS="ignore_noninstrumented_modules=1 halt_on_error=1 ${TSAN_OPTIONS:-}"
-if [ $part = thread ]; then
-    OMP_TOOL_LIBRARIES=$(realpath "$(clang++ -print-resource-dir)/../../libarcher.so")
-    export OMP_TOOL_LIBRARIES
-fi
 
 cmake -S "$root" -B "$build" -G Ninja --log-level=WARNING -DCMAKE_CXX_COMPILER=clang++ \
     -DHELFRICH_SANITIZER=$flags -DHELFRICH_FUZZERS=$fuzzing -DBUILD_TESTING=ON \

@@ -58,38 +58,36 @@ HELFRICH_LONG_CALL(*::getEnergyTermsInContext)
 HELFRICH_LONG_CALL(*::getGeometryInContext)
 HELFRICH_LONG_CALL(*::setTrianglesInContext)
 
-%define HELFRICH_UNIT(method, quantity)
+// What an argument is called says what dimension it has, and what is got by a method has that of an argument.
+%define HELFRICH_UNIT(method, argument)
 %pythonappend HelfrichPlugin::method %{
-        val = unit.Quantity(val, quantity)
+        val = unit.Quantity(val, _UNITS["argument"])
 %}
 %enddef
-HELFRICH_UNIT(HelfrichForce::getBendingModulus, unit.kilojoule_per_mole)
-HELFRICH_UNIT(HelfrichForce::getAreaModulus, unit.kilojoule_per_mole)
-HELFRICH_UNIT(HelfrichForce::getTargetArea, unit.nanometer**2)
-HELFRICH_UNIT(HelfrichForce::getVolumeModulus, unit.kilojoule_per_mole)
-HELFRICH_UNIT(HelfrichForce::getTargetVolume, unit.nanometer**3)
-HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, unit.kilojoule_per_mole)
-HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, unit.nanometer**2)
-HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, unit.nanometer)
-HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, unit.nanometer)
-HELFRICH_UNIT(HelfrichForce::getRepulsionLengthScale, unit.nanometer)
-HELFRICH_UNIT(HelfrichForce::getTension, unit.kilojoule_per_mole/unit.nanometer**2)
-HELFRICH_UNIT(HelfrichForce::getPressure, unit.kilojoule_per_mole/unit.nanometer**3)
-HELFRICH_UNIT(MonteCarloMove::getTemperature, unit.kelvin)
-HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, unit.kilojoule_per_mole)
-HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, unit.nanometer)
-HELFRICH_UNIT(ShearWaveIntegrator::getMinWaveNumber, unit.nanometer**-1)
-HELFRICH_UNIT(ShearWaveIntegrator::getMaxWaveNumber, unit.nanometer**-1)
-HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, unit.picosecond)
+HELFRICH_UNIT(HelfrichForce::getBendingModulus, modulus)
+HELFRICH_UNIT(HelfrichForce::getAreaModulus, modulus)
+HELFRICH_UNIT(HelfrichForce::getTargetArea, area)
+HELFRICH_UNIT(HelfrichForce::getVolumeModulus, modulus)
+HELFRICH_UNIT(HelfrichForce::getTargetVolume, volume)
+HELFRICH_UNIT(HelfrichForce::getAreaDifferenceModulus, modulus)
+HELFRICH_UNIT(HelfrichForce::getTargetAreaDifference, areaDifference)
+HELFRICH_UNIT(HelfrichForce::getLeafletSeparation, separation)
+HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, length)
+HELFRICH_UNIT(HelfrichForce::getRepulsionLengthScale, length)
+HELFRICH_UNIT(HelfrichForce::getTension, tension)
+HELFRICH_UNIT(HelfrichForce::getPressure, pressure)
+HELFRICH_UNIT(MonteCarloMove::getTemperature, temperature)
+HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, modulus)
+HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, amplitude)
+HELFRICH_UNIT(ShearWaveIntegrator::getMinWaveNumber, minWaveNumber)
+HELFRICH_UNIT(ShearWaveIntegrator::getMaxWaveNumber, maxWaveNumber)
+HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, stepSize)
 
 %pythonappend HelfrichPlugin::HelfrichForce::getTether %{
-        val[0] = unit.Quantity(val[0], unit.kilojoule_per_mole)
-        val[1] = unit.Quantity(val[1], unit.nanometer)
-        val[2] = unit.Quantity(val[2], unit.nanometer)
+        val[:3] = map(unit.Quantity, val[:3], (_UNITS[name] for name in ("modulus", "minLength", "maxLength")))
 %}
 %pythonappend HelfrichPlugin::HelfrichForce::getRepulsion %{
-        val[0] = unit.Quantity(val[0], unit.kilojoule_per_mole)
-        val[1] = unit.Quantity(val[1], unit.nanometer)
+        val[:2] = map(unit.Quantity, val[:2], (_UNITS[name] for name in ("modulus", "onset")))
 %}
 %pythonappend HelfrichPlugin::HelfrichForce::getEnergyTermsInContext %{
         val = {term: unit.Quantity(energy, unit.kilojoule_per_mole) for term, energy in val.items()}

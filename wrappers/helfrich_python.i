@@ -3,6 +3,8 @@
 %pythonbegin %{
 import copy
 import dataclasses
+import difflib
+import inspect
 import os
 
 import numpy
@@ -71,6 +73,68 @@ class HelfrichGeometry(HelfrichSurfaceGeometry):
 
         *sums, surfaces = numbers
         return cls(*withUnits(sums), tuple(HelfrichSurfaceGeometry(*withUnits(surface)) for surface in surfaces))
+
+
+# The units of arguments, by their names.  What is not here has no dimension.
+_UNITS = {
+    "modulus": unit.kilojoule_per_mole,
+    "area": unit.nanometer**2,
+    "volume": unit.nanometer**3,
+    "areaDifference": unit.nanometer**2,
+    "separation": unit.nanometer,
+    "length": unit.nanometer,
+    "minLength": unit.nanometer,
+    "maxLength": unit.nanometer,
+    "onset": unit.nanometer,
+    "tension": unit.kilojoule_per_mole / unit.nanometer**2,
+    "pressure": unit.kilojoule_per_mole / unit.nanometer**3,
+    "temperature": unit.kelvin,
+    "stepSize": unit.picosecond,
+    "size": unit.picosecond,
+    "amplitude": unit.nanometer,
+    "minWaveNumber": unit.nanometer**-1,
+    "maxWaveNumber": unit.nanometer**-1,
+}
+_DIMENSIONS = {
+    unit.kilojoule_per_mole: "an energy, in kJ/mol",
+    unit.nanometer: "a length, in nm",
+    unit.nanometer**2: "an area, in nm^2",
+    unit.nanometer**3: "a volume, in nm^3",
+    unit.nanometer**-1: "an inverse length, in 1/nm",
+    unit.kilojoule_per_mole / unit.nanometer**2: "an energy per area, in kJ/mol/nm^2",
+    unit.kilojoule_per_mole / unit.nanometer**3: "an energy per volume, in kJ/mol/nm^3",
+    unit.kelvin: "a temperature, in K",
+    unit.picosecond: "a time, in ps",
+}
+
+
+def _toNumber(caller, argument, value):
+    """Get an argument as a number in its unit."""
+    wanted = _UNITS.get(argument, unit.dimensionless)
+    isQuantity = unit.is_quantity(value)
+    if not isQuantity or value.unit.is_compatible(wanted):
+        number = value.value_in_unit(wanted) if isQuantity else value
+        if hasattr(number, '__float__') and numpy.ndim(number) == 0:
+            return float(number)
+    error, shown = (ValueError, value) if isQuantity else (TypeError, repr(value))
+    what = f", or a Quantity of {_DIMENSIONS[wanted]}" if argument in _UNITS else " without a unit"
+    raise error(f"{caller}: {argument} is {shown}; it must be a number{what}")
+
+
+def _bind(function, args, kwargs):
+    """Call a function with the arguments of HybridMonteCarloIntegrator(), of which a TypeError names those that are not
+    the function's.
+    """
+    known = {name.lower(): name for name in inspect.signature(function).parameters}
+    for name in kwargs:
+        if name not in known.values():
+            match = difflib.get_close_matches(name.replace('_', '').lower(), known, n=1)
+            hint = f"did you mean '{known[match[0]]}'?" if match else f"it has {', '.join(known.values())}"
+            raise TypeError(f"HybridMonteCarloIntegrator: there is no argument '{name}'; {hint}")
+    try:
+        return function(*args, **kwargs)
+    except TypeError as error:
+        raise TypeError(str(error).replace(function.__name__, 'HybridMonteCarloIntegrator')) from None
 
 
 def _cast(cls, object):
@@ -326,7 +390,8 @@ HELFRICH_MOVE(ShearWaveIntegrator)
             the integrator that flips edges; this object takes over its ownership
         """
         ownsIntegrators = ('trajectory' in kwargs or any(isinstance(arg, openmm.Integrator) for arg in args))
-        arguments = (_integratorArguments if ownsIntegrators else _trajectoryArguments)(*args, **kwargs)
+        function = _integratorArguments if ownsIntegrators else _trajectoryArguments
+        arguments = _bind(function, args, kwargs)
         _helfrich.HybridMonteCarloIntegrator_swiginit(self, _helfrich.new_HybridMonteCarloIntegrator(*arguments))
         if ownsIntegrators:
             for integrator in filter(None, arguments[:2]):

@@ -163,3 +163,60 @@ static PyObject* vectorToArray(const std::vector<double>& values) {
             geometry.integratedMeanCurvature, vectorToArray(geometry.vertexAreas),
             vectorToArray(geometry.vertexMeanCurvatures), surfaces);
 }
+
+// Numbers that come in: a Quantity must have the dimension of its argument, which follows from the argument's name.
+%fragment("HelfrichNumbers", "header") {
+/**
+ * Get what users call a method, or a class, by what the wrapper calls it: "Class_method", or "new_Class".
+ */
+static std::string describeCaller(std::string name) {
+    if (name.compare(0, 4, "new_") == 0)
+        return name.substr(4);
+    size_t end = name.find('_');
+    return end == std::string::npos ? name : name.replace(end, 1, ".");
+}
+
+/**
+ * Convert a number, or a Quantity of the dimension of an argument.  If that is not possible, a Python error is set.
+ */
+static bool objectToNumber(const char* caller, const char* argument, PyObject* object, double& number) {
+    if (PyFloat_Check(object) || PyLong_CheckExact(object)) {
+        number = PyFloat_AsDouble(object);
+        return !PyErr_Occurred();
+    }
+    PyObject* module = PyImport_ImportModule("openmmhelfrich.helfrich");
+    PyObject* result = (module == NULL ? NULL : PyObject_CallMethod(module, "_toNumber", "ssO",
+                                                                       describeCaller(caller).c_str(), argument, object));
+    if (result != NULL)
+        number = PyFloat_AsDouble(result);
+    Py_XDECREF(result);
+    Py_XDECREF(module);
+    return !PyErr_Occurred();
+}
+
+/**
+ * Report that an argument is no whole number that fits into an int.
+ */
+static void rejectInteger(const char* caller, const char* argument, PyObject* object) {
+    PyErr_Clear();
+    PyErr_Format(PyLong_Check(object) ? PyExc_ValueError : PyExc_TypeError,
+                 "%s: %s is %R; it must be a whole number, of less than 2147483648 in size",
+                 describeCaller(caller).c_str(), argument, object);
+}
+}
+%typemap(in, fragment="HelfrichNumbers") double {
+    if (!objectToNumber("$symname", "$1_name", $input, $1))
+        SWIG_fail;
+}
+%typemap(typecheck, precedence=SWIG_TYPECHECK_DOUBLE) double {
+    $1 = 1;
+}
+%typemap(typecheck, precedence=SWIG_TYPECHECK_INTEGER) int {
+    $1 = 1;
+}
+%typemap(in, fragment="HelfrichNumbers,SWIG_AsVal_int") int {
+    if (!SWIG_IsOK(SWIG_AsVal_int($input, &$1))) {
+        rejectInteger("$symname", "$1_name", $input);
+        SWIG_fail;
+    }
+}

@@ -79,6 +79,7 @@ void CustomTrajectoryIntegrator::setStepsPerTrajectory(int steps) {
 
 void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     requireFreeParticles(contextRef.getSystem(), NAME);
+    requireActingForces(contextRef, NAME);
     CustomIntegrator::initialize(contextRef);
     resetCounters();
 }
@@ -86,7 +87,9 @@ void CustomTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
 void CustomTrajectoryIntegrator::step(int steps) {
     requireContext(context);
     for (int i = 0; i < steps; i++) {
+        double start = context->getTime();
         makeTrajectory();
+        context->setTime(start + getStepsPerTrajectory() * getStepSize());
         numTrajectories++;
     }
 }
@@ -121,7 +124,6 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
     context->setVelocities(startV);
     context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     context->setStepCount(context->getStepCount() + 1);
-    context->setTime(context->getTime() + getStepSize());
 }
 
 void CustomTrajectoryIntegrator::createCheckpoint(ostream& stream) const {

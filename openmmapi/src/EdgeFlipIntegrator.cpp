@@ -1,6 +1,7 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -28,6 +29,18 @@ void EdgeFlipIntegrator::initialize(ContextImpl& contextRef) {
     if (findMembranes(contextRef).empty())
         throw OpenMMException("EdgeFlipIntegrator: the System has no HelfrichForce whose edges could flip");
     MonteCarloIntegrator::initialize(contextRef);
+    hasHiddenMembranes = findHiddenMembrane(contextRef.getSystem()) != NULL;
+    if (&contextRef.getIntegrator() == this)
+        requireLiveMembranes();
+}
+
+void EdgeFlipIntegrator::requireLiveMembranes() const {
+    if (fraction > 0 && hasHiddenMembranes)
+        throw OpenMMException("EdgeFlipIntegrator: the HelfrichForce '" +
+                              findHiddenMembrane(context->getSystem())->getName() +
+                              "' is inside another Force of the System, where it would keep the triangles that it "
+                              "began with; add it to the System itself, or let no edges flip: set the flip fraction or "
+                              "the flip probability to 0");
 }
 
 vector<string> EdgeFlipIntegrator::getKernelNames() {
@@ -38,10 +51,11 @@ long long EdgeFlipIntegrator::getNumAttempts(const HelfrichMesh& mesh) const {
     double numAttempts = fraction * mesh.getNumEdges();
     requireAtMost("EdgeFlipIntegrator: the number of attempts in a sweep", numAttempts,
                   SweepEdgeFlipsKernel::MAX_ATTEMPTS);
-    return llround(numAttempts);
+    return max(llround(numAttempts), numAttempts > 0 ? 1LL : 0LL);
 }
 
 void EdgeFlipIntegrator::makeMove() {
+    requireLiveMembranes();
     bool isLong = false;
     for (auto membrane : getMembranes())
         isLong |= SweepEdgeFlipsKernel::isLong(getNumAttempts(membrane->getMesh()), membrane->getMesh());

@@ -128,7 +128,7 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     else
         trajectory.reject(*context);
     context->systemChanged();
-    context->setTime(context->getTime() + getStepSize());
+    context->setTime(context->getTime() + numSteps * getStepSize());
 }
 
 int HamiltonianTrajectoryIntegrator::drawNumSteps() const {

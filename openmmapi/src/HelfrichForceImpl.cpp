@@ -132,8 +132,45 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
     isOrientationChecked = isfinite(geometry.volume);
 }
 
+/**
+ * The box that every System has that was given none, in nm.
+ */
+static const double DEFAULT_BOX = 2;
+
+void HelfrichForceImpl::checkBox(ContextImpl& context) {
+    if (isBoxChecked)
+        return;
+    isBoxChecked = true;
+    Vec3 vectors[3];
+    context.getPeriodicBoxVectors(vectors[0], vectors[1], vectors[2]);
+    bool isPeriodic = context.getSystem().usesPeriodicBoundaryConditions(), isGiven = isPeriodic;
+    for (int i = 0; i < 3; i++)
+        isGiven |= (vectors[i][i] != DEFAULT_BOX);
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    for (int i = 0; i < 3 && isGiven; i++) {
+        double box = vectors[i][i], lower = INFINITY, upper = -INFINITY, longest = 0;
+        for (auto& t : mesh->getTriangles())
+            for (int c = 0; c < 3; c++) {
+                double x = positions[t[c]][i];
+                lower = min(lower, x);
+                upper = max(upper, x);
+                longest = max(longest, fabs(positions[t[(c + 1) % 3]][i] - x));
+            }
+        if (longest <= box / 2 && (!isPeriodic || upper - lower < box))
+            continue;
+        stringstream message;
+        message << owner.getName() << ": the System's periodic box is " << box << " nm along " << "xyz"[i]
+                << ", and the vertices span " << upper - lower << " nm, with edges of up to " << longest
+                << " nm; a HelfrichForce does not use periodic boundary conditions.  It takes a closed mesh that is "
+                   "smaller than the box, with no edge longer than half of it";
+        throw OpenMMException(message.str());
+    }
+}
+
 HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
     HelfrichParameters parameters = getParameters(context);
+    checkBox(context);
     checkOrientation(context, parameters);
     if (kick != NULL)
         parameters = kick->getParameters(parameters);

@@ -190,6 +190,8 @@ long long HybridMonteCarloIntegrator::getNumAccepted() const {
 void HybridMonteCarloIntegrator::initialize(ContextImpl& contextRef) {
     bind(contextRef, context, owner);
     CompoundIntegrator::initialize(contextRef);
+    if (getFlipProbability() > 0)
+        getFlipIntegrator().requireLiveMembranes();
 }
 
 void HybridMonteCarloIntegrator::step(int steps) {

@@ -27,6 +27,7 @@ void MonteCarloIntegrator::setTemperature(double temperature) {
 }
 
 void MonteCarloIntegrator::initialize(ContextImpl& contextRef) {
+    requireActingForces(contextRef, name);
     bind(contextRef, context, owner);
     membranes = findMembranes(contextRef);
 }

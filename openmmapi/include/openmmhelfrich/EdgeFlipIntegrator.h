@@ -24,7 +24,8 @@ public:
      *
      * @param temperature  the temperature of the Metropolis test, in Kelvin; at 0 K only flips that do not raise the
      * energy are accepted
-     * @param fraction     the number of attempts in a sweep, as a fraction of the number of edges
+     * @param fraction     the number of attempts in a sweep, as a fraction of the number of edges; unless it is 0, a
+     * sweep has at least one
      */
     EdgeFlipIntegrator(double temperature, double fraction);
     /**
@@ -34,7 +35,8 @@ public:
         return fraction;
     }
     /**
-     * Set the number of attempts in a sweep, as a fraction of the number of edges.
+     * Set the number of attempts in a sweep, as a fraction of the number of edges.  Unless it is 0, a sweep has at
+     * least one.
      */
     void setFraction(double fraction);
     /**
@@ -72,6 +74,12 @@ protected:
     void makeMove();
     void initialize(OpenMM::ContextImpl& context);
 private:
+    friend class HybridMonteCarloIntegrator;
+    /**
+     * Throw an OpenMMException if a sweep has attempts and a HelfrichForce of the Context is inside another Force, such
+     * as a CustomCVForce: that one would keep the triangles that it began with.
+     */
+    void requireLiveMembranes() const;
     long long getNumAttempts(const HelfrichMesh& mesh) const;
     EdgeFlipStatistics sweep();
     /**
@@ -79,6 +87,7 @@ private:
      */
     EdgeFlipStatistics sweepOrRestore();
     double fraction;
+    bool hasHiddenMembranes = false;
     long long &numSweeps = addCounter("numSweeps"), &numAttempted = addCounter("numAttempted"),
               &numAccepted = addCounter("numAccepted"), &numForbidden = addCounter("numForbidden");
 };

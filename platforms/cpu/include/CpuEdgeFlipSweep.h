@@ -116,7 +116,8 @@ private:
         HelfrichMesh mesh;
         CpuHelfrichNeighborList neighborList;
         CpuEdgeFlipState state;
-        /// the number of batches whose flips are carried out in its state
+        /// the number of batches whose flips are carried out in its state, or NONE before its thread takes part in the
+        /// sweep
         std::atomic<int> numSeen;
     };
     Place& getPlace(int batch) {
@@ -133,8 +134,9 @@ private:
      *
      * @param numSeen   the number of batches whose flips are carried out in the state
      * @param upcoming  the batch that the thread has claimed beforehand, or NONE; it becomes that of the next time
+     * @param isAhead   whether another thread than this one decides
      */
-    bool evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming);
+    bool evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming, bool isAhead);
     /**
      * Get a batch for the thread that calls this to evaluate, with its random numbers drawn; or NONE.
      */
@@ -142,9 +144,9 @@ private:
     /**
      * Get whether no thread needs the batch any more that had a batch's place before.
      */
-    bool hasPlace(int batch) const;
+    bool hasPlace(int batch);
     void decide(int batch);
-    static void collectLikelyFlips(Place& place);
+    static void collectLikelyFlips(Place& place, bool isAhead);
     void decide(Place& place, int batch, int n);
     static CpuEdgeFlip getFlip(const Place& place, int n);
     void accept(Place& place, int batch, const CpuEdgeFlipAttempt& attempt, const CpuEdgeFlip& flip, double energy);
@@ -156,7 +158,7 @@ private:
     HelfrichParameters p;
     double kT;
     long long sweep, numAttempts;
-    int numBatches, numCopies;
+    int numBatches;
     Philox random;
     const Observer* observer;
     /// what ended the sweep early, and whether something did

@@ -39,7 +39,7 @@ struct CacheLineAllocator {
 };
 
 /**
- * Sums over all vertices, which each thread has for itself.
+ * Sums over all vertices.
  */
 struct CpuMembraneSums {
     explicit CpuMembraneSums(int numSurfaces) : totals(numSurfaces), slopes(numSurfaces) {
@@ -81,7 +81,13 @@ public:
 private:
     typedef std::vector<double, CacheLineAllocator<double>> Array;
     void setLayoutWidth(int width);
-    void updateLayout(int numThreads);
+    void chooseNumThreads(OpenMM::ContextImpl& context);
+    /**
+     * Call a function with the number of each chunk, on all threads.
+     */
+    template <class Function>
+    void forEachChunk(const Function& function) const;
+    void updateLayout();
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
@@ -91,7 +97,7 @@ private:
     HelfrichEnergyTerms getTerms(const HelfrichParameters& parameters, const CpuMembraneSums& sums) const;
     // Real is the type in which the loops compute.
     template <class Real>
-    CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters, int numThreads);
+    CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters);
     template <class Real>
     void computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                          const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
@@ -101,7 +107,6 @@ private:
     template <class Real>
     bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
                    const KickAndDriftSequence& sequence, HelfrichEnergyTerms& terms);
-    // These are for all threads of a parallel region to call; they return the same on each.
     bool roundPositions(CpuHelfrichArrays<float>& arrays);
     template <class Real>
     void computeEnergy(const HelfrichParameters& parameters, const CpuHelfrichArrays<Real>& arrays,
@@ -119,6 +124,7 @@ private:
     int getLastSlot(int chunk) const;
     const CpuHelfrichLoops& loops;
     const HelfrichMesh* mesh;
+    int numThreads;
     long long revision;
     CpuHelfrichLayout layout;
     std::vector<CpuHelfrichLayout::Part> chunks;
@@ -170,7 +176,7 @@ public:
 private:
     // those of the start, times a factor
     void setVelocities(OpenMM::ContextImpl& context, double factor) const;
-    std::vector<double> inverseMasses, chunkEnergies;
+    std::vector<double> inverseMasses, partEnergies;
     TrajectoryStart start;
     double kT;
 };

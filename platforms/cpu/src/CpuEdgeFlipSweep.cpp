@@ -1,10 +1,10 @@
 #include "CpuEdgeFlipSweep.h"
 #include "CpuInstructionSet.h"
+#include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
-#include <omp.h>
-#include <thread>
+#include <limits>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -26,17 +26,22 @@ static const int VERTICES_PER_ATTEMPT = 16;
 static const int MAX_THREADS = 8;
 
 /**
- * How often a thread that waits looks whether it can go on, before it lets others have the processor in between.
- */
-static const int MAX_TRIES = 1000;
-
-/**
  * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time
  * than it saves.
  */
 static const int MIN_FETCHED_AHEAD = 15000;
 
+/**
+ * The number of vertices whose positions or neighbors a thread finds at a time.
+ */
+static const int VERTICES_PER_PART = 256;
+
 static const int NONE = -1;
+
+/**
+ * What a copy has seen that takes no part in a sweep, for its thread came too late: nobody waits for it.
+ */
+static const int EVERYTHING = numeric_limits<int>::max();
 
 static int limitThreads(int numThreads, int numVertices) {
     return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * CpuEdgeFlipBatch::SIZE)}));
@@ -60,15 +65,13 @@ void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const Helfric
     for (auto& surface : geometry.surfaces)
         totals.push_back({surface.area, surface.volume, surface.integratedMeanCurvature});
     state.setNeighborList(neighborList);
-    const int CHUNK = 256, numVertices = mesh.getNumVertices();
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int begin = 0; begin < numVertices; begin += CHUNK) {
+    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
         // To gather them once for the states of all threads takes less time than to let each thread fill its own.
-        int end = min(begin + CHUNK, numVertices);
+
         state.setPositions(positions, geometry, begin, end);
         for (auto& copy : copies)
             copy->state.setPositions(state, begin, end);
-    }
+    });
 }
 
 EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
@@ -91,22 +94,15 @@ EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameter
         place.evaluated = NONE;
     fill(lastFlips.begin(), lastFlips.end(), NONE);
     state.setParameters(p);
-#pragma omp parallel num_threads(numThreads)
-    {
-        int thread = omp_get_thread_num();
-        Copy* copy = (thread == 0 || copies.empty() ? NULL : copies[thread - 1].get());
-#pragma omp single
-        numCopies = (copies.empty() ? 0 : omp_get_num_threads() - 1);
-        if (copy != NULL)
-            prepare(*copy);
-#pragma omp barrier
-        if (needsNeighborList(p))
-            findCloseNeighbors();
+    CpuThreads::forEach(numThreads, copies.size(), [&](int i) { prepare(*copies[i]); });
+    if (needsNeighborList(p))
+        findCloseNeighbors();
+    CpuThreads::forEach(numThreads, numThreads, [&](int thread) {
         if (thread == 0)
             decideAll();
         else
-            help(copy);
-    }
+            help(copies.empty() ? NULL : copies[thread - 1].get());
+    });
     if (exception)
         rethrow_exception(exception);
     if (needsNeighborList(p))
@@ -115,34 +111,30 @@ EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameter
 }
 
 void CpuEdgeFlipSweep::prepare(Copy& copy) const {
-    // All flips of earlier sweeps are carried out in a copy, but triangles may have been replaced since, and neighbors
-    // found anew or partitioned.
+    // The flips of earlier sweeps in which it took part are carried out in a copy, but triangles may have been replaced
+    // since, and neighbors found anew or partitioned.
 
-    if (copy.mesh.getRevision() != mesh.getRevision())
+    if (copy.mesh.getRevision() != mesh.getRevision()) {
         copy.mesh = mesh;
+        copy.state.setPositions(state, 0, mesh.getNumVertices());
+    }
     copy.state.setParameters(p);
     if (needsNeighborList(p) &&
         (copy.neighborList.numBuilds != neighborList->numBuilds || copy.neighborList.revision != mesh.getRevision()))
         copy.neighborList = *neighborList;
-    copy.numSeen = 0;
+    copy.numSeen = NONE;
 }
 
 void CpuEdgeFlipSweep::findCloseNeighbors() {
     // As with positions, to find them once for all states takes less time.
 
-#pragma omp for schedule(static)
-    for (int v = 0; v < mesh.getNumVertices(); v++) {
-        state.findCloseNeighbors(v);
-        for (int i = 0; i < numCopies; i++)
-            copies[i]->state.setCloseNeighbors(state, v);
-    }
-}
-
-static void waitForOthers(int& tries) {
-    if (tries < MAX_TRIES)
-        tries++;
-    else
-        this_thread::yield();
+    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
+        for (int v = begin; v < end; v++) {
+            state.findCloseNeighbors(v);
+            for (auto& copy : copies)
+                copy->state.setCloseNeighbors(state, v);
+        }
+    });
 }
 
 void CpuEdgeFlipSweep::decideAll() {
@@ -151,8 +143,8 @@ void CpuEdgeFlipSweep::decideAll() {
     for (int batch = 0, upcoming = NONE; batch < numBatches && !exception; batch++) {
         int tries = 0;
         while (getPlace(batch).evaluated.load(memory_order_acquire) != batch)
-            if (!evaluateNext(state, batch, upcoming))
-                waitForOthers(tries);
+            if (!evaluateNext(state, batch, upcoming, false))
+                CpuThreads::wait(tries);
         decide(batch);
         numDecided.store(batch + 1, memory_order_release);
         if (isLong && interruption.isRequested())
@@ -165,15 +157,18 @@ void CpuEdgeFlipSweep::decideAll() {
 }
 
 void CpuEdgeFlipSweep::help(Copy* copy) {
+    int none = NONE;
+    if (copy != NULL && !copy->numSeen.compare_exchange_strong(none, 0))
+        return;
     const CpuEdgeFlipState& state = (copy == NULL ? this->state : copy->state);
     int tries = 0, upcoming = NONE, numSeen;
     while ((numSeen = numDecided.load(memory_order_acquire)) < numBatches && !isAbandoned) {
         if (copy != NULL)
             carryOut(*copy, numSeen);
-        if (evaluateNext(state, numSeen, upcoming))
+        if (evaluateNext(state, numSeen, upcoming, true))
             tries = 0;
         else
-            waitForOthers(tries);
+            CpuThreads::wait(tries);
     }
     if (copy != NULL)
         finish(*copy);
@@ -195,7 +190,7 @@ void CpuEdgeFlipSweep::finish(Copy& copy) {
         copy.neighborList.revision = copy.mesh.getRevision();
 }
 
-bool CpuEdgeFlipSweep::evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming) {
+bool CpuEdgeFlipSweep::evaluateNext(const CpuEdgeFlipState& state, int numSeen, int& upcoming, bool isAhead) {
     int number = (upcoming == NONE ? claimNext() : upcoming);
     if (number == NONE)
         return false;
@@ -205,21 +200,21 @@ bool CpuEdgeFlipSweep::evaluateNext(const CpuEdgeFlipState& state, int numSeen, 
     state.evaluate(batch, upcoming == NONE ? NULL : &getPlace(upcoming).batch);
     for (int n = 0; n < batch.numAttempts; n++)
         batch.attempts[n].threshold = -kT * log(batch.uniform[n]);
-    collectLikelyFlips(place);
+    collectLikelyFlips(place, isAhead);
     place.firstUnseen = numSeen;
     place.acceptedFlips.count = 0;
     place.evaluated.store(number, memory_order_release);
     return true;
 }
 
-void CpuEdgeFlipSweep::collectLikelyFlips(Place& place) {
+void CpuEdgeFlipSweep::collectLikelyFlips(Place& place, bool isAhead) {
     // They are few, and the first thread takes less time to get them from another one's cache than from all over the
     // batch.  What it evaluated itself is at hand.
 
     const CpuEdgeFlipBatch& batch = place.batch;
     place.likelyFlips.count = 0;
     place.isLikely = 0;
-    if (omp_get_thread_num() == 0)
+    if (!isAhead)
         return;
     for (int n = 0; n < batch.numAttempts; n++)
         place.isLikely |= uint64_t(batch.attempts[n].energy < batch.attempts[n].threshold) << n;
@@ -240,13 +235,19 @@ int CpuEdgeFlipSweep::claimNext() {
     return number;
 }
 
-bool CpuEdgeFlipSweep::hasPlace(int batch) const {
+bool CpuEdgeFlipSweep::hasPlace(int batch) {
     int previous = batch - (int) places.size();
+    if (previous < 0)
+        return true;
     if (numDecided.load(memory_order_acquire) <= previous)
         return false;
-    for (int i = 0; i < numCopies; i++)
-        if (copies[i]->numSeen.load(memory_order_acquire) <= previous)
+    for (auto& copy : copies) {
+        int numSeen = copy->numSeen.load(memory_order_acquire);
+        if (numSeen == NONE && copy->numSeen.compare_exchange_strong(numSeen, EVERYTHING))
+            continue;
+        if (numSeen <= previous)
             return false;
+    }
     return true;
 }
 

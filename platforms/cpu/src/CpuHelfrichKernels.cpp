@@ -1,4 +1,5 @@
 #include "CpuHelfrichKernels.h"
+#include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
@@ -20,6 +21,11 @@ static ReferencePlatform::PlatformData& getData(ContextImpl& context) {
  * The number of vertices or particles that makes it worth to wake another thread.
  */
 static const int ITEMS_PER_THREAD = 500;
+
+/**
+ * The number of vertices or particles that a thread takes at a time.
+ */
+static const int ITEMS_PER_PART = 256;
 
 static int chooseNumThreads(ContextImpl& context, int numItems) {
     return max(1, min(getData(context).threads.getNumThreads(), numItems / ITEMS_PER_THREAD));
@@ -43,23 +49,32 @@ void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
     revision = mesh->getRevision() - 1;
 }
 
-void CpuCalcHelfrichForceKernel::updateLayout(int numThreads) {
+void CpuCalcHelfrichForceKernel::chooseNumThreads(ContextImpl& context) {
+    numThreads = ::chooseNumThreads(context, mesh->getNumVertices());
+}
+
+template <class Function>
+void CpuCalcHelfrichForceKernel::forEachChunk(const Function& function) const {
+    CpuThreads::forEach(numThreads, getNumChunks(), function);
+}
+
+void CpuCalcHelfrichForceKernel::updateLayout() {
     if (revision == mesh->getRevision())
         return;
     layout.update(*mesh, numThreads);
     chunks = layout.divide(*mesh, SLOTS_PER_CHUNK);
     fixedPositions.clear();
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int slot = 0; slot < layout.getNumSlots(); slot++)
-        particles[slot] = mesh->getParticles()[layout.vertices[slot]];
+    CpuThreads::forEachPart(numThreads, layout.getNumSlots(), SLOTS_PER_CHUNK, [&](int begin, int end) {
+        for (int slot = begin; slot < end; slot++)
+            particles[slot] = mesh->getParticles()[layout.vertices[slot]];
+    });
     repulsion.followLayout(layout, numThreads);
     revision = mesh->getRevision();
 }
 
 template <class Real>
-CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters,
-                                                                  int numThreads) {
-    updateLayout(numThreads);
+CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
+    updateLayout();
     if (parameters.needsCurvature()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -142,14 +157,12 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
-    int numChunks = getNumChunks();
-#pragma omp for schedule(static)
-    for (int chunk = 0; chunk < numChunks; chunk++) {
+    forEachChunk([&](int chunk) {
         loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
                                        chunkSums[chunk]);
         if (parameters.has(Term::Repulsion))
             chunkSums[chunk].outdated = repulsion.hasMoved(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
-    }
+    });
     sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
     sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
     addUpSurfaces(sums);
@@ -175,10 +188,8 @@ void CpuCalcHelfrichForceKernel::findSlopes(const HelfrichParameters& parameters
 }
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
-    if (parameters.has(Term::Repulsion)) {
-#pragma omp single
+    if (parameters.has(Term::Repulsion))
         repulsion.update(*mesh, layout, positions, parameters, addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
-    }
 }
 
 void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& parameters, const double* positions,
@@ -210,30 +221,21 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                                          HelfrichEnergyTerms& terms) {
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    auto arrays = prepareArrays<double>(parameters, numThreads);
+    chooseNumThreads(context);
+    auto arrays = prepareArrays<double>(parameters);
     const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuMembraneSums sums(mesh->getNumSurfaces());
-#pragma omp parallel num_threads(numThreads)
-    {
-        CpuMembraneSums found(mesh->getNumSurfaces());
-#pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            loadPositions(source, chunk);
-        computeEnergy(parameters, arrays, found);
-        if (isfinite(found.area)) {
-            updateRepulsion(parameters, arrays.positions);
-            findSlopes(parameters, found);
-#pragma omp for schedule(static)
-            for (int chunk = 0; chunk < numChunks; chunk++)
-                if (includeForces)
-                    chunkSums[chunk].force = addForces(parameters, found, arrays, chunk, forces);
-                else if (parameters.has(Term::Repulsion))
-                    computeRepulsion(parameters, arrays.positions, chunk, NULL);
-        }
-#pragma omp master
-        sums = found;
+    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
+    computeEnergy(parameters, arrays, sums);
+    if (isfinite(sums.area)) {
+        updateRepulsion(parameters, arrays.positions);
+        findSlopes(parameters, sums);
+        if (includeForces)
+            forEachChunk(
+                    [&](int chunk) { chunkSums[chunk].force = addForces(parameters, sums, arrays, chunk, forces); });
+        else if (parameters.has(Term::Repulsion))
+            forEachChunk([&](int chunk) { computeRepulsion(parameters, arrays.positions, chunk, NULL); });
     }
     terms = getTerms(parameters, sums);
     return isfinite(sums.area) && (!includeForces || isfinite(addUp(chunkSums, &CpuHelfrichSums::force)));
@@ -320,13 +322,13 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
     }
     if (!isfinite(extent))
         return false;
-    int exponent, numChunks = getNumChunks();
+    int exponent;
     frexp(extent, &exponent);
     double unit = ldexp(1, exponent - 31);
-#pragma omp for schedule(static)
-    for (int chunk = 0; chunk < numChunks; chunk++)
+    forEachChunk([&](int chunk) {
         loops.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
                              arrays.fixedPositions);
+    });
     arrays.fixedUnit = unit;
     return true;
 }
@@ -338,12 +340,11 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
             return false;
-    int numChunks = getNumChunks();
+    auto moveChunk = [&](int chunk) { move(parameters, sums, arrays, chunk, times, nextPositions); };
     if (times.terms == Term::Tether) {
         // Its forces need no sums of this step, and the next one at which all terms act finds what is not finite.
-#pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            move(parameters, sums, arrays, chunk, times, nextPositions);
+
+        forEachChunk(moveChunk);
         return true;
     }
     computeEnergy(parameters, arrays, sums);
@@ -351,9 +352,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
         return false;
     updateRepulsion(parameters, arrays.positions);
     findSlopes(parameters, sums);
-#pragma omp for schedule(static)
-    for (int chunk = 0; chunk < numChunks; chunk++)
-        move(parameters, sums, arrays, chunk, times, nextPositions);
+    forEachChunk(moveChunk);
     terms = getTerms(parameters, sums);
     return isfinite(terms.getTotal());
 }
@@ -365,42 +364,24 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     // known.
 
     setLayoutWidth(loops.in<Real>().width);
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    const auto startArrays = prepareArrays<Real>(parameters, numThreads);
+    chooseNumThreads(context);
+    auto arrays = prepareArrays<Real>(parameters);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
-    bool isFinite = true, isInterrupted[2] = {false, false};
+    double* next = nextPositions.data();
+    CpuMembraneSums sums(mesh->getNumSurfaces());
     Interruption interruption(mesh->getNumVertices());
-#pragma omp parallel num_threads(numThreads)
-    {
-        CpuHelfrichArrays<Real> arrays = startArrays;
-        double* next = nextPositions.data();
-        CpuMembraneSums sums(mesh->getNumSurfaces());
-        HelfrichEnergyTerms now;
-#pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            loadState(context, chunk);
-        bool canGoOn = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, sums, now);
-        for (long long step = 1; step < sequence.size() && canGoOn; step++) {
-            // Behind the barriers of the step all threads see the answer; that of the next step has another place.
-
-#pragma omp master
-            isInterrupted[step % 2] = interruption.isRequested();
-            swap(arrays.positions, next);
-            KickAndDrift times = sequence[step];
-            canGoOn = makeStep(times.getParameters(parameters), arrays, times, next, sums, now) &&
-                      !isInterrupted[step % 2];
-        }
-#pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            storeState(context, arrays.positions, chunk);
-#pragma omp master
-        {
-            isFinite = canGoOn;
-            terms = now;
-        }
+    bool isInterrupted = false;
+    forEachChunk([&](int chunk) { loadState(context, chunk); });
+    bool isFinite = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, sums, terms);
+    for (long long step = 1; step < sequence.size() && isFinite && !isInterrupted; step++) {
+        isInterrupted = interruption.isRequested();
+        swap(arrays.positions, next);
+        KickAndDrift times = sequence[step];
+        isFinite = makeStep(times.getParameters(parameters), arrays, times, next, sums, terms);
     }
-    if (isInterrupted[0] || isInterrupted[1])
+    forEachChunk([&](int chunk) { storeState(context, arrays.positions, chunk); });
+    if (isInterrupted)
         throw StepInterrupted();
     return isFinite;
 }
@@ -415,43 +396,37 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
 }
 
 void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
+    chooseNumThreads(context);
     HelfrichParameters parameters;
     parameters.moduli[Term::Bending] = 1;
-    auto arrays = prepareArrays<double>(parameters, numThreads);
+    auto arrays = prepareArrays<double>(parameters);
     nextPositions.resize(positions.size());
     arrays.areas = nextPositions.data();
     arrays.curvatures = arrays.areas + layout.getNumSlots();
     const vector<Vec3>& source = *getData(context).positions;
-#pragma omp parallel num_threads(numThreads)
-    {
-        CpuMembraneSums sums(mesh->getNumSurfaces());
-#pragma omp for schedule(static)
-        for (int chunk = 0; chunk < numChunks; chunk++)
-            loadPositions(source, chunk);
-        computeEnergy(parameters, arrays, sums);
-#pragma omp master
-        geometry.setTotals(sums.totals);
-    }
+    CpuMembraneSums sums(mesh->getNumSurfaces());
+    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
+    computeEnergy(parameters, arrays, sums);
+    geometry.setTotals(sums.totals);
     geometry.vertexAreas.resize(mesh->getNumVertices());
     geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int vertex = 0; vertex < mesh->getNumVertices(); vertex++) {
-        int slot = layout.slots[vertex];
-        geometry.vertexAreas[vertex] = arrays.areas[slot];
-        geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
-    }
+    CpuThreads::forEachPart(numThreads, mesh->getNumVertices(), ITEMS_PER_PART, [&](int begin, int end) {
+        for (int vertex = begin; vertex < end; vertex++) {
+            int slot = layout.slots[vertex];
+            geometry.vertexAreas[vertex] = arrays.areas[slot];
+            geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
+        }
+    });
 }
 
 CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
-    int numChunks = getNumChunks(), numThreads = chooseNumThreads(context, mesh->getNumVertices());
-    updateLayout(numThreads);
+    chooseNumThreads(context);
+    updateLayout();
     const vector<Vec3>& source = *getData(context).positions;
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int chunk = 0; chunk < numChunks; chunk++) {
+    forEachChunk([&](int chunk) {
         loadPositions(source, chunk);
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
-    }
+    });
     return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
 }
@@ -478,18 +453,12 @@ bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParame
     return true;
 }
 
-static const int PARTICLES_PER_CHUNK = 256;
-
 /**
- * Call a function with the first and last particle of each chunk, on all threads of a Context.
+ * Call a function with the first and last particle of each part, on all threads of a Context.
  */
 template <class Function>
-static void forEachChunk(ContextImpl& context, int numParticles, Function function) {
-    int numChunks = (numParticles + PARTICLES_PER_CHUNK - 1) / PARTICLES_PER_CHUNK,
-        numThreads = chooseNumThreads(context, numParticles);
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (int chunk = 0; chunk < numChunks; chunk++)
-        function(chunk, chunk * PARTICLES_PER_CHUNK, min((chunk + 1) * PARTICLES_PER_CHUNK, numParticles));
+static void forEachPart(ContextImpl& context, int numParticles, const Function& function) {
+    CpuThreads::forEachPart(::chooseNumThreads(context, numParticles), numParticles, ITEMS_PER_PART, function);
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
@@ -497,7 +466,7 @@ void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
         double mass = system.getParticleMass(i);
         inverseMasses.push_back(mass == 0 ? 0 : 1 / mass);
     }
-    chunkEnergies.resize((inverseMasses.size() + PARTICLES_PER_CHUNK - 1) / PARTICLES_PER_CHUNK);
+    partEnergies.resize((inverseMasses.size() + ITEMS_PER_PART - 1) / ITEMS_PER_PART);
 }
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
@@ -510,7 +479,7 @@ double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, doub
 
 void CpuIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
     vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
+    forEachPart(context, inverseMasses.size(), [&](int first, int last) {
         for (int i = first; i < last; i++) {
             double deviation = sqrt(kT * inverseMasses[i]);
             velocities[i] = (deviation == 0 ? start.getVelocities()[i] : start.drawVelocity(i, deviation)) * factor;
@@ -522,7 +491,7 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const K
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
-    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
+    forEachPart(context, inverseMasses.size(), [&](int first, int last) {
         for (int i = first; i < last; i++) {
             if (inverseMasses[i] != 0) {
                 velocities[i] += forces[i] * (times.kick * inverseMasses[i]);
@@ -535,14 +504,14 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const K
 
 double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl& context) {
     const vector<Vec3>& velocities = *getData(context).velocities;
-    forEachChunk(context, inverseMasses.size(), [&](int chunk, int first, int last) {
+    forEachPart(context, inverseMasses.size(), [&](int first, int last) {
         double energy = 0;
         for (int i = first; i < last; i++)
             if (inverseMasses[i] != 0)
                 energy += 0.5 * velocities[i].dot(velocities[i]) / inverseMasses[i];
-        chunkEnergies[chunk] = energy;
+        partEnergies[first / ITEMS_PER_PART] = energy;
     });
-    return addUp(chunkEnergies);
+    return addUp(partEnergies);
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {

@@ -1,5 +1,6 @@
 #include "CpuHelfrichLayout.h"
 #include "CpuHalfedges.h"
+#include "CpuThreads.h"
 #include <algorithm>
 
 using namespace HelfrichPlugin;
@@ -9,6 +10,11 @@ using namespace std;
  * How long before its turn a vertex's first triangle is asked for: it may be in no cache.
  */
 static const int SLOTS_AHEAD = 32;
+
+/**
+ * The number of groups whose rings a thread fills at a time.
+ */
+static const int GROUPS_PER_PART = 64;
 
 void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
     this->width = width;
@@ -25,21 +31,17 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
     const vector<Part> patches = divide(mesh, HelfrichMesh::PATCH);
-#pragma omp parallel num_threads(numThreads)
-    {
-#pragma omp for schedule(static)
-        for (size_t i = 0; i < patches.size(); i++) {
-            fillSlots(mesh, patches[i]);
-            for (int g = patches[i].firstSlot / width; g * width < patches[i].getEnd(); g++)
-                measureGroup(g, patches[i]);
-        }
-#pragma omp single
-        placeGroups();
+    CpuThreads::forEach(numThreads, patches.size(), [&](int i) {
+        fillSlots(mesh, patches[i]);
+        for (int g = patches[i].firstSlot / width; g * width < patches[i].getEnd(); g++)
+            measureGroup(g, patches[i]);
+    });
+    placeGroups();
+    CpuThreads::forEachPart(numThreads, getNumGroups(), GROUPS_PER_PART, [&](int begin, int end) {
         vector<int> tips;
-#pragma omp for schedule(static)
-        for (int g = 0; g < getNumGroups(); g++)
+        for (int g = begin; g < end; g++)
             fillRings(mesh, g, tips);
-    }
+    });
 }
 
 vector<CpuHelfrichLayout::Part> CpuHelfrichLayout::divide(const HelfrichMesh& mesh, int size) const {

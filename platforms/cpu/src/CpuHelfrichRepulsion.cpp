@@ -1,10 +1,16 @@
 #include "CpuHelfrichRepulsion.h"
+#include "CpuThreads.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include <algorithm>
 #include <cmath>
 
 using namespace HelfrichPlugin;
 using namespace std;
+
+/**
+ * How many vertices a thread takes at a time.
+ */
+static const int VERTICES_PER_PART = 1024;
 
 static Vector3<double> getPoint(const double* x) {
     return {x[0], x[1], x[2]};
@@ -56,9 +62,10 @@ void CpuHelfrichRepulsion::followLayout(const CpuHelfrichLayout& layout, int num
     if (placedVertices.empty())
         return;
     reference.resize(layout.getNumSlots());
-#pragma omp parallel for schedule(static) num_threads(numThreads)
-    for (size_t i = 0; i < placedVertices.size(); i++)
-        reference[layout.slots[placedVertices[i].vertex]] = placedVertices[i].x;
+    CpuThreads::forEachPart(numThreads, placedVertices.size(), VERTICES_PER_PART, [&](int begin, int end) {
+        for (int i = begin; i < end; i++)
+            reference[layout.slots[placedVertices[i].vertex]] = placedVertices[i].x;
+    });
 }
 
 bool CpuHelfrichRepulsion::hasMoved(const double* positions, int firstSlot, int lastSlot) const {

@@ -16,8 +16,9 @@ TARGET_NAMES = {
 }
 # A target farther than this from what a membrane has, as a part of itself, is not to be reached suddenly.
 FAR = 0.05
-# By so much a target may differ from the mesh's own; farther ones are errors.
-GREATEST_FACTOR = 1e6
+# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
+# less than 2.
+TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
 # Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
 # proportion to the root of their number.  docs/studies.md has what comes of it.
 STEPS_PER_E_FOLD, VERTICES = 3000, 642
@@ -52,10 +53,10 @@ def withApproaches(
     for stage in stages:
         end = before | endTargets(stage, before)
         goal = {name: value for name, value in stage.suddenTargets(before, end).items() if name in here}
-        distance = max(
-            [abs(math.log(abs(goal[name] / here[name]))) for name in goal if goal[name] * here[name] > 0] + [0]
-        )
-        if math.log1p(FAR) < distance <= math.log(GREATEST_FACTOR):
+        distances = {name: abs(math.log(value / here[name])) for name, value in goal.items() if value * here[name] > 0}
+        distance = max(distances.values(), default=0.0)
+        canBe = all(each <= math.log(TARGET_FACTORS[totalOf(name)]) for name, each in distances.items())
+        if distance > math.log1p(FAR) and canBe:
             if not led:
                 first = before | here
             steps = math.ceil(STEPS_PER_E_FOLD * distance * max(1.0, math.sqrt(numVertices / VERTICES)))

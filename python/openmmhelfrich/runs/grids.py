@@ -10,7 +10,8 @@ names of keys::
     stages.cool.end_temperature = [3, 30]
 
 Tables ``[variants.NAME]`` are one more axis: each is a part of a configuration, which takes the place of the base's
-keys.
+keys.  Where it, or an axis, gives one of two keys that exclude each other (file and icosphere, target_volume and
+reduced_volume), it takes the place of the other one, too.  The value "unset" takes a key of the base away.
 """
 
 import copy
@@ -31,11 +32,20 @@ from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
 from .room import diskSize, requireMemory
-from .scene import Scene, loadMesh
+from .scene import Scene, loadMesh, requireEffectiveTargets
 from .sections import Section
 from .stages import checkStages
 
 MOST_POINTS = 100_000
+# What a variant may give instead of a value, to have a key at its default.
+UNSET = "unset"
+# Keys that exclude each other.
+_ALTERNATIVES = {
+    "file": "icosphere",
+    "icosphere": "file",
+    "target_volume": "reduced_volume",
+    "reduced_volume": "target_volume",
+}
 _RANGE = "a list of values, or a table of start, stop and step"
 
 
@@ -270,6 +280,7 @@ def _checkRun(config: Config, meshes: dict[str, Mesh]) -> float:
     if key not in meshes:
         meshes[key] = loadMesh(config)
     scene = Scene.of(config, meshes[key])
+    requireEffectiveTargets(config, scene)
     checkStages(scene)
     requireMemory(len(scene.mesh.vertices))
     return diskSize(scene.config, len(scene.mesh.vertices))
@@ -296,9 +307,14 @@ def seedOf(seed: int | None, name: str) -> int:
 
 
 def _merge(data: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    for name in part:
+        if _ALTERNATIVES.get(name) not in part:
+            data.pop(_ALTERNATIVES.get(name, ""), None)
     for name, value in part.items():
-        if isinstance(value, dict) and isinstance(data.get(name), dict):
-            _merge(data[name], value)
+        if isinstance(value, dict) and isinstance(data.get(name, {}), dict):
+            data[name] = _merge(data.get(name, {}), value)
+        elif value == UNSET:
+            data.pop(name, None)
         else:
             data[name] = copy.deepcopy(value)
     return data
@@ -316,7 +332,7 @@ def _set(data: Any, key: str, value: Any, path: Path) -> None:
             f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the "
             "stage's name, kind or number"
         )
-    data[last] = copy.deepcopy(value)
+    _merge(data, {last: value})
 
 
 def _stage(stages: list[Any], name: str, key: str, path: Path) -> dict[str, Any]:

@@ -177,7 +177,7 @@ class Recorder:
         Raises
         ------
         ValueError
-            if a file has become shorter since the checkpoint
+            if a file is no longer there, or has become shorter since the checkpoint
         """
         files = {"table": outputs.table, "trajectory": outputs.trajectory}
         for name, file in files.items():
@@ -261,6 +261,10 @@ def _describe(file: Path, isWhole: bool) -> dict[str, Any]:
 
 
 def _checkLength(file: Path, size: int) -> None:
+    if size > 0 and not file.exists():
+        raise ValueError(
+            f"there is no file {file}; it had {size} bytes at the last checkpoint, so that the run cannot go on"
+        )
     length = file.stat().st_size if file.exists() else 0
     if length < size:
         raise ValueError(

@@ -19,14 +19,17 @@ from ..files import PathLike
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
+from ..messages import shortened
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import GREATEST_FACTOR, withApproaches
+from .approach import TARGET_FACTORS, withApproaches
 from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
+# By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
+GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
 MOST_ATTEMPTS = 2**33
 # More threads than this for each processor would wait for each other.
@@ -341,7 +344,7 @@ def checkSizes(config: Config, mesh: Mesh) -> None:
     """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
     targets = _targets(_surfaces(config, mesh))
     for name, measure in measuresOf(mesh).items():
-        requireComparable(f"[membrane] target_{name}", targets[name], measure, f"the {name} of the mesh,")
+        requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
     length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -392,11 +395,8 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
 
 def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
     """Return what the mesh has of the targets whose terms are on, by their names."""
-    surfaces = [
-        _surface(MembraneSection(leaflet_separation=config.membrane.leaflet_separation), surface, k)
-        for k, surface in enumerate(mesh.components())
-    ]
-    return {name: value for name, value in _targets(surfaces).items() if valueOf(config, MODULI[totalOf(name)]) > 0}
+    measures = {**measuresOf(mesh), **_ownAreaDifferences(config, mesh)}
+    return {name: value for name, value in measures.items() if valueOf(config, MODULI[totalOf(name)]) > 0}
 
 
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
@@ -405,6 +405,71 @@ def requireComparable(name: str, value: float | str | None, own: float, what: st
         return
     if not abs(own) / GREATEST_FACTOR <= abs(value) <= abs(own) * GREATEST_FACTOR:
         raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
+
+
+def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
+    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+
+    Parameters
+    ----------
+    what : str
+        the target, as the message names it
+    name : str
+        that of :mod:`openmmhelfrich.sampling.targets`
+    value, own : float
+        the target, and what the mesh has
+    """
+    factor = TARGET_FACTORS[totalOf(name)]
+    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+        raise ValueError(
+            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
+            "of them may be in another unit of length"
+        )
+
+
+def requireEffectiveTargets(config: Config, scene: Scene) -> None:
+    """Raise a ValueError if a target of [membrane] in a Config, which is not resolved, has no effect in its Scene.
+
+    The mesh's own area, volume or area difference does no harm.
+    """
+    membrane = config.membrane
+    own = {**scene.ownMeasures, **_ownAreaDifferences(config, scene.mesh)}
+    for total, (modulus, keys) in _TARGET_KEYS.items():
+        given = [key for key in keys if getattr(membrane, key) is not None]
+        targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
+        isIdle = scene.moduli[total] == 0 and not all(math.isclose(targets[name], own[name]) for name in targets)
+        if given and isIdle and not (total == "area" and membrane.reduced_volume is not None):
+            raise ValueError(
+                f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
+                f"effect, since {modulus} is 0; give a {modulus}, or leave {given[0]} out"
+            )
+
+
+# The keys of each target, and that of its modulus.
+_TARGET_KEYS = {
+    "area": ("area_modulus", ("target_area",)),
+    "volume": ("volume_modulus", ("target_volume", "reduced_volume")),
+    "areaDifference": ("area_difference_modulus", ("target_area_difference",)),
+}
+
+
+def _ownAreaDifferences(config: Config, mesh: Mesh) -> dict[str, float]:
+    height = config.membrane.leaflet_separation
+    values = [2 * height * float(surface.vertexMeanCurvatures.sum()) for surface in mesh.components()]
+    return numberedTargets("areaDifference", values)
+
+
+def changedIntervals(config: Config, scene: Scene) -> list[str]:
+    """Return a sentence for each interval of a Config, which is not resolved, that is shorter in its Scene."""
+    sentences = []
+    for key, why in (
+        ("observables_interval", "so that each window, and the run, has a row"),
+        ("trajectory_interval", "so that the run has a frame"),
+    ):
+        given, taken = getattr(config.output, key), getattr(scene.config.output, key)
+        if key in config.output.model_fields_set and given != taken:
+            sentences.append(f"[output] {key} is {taken}, and not {given}, {why}")
+    return sentences
 
 
 def resolve(config: Config, mesh: Mesh) -> Config:

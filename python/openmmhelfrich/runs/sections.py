@@ -123,6 +123,18 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _wholeNumbers(cls, values: Any) -> Any:
+        """Take 1e3 for 1000 where a whole number is wanted."""
+        if not isinstance(values, dict):
+            return values
+        whole = {name for name, field in cls.model_fields.items() if field.annotation in (int, int | None)}
+        return {
+            name: int(value) if name in whole and isinstance(value, float) and value.is_integer() else value
+            for name, value in values.items()
+        }
+
     @field_validator("*")
     @classmethod
     def _range(cls, value: Any) -> Any:
@@ -436,10 +448,18 @@ class SystemSection(Section):
         return self
 
 
+def _platformName(name: Any) -> Any:
+    """Return OpenMM's name of a platform for one in other letters, as "cpu"."""
+    names = {known.lower(): known for known in ("Reference", "CPU", "CUDA", "OpenCL", "HIP")}
+    return names.get(name.lower(), name) if isinstance(name, str) else name
+
+
 class PlatformSection(Section):
     """Where OpenMM computes."""
 
-    name: str = Field("CPU", description="CPU, or Reference for clarity and its last digits")
+    name: Annotated[str, BeforeValidator(_platformName)] = Field(
+        "CPU", description="CPU, or Reference for clarity and its last digits"
+    )
     threads: int | None = Field(None, ge=1, description="on CPU; all cores by default.  Results do not depend on it")
     precision: Literal["double", "mixed"] = Field(
         "double",

@@ -41,7 +41,14 @@ from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
 from .readiness import beyondBounds, remeshFirst
-from .scene import Scene, currentMesh, defaultStepSize, requireComparable, requireTrajectories
+from .scene import (
+    Scene,
+    currentMesh,
+    defaultStepSize,
+    requireComparable,
+    requireComparableTarget,
+    requireTrajectories,
+)
 from .sections import SamplingSection
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
@@ -97,9 +104,11 @@ class Stage(ABC):
         """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
         end = endTargets(settings, start)
         for name, own in scene.ownMeasures.items():
-            requireComparable(f"the target {name}", end.get(name), own, f"the {name} of the mesh,")
-        if end and not any(scene.moduli[totalOf(name)] > 0 for name in end):
-            raise ValueError(f"it has a target for the {' and the '.join(end)}, whose modulus is 0; give it a modulus")
+            requireComparableTarget(f"the target {name}", name, end.get(name), own)
+        for name in end:
+            setsVolume = totalOf(name) == "area" and settings.reduced_volume is not None
+            if scene.moduli[totalOf(name)] == 0 and not setsVolume:
+                raise ValueError(f"it has a target for the {name}, whose modulus is 0; give it a modulus")
         return start | end
 
     @classmethod
@@ -436,8 +445,7 @@ class Continue(MonteCarlo):
         for window in range(len(path.lambdas)):
             targets = path.targets(window)
             for name, own in scene.ownMeasures.items():
-                what = f"the target {name} of window {window}"
-                requireComparable(what, targets.get(name), own, f"the {name} of the mesh,")
+                requireComparableTarget(f"the target {name} of window {window}", name, targets.get(name), own)
         return start | path.targets(len(path.lambdas) - 1)
 
     @classmethod

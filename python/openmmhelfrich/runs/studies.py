@@ -36,7 +36,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, currentMesh, platformOf
+from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
@@ -83,6 +83,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
+    requireEffectiveTargets(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -90,7 +91,8 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    study.notes += [*scene.mesh.notes, *additions, *coarseness(scene, targets)]
+    warnings = [*changedIntervals(config, scene), *coarseness(scene, targets)]
+    study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()
     with locked(outputs.prefix):

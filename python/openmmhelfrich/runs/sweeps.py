@@ -16,6 +16,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from multiprocessing import spawn
 from pathlib import Path
 from typing import Any
 
@@ -457,6 +458,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
         require("dask", "a sweep", "sweep").config.set(silent),
+        _workersWithoutScript(),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -471,6 +473,21 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         client.run_on_scheduler(_closeHTTP)
         client.register_worker_callbacks(_prepareWorker)
         yield client
+
+
+@contextlib.contextmanager
+def _workersWithoutScript() -> Iterator[None]:
+    """Start processes that do not run the script that calls this: it may begin a sweep in each."""
+    whole = spawn.get_preparation_data
+
+    def withoutScript(name: str) -> dict[str, Any]:
+        return {key: value for key, value in whole(name).items() if not key.startswith("init_main")}
+
+    spawn.get_preparation_data = withoutScript
+    try:
+        yield
+    finally:
+        spawn.get_preparation_data = whole
 
 
 def _closeHTTP(dask_scheduler: Any) -> None:

@@ -83,7 +83,7 @@ class _Adapter:
             raise ValueError(
                 f"{cls.__name__}: there is no {cls.QUANTITY} to adapt: the moves are "
                 f"{', '.join(type(move).__name__ for move in movesOf(integrator))}; one must be a "
-                f"{' or a '.join(kind.__name__ for kind in cls.KINDS)}"
+                f"{' or a '.join(each.__name__ for kind in cls.KINDS for each in kind.__subclasses__() or [kind])}"
             )
         return move
 

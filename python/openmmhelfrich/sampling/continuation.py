@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+import openmm as mm
 from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
@@ -19,7 +20,7 @@ from ..helfrich import HelfrichForce
 from ..tables import Table
 from .averages import averageWindows
 from .reporters import ObservablesReporter
-from .targets import absoluteTargets, currentTargets, setTargets, totalOf
+from .targets import MODULI, absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
 
 Number: TypeAlias = float | unit.Quantity
 
@@ -177,10 +178,12 @@ def continueTo(
     Raises
     ------
     ValueError
-        if a target or a number is out of range
+        if a target or a number is out of range, or the modulus of a target is 0
     """
-    start = currentTargets(simulation.context, force)
-    line = ContinuationPath(start, absoluteTargets(targets, start), windows, thereAndBack, _absoluteNames(path))
+    start = _startOf(simulation.context, force)
+    ends = absoluteTargets(targets, start)
+    _requireModuli(force, targets)
+    line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
     if interval < 1 or steps < interval or equilibration < 0:
         raise ValueError(
             f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be "
@@ -197,6 +200,25 @@ def continueTo(
             progress(window + 1, len(line.lambdas))
     table = Table.ofRows(rows)
     return ContinuationResult(averageWindows(table, line.lambdas), table)
+
+
+def _startOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
+    """Return the targets in a Context, and the measure itself where there is none: that of an area without modulus is
+    the one that a reduced volume is of.
+    """
+    measured = measuredTargets(context, force)
+    return {name: value or measured.get(name, value) for name, value in currentTargets(context, force).items()}
+
+
+def _requireModuli(force: HelfrichForce, targets: Mapping[str, Any]) -> None:
+    """Raise a ValueError if a target would have no effect."""
+    for name in targets:
+        total = totalOf(name).replace("reducedVolume", "volume")
+        setsVolume = total == "area" and "reducedVolume" in targets
+        if MODULI[total](force)._value == 0 and not setsVolume:
+            raise ValueError(
+                f"continueTo: there is a target {name}, and it has no effect, since the modulus of the {total} is 0"
+            )
 
 
 def _absoluteNames(path: Mapping[str, Any] | None) -> dict[str, Any]:

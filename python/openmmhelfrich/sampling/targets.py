@@ -21,6 +21,12 @@ _PARAMETERS: dict[str, Callable[..., str]] = {
     "volume": HelfrichForce.getTargetVolumeParameter,
     "areaDifference": HelfrichForce.getTargetAreaDifferenceParameter,
 }
+# What gets the modulus of a target from a HelfrichForce.
+MODULI: dict[str, Callable[[HelfrichForce], Any]] = {
+    "area": HelfrichForce.getAreaModulus,
+    "volume": HelfrichForce.getVolumeModulus,
+    "areaDifference": HelfrichForce.getAreaDifferenceModulus,
+}
 _SETTERS: dict[str, Callable[..., None]] = {
     "area": HelfrichForce.setTargetArea,
     "volume": HelfrichForce.setTargetVolume,

@@ -93,6 +93,7 @@ private:
     void checkParticles(const HelfrichForce& other, const std::vector<char>& isVertex) const;
     void checkSurfaceTargets() const;
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
+    void checkBox(OpenMM::ContextImpl& context);
     std::string getParameterName(const std::pair<Term, int>& surfaceTarget) const;
     void checkContextParameters(HelfrichParameters& parameters) const;
     void checkContextParameter(const HelfrichParameters& parameters, const HelfrichContextParameter& parameter,
@@ -109,7 +110,7 @@ private:
     /// updateParametersInContext()
     HelfrichParameters parameters;
     const KickAndDrift* kick = NULL;
-    bool isOrientationChecked = false, arePositionsSet = false;
+    bool isOrientationChecked = false, isBoxChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;
     OpenMM::Kernel kernel;
     /// created when it is first needed

@@ -39,6 +39,17 @@ inline void requireFreeParticles(const OpenMM::System& system, const std::string
 }
 
 /**
+ * Throw an OpenMMException if a System has a Force that OpenMM's Integrators ask to change the state now and then, and
+ * none of the Context's Integrators does.
+ */
+void requireActingForces(OpenMM::ContextImpl& context, const std::string& integrator);
+
+/**
+ * Find a HelfrichForce that another Force of a System computes in a Context of its own, or NULL if there is none.
+ */
+const HelfrichForce* findHiddenMembrane(const OpenMM::System& system);
+
+/**
  * Find the membranes of a Context.
  */
 inline std::vector<HelfrichForceImpl*> findMembranes(OpenMM::ContextImpl& context) {
