@@ -58,7 +58,7 @@ def picture(meshes: dict[str, mh.Mesh], file: Path) -> None:
         plotter.add_text(f"{title}\n{len(mesh.vertices)} vertices", font_size=9, color="black")
         plotter.camera_position = "yz"
         plotter.camera.zoom(1.2)
-    image = Image.fromarray(plotter.screenshot(return_img=True))
+    image = Image.fromarray(np.asarray(plotter.screenshot(return_img=True)))
     image.quantize(32, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
