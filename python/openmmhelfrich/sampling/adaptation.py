@@ -60,9 +60,7 @@ class _Adapter:
         if not 0 < acceptance < 1:
             raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
-        # Logarithms are those of parts of a power of 2, so that they are the same to the last bit at every power of 2.
-        self._scale = 2.0 ** math.frexp(stepSize)[1]
-        self._logStepSize = math.log(stepSize / self._scale)
+        self._logStepSize = math.log(stepSize)
 
     @classmethod
     def of(cls, integrator: Any, *arguments: Any) -> Any:
@@ -116,7 +114,7 @@ class _Adapter:
     @property
     def stepSize(self) -> float:
         """The step size for the next trajectory, in ps."""
-        return self._scale * math.exp(self._logStepSize)
+        return math.exp(self._logStepSize)
 
     def getState(self) -> dict:
         """Return everything that :meth:`setState` needs to go on: a dict of numbers, strings and booleans, fit for
@@ -132,7 +130,6 @@ class _Adapter:
         ValueError
             if the state is not one of this class
         """
-        state = {"scale": 1.0, **state}  # those of version 0.1.0 have none
         if set(state) != {name[1:] for name in vars(self)}:
             raise ValueError(
                 f"{type(self).__name__}: the state has the entries {', '.join(sorted(state))}; it must be one that "
