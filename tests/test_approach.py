@@ -119,3 +119,12 @@ def test_a_run_goes_on_in_the_middle_of_an_approach(tmp_path):
 def test_an_approach_needs_a_goal():
     with pytest.raises(ValueError, match="has no target to go to; give one of target_area, target_volume"):
         parseConfig({"mesh": {"icosphere": 1}, "stages": [{"kind": "approach"}]})
+
+
+def test_an_automatic_step_size_that_is_lost_says_why(tmp_path, monkeypatch):
+    """Where no trajectory is accepted, however short, the search ends with what the membrane looks like."""
+    monkeypatch.setattr("openmmhelfrich.runs.stages.StepSizeAdapter.lastProbability", staticmethod(lambda *_: 0.0))
+    config = configOf(tmp_path, membrane={"reduced_volume": None}, sampling={"step_size": "auto", "steps": 200})
+    with pytest.raises(ValueError, match=r"sample: no step size is accepted; .* ps go with .* its edges are .* long"):
+        mh.run(config)
+    assert Path(f"{tmp_path}/run.checkpoint").exists()

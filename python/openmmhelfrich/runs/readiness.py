@@ -45,11 +45,16 @@ def obstacle(
     mesh = currentMesh(simulation, force)
     if _isEven(scene, simulation, force, mesh) or _accepts(scene, simulation, mesh, stepSize or scene.stepSize):
         return None
+    return f"trajectories from this mesh are not accepted: {evenness(scene, mesh)}"
+
+
+def evenness(scene: Scene, mesh: Mesh) -> str:
+    """Return how long the edges of a mesh are and how sharp its triangles, as what follows a colon."""
     tether, lengths = scene.tether, mesh.edgeLengths
     return (
-        f"trajectories from this mesh are not accepted: its edges are {lengths.min():.3g} to {lengths.max():.3g} "
-        f"{scene.lengthUnit} long, where the tether keeps them from {tether.minLength:.3g} to {tether.maxLength:.3g}, "
-        f"and its triangles have angles down to {triangleAngles(mesh).min():.2g} degrees"
+        f"its edges are {lengths.min():.3g} to {lengths.max():.3g} {scene.lengthUnit} long, where the tether keeps "
+        f"them from {tether.minLength:.3g} to {tether.maxLength:.3g}, and its triangles have angles down to "
+        f"{triangleAngles(mesh).min():.2g} degrees"
     )
 
 

@@ -40,7 +40,7 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
-from .readiness import beyondBounds, remeshFirst
+from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
     currentMesh,
@@ -66,6 +66,8 @@ class _Memory(TypedDict):
 
 # Of so many vertices a stage remembers where they were at its beginning.
 MARKS = 100
+# The part of the step size to begin with below which an automatic one is not searched any further.
+LEAST_STEP = 1e-6
 # Fewer trajectories, or flips, than these say nothing about how often they are accepted.
 LEAST_TRAJECTORIES, LEAST_FLIPS = 10, 1000
 
@@ -329,10 +331,21 @@ class MonteCarlo(Stage):
         setTargets(simulation.context, self._force, self._targets(n))
         if self._isAdapting(n):
             self._adaptation.step()
+            self._requireStepSize()
         else:
             simulation.step(1)
         self.position += 1
         self._stepped()
+
+    def _requireStepSize(self) -> None:
+        """Raise a ValueError if the automatic step size is lost: no trajectory is accepted, however short."""
+        found = self._adapter.stepSize if self._adapter else self._scene.stepSize
+        if found < LEAST_STEP * self._scene.stepSize:
+            raise ValueError(
+                f"{self.title}: no step size is accepted; the search has come to {found:.2g} ps, where "
+                f"{self._scene.stepSize:.2g} ps go with the moduli and the mesh. Of the membrane as it is now "
+                f"{evenness(self._scene, currentMesh(self._simulation, self._force))}"
+            )
 
     def status(self, energy: Callable[[], float]) -> str:
         """Return an energy, in kT, and the rates of acceptance of the stage, in a few words."""
