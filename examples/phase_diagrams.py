@@ -63,7 +63,7 @@ def printCrossings(table):
         if min(map(len, branches)) < 2:
             print(f"{low}/{high}: too few points")
             continue
-        (one, other), v = map(curve, branches), np.linspace(0.4, 0.8, 4001)
+        one, other, v = curve(branches[0]), curve(branches[1]), np.linspace(0.4, 0.8, 4001)
         difference = one(v) - other(v)
         at = np.flatnonzero(np.diff(np.sign(difference)) > 0)
         print(
