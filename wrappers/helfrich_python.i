@@ -109,7 +109,8 @@ def _describeHelfrichForce(force):
         'tension': (force.getTension(), energy/length**2),
         'pressure': (force.getPressure(), energy/length**3),
     }
-    terms = [f"{name} {_text(modulus, standard)}" for name, (modulus, standard) in moduli.items() if modulus._value != 0]
+    shown = {name: modulus for name, modulus in moduli.items() if modulus[0]._value != 0}
+    terms = [f"{name} {_text(*modulus)}" for name, modulus in shown.items()]
     return ', '.join([f"{force.getNumTriangles()} triangles", *terms])
 
 
