@@ -109,8 +109,9 @@ def _describeHelfrichForce(force):
         'tension': (force.getTension(), energy/length**2),
         'pressure': (force.getPressure(), energy/length**3),
     }
-    shown = {name: modulus for name, modulus in moduli.items() if modulus[0]._value != 0}
-    terms = [f"{name} {_text(*modulus)}" for name, modulus in shown.items()]
+    terms = [
+        f"{name} {_text(modulus, standard)}" for name, (modulus, standard) in moduli.items() if modulus._value != 0
+    ]
     return ', '.join([f"{force.getNumTriangles()} triangles", *terms])
 
 
