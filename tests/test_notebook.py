@@ -60,7 +60,7 @@ def test_objects_are_a_line(result):
 def test_results_are_tables_in_notebooks(result):
     table = result._repr_html_()
     assert table.count("<tr>") == len(result.lines()) and "&lt;" not in table
-    assert str(result).splitlines()[0] == "       membrane  42 vertices, 80 triangles"
+    assert str(result).splitlines()[0].strip() == "membrane  42 vertices, 80 triangles"
     rows = result.table._repr_html_()
     assert rows.count("<tr>") == 4 and f"{result.table['energy'][-1]:.5g}" in rows
     long = mh.readObservables.__globals__["Table"]({"a": np.arange(100.0)})

@@ -43,7 +43,9 @@ def briefly(value: Any) -> str:
 
 def lineText(lines: Iterable[tuple[str, str]]) -> str:
     """Return labels and texts below each other."""
-    return "\n".join(f"{label:>15}  {text}" for label, text in lines)
+    lines = list(lines)
+    width = max([15, *(len(label) for label, _ in lines)])
+    return "\n".join(f"{label:>{width}}  {text}" for label, text in lines)
 
 
 def htmlTable(rows: Iterable[Sequence[str]], heads: Sequence[str] = ()) -> str:
