@@ -110,7 +110,7 @@ def testWholeNumbers():
 
 def testKeywordsOfTheMixture():
     """A wrong keyword, or a missing one, is named without words that users do not know."""
-    with pytest.raises(TypeError, match="there is no argument 'flip_fraction'; did you mean 'flipFraction'?"):
+    with pytest.raises(TypeError, match=r"there is no argument 'flip_fraction'; did you mean 'flipFraction'?"):
         mh.HybridMonteCarloIntegrator(300, 0.01, flip_fraction=0.1)
     with pytest.raises(TypeError, match="there is no argument 'x'; it has temperature, stepSize"):
         mh.HybridMonteCarloIntegrator(300, 0.01, x=0.1)
@@ -238,12 +238,12 @@ def testMeshesThatSpanThePeriodicBox():
         return context.getState(energy=True).getPotentialEnergy()
 
     assert energy(5, True) == energy(5, False) == energy(1.5, False) == energy(2, False)
-    with pytest.raises(mm.OpenMMException, match="periodic box is 1.5 nm along x, and the vertices span 2 nm"):
+    with pytest.raises(mm.OpenMMException, match=r"periodic box is 1.5 nm along x, and the vertices span 2 nm"):
         energy(1.5, True)
     # A sphere around the box's boundary, as periodic boundary conditions would have it.
-    wrapped = np.where(mesh.vertices[:, :1] < 0, mesh.vertices + [3, 0, 0], mesh.vertices)
+    wrapped = np.where(mesh.vertices[:, :1] < 0, mesh.vertices + np.array([3, 0, 0]), mesh.vertices)
     for isPeriodic in (False, True):
-        with pytest.raises(mm.OpenMMException, match="does not use periodic boundary conditions.*no edge longer"):
+        with pytest.raises(mm.OpenMMException, match=r"does not use periodic boundary conditions.*no edge longer"):
             energy(3, isPeriodic, wrapped)
 
 
@@ -408,7 +408,7 @@ def testSweepWithoutGuard(tmp_path):
 
 
 def testContinuationOfReducedVolumes():
-    """The reduced volume of a membrane whose area has no modulus is that of its area; without modulus it is an error."""
+    """A reduced volume is that of the area where this has no modulus, and an error where the volume has none."""
     mesh = mh.Mesh.icosphere(2, 1.0)
 
     def continued(volumeModulus, **targets):
@@ -439,7 +439,7 @@ def testAdaptationWithoutTrajectories():
     for integrator in (langevins[0], compound, mh.HybridMonteCarloIntegrator(langevins[1])):
         system = createSystem(mesh, createForce(mesh))
         simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("Reference"))
-        with pytest.raises(ValueError, match="there is no step size to adapt: .*; one must be a CustomTrajectory"):
+        with pytest.raises(ValueError, match=r"there is no step size to adapt: .*; one must be a CustomTrajectory"):
             mh.adaptStepSize(simulation, 10)
 
 

@@ -185,8 +185,9 @@ static bool objectToNumber(const char* caller, const char* argument, PyObject* o
         return !PyErr_Occurred();
     }
     PyObject* module = PyImport_ImportModule("openmmhelfrich.helfrich");
-    PyObject* result = (module == NULL ? NULL : PyObject_CallMethod(module, "_toNumber", "ssO",
-                                                                       describeCaller(caller).c_str(), argument, object));
+    PyObject* result = NULL;
+    if (module != NULL)
+        result = PyObject_CallMethod(module, "_toNumber", "ssO", describeCaller(caller).c_str(), argument, object);
     if (result != NULL)
         number = PyFloat_AsDouble(result);
     Py_XDECREF(result);
