@@ -143,9 +143,9 @@ def testBoltzmann(tmp_path, examples):
     It is too short for its numbers to mean much; test_reweighting.py has the known answers.
     """
     (tmp_path / "parts").mkdir()
-    whole = execute(tmp_path, examples / "boltzmann.py", 20, 1, 2)
-    execute(tmp_path / "parts", examples / "boltzmann.py", 12, 1)
-    assert execute(tmp_path / "parts", examples / "boltzmann.py", 20, 1) == whole
+    whole = execute(tmp_path, examples / "boltzmann.py", 40, 1, 2)
+    execute(tmp_path / "parts", examples / "boltzmann.py", 24, 1)
+    assert execute(tmp_path / "parts", examples / "boltzmann.py", 40, 1) == whole
     rows = np.array([line.split() for line in whole.splitlines()[1:9]], dtype=float)
     assert rows.shape == (8, 9) and np.all(np.isfinite(rows)) and np.all(np.diff(rows[:, 1]) > 0)
     assert (tmp_path / "boltzmann.png").stat().st_size > 10000

@@ -120,7 +120,7 @@ def testTwoRunsAtOnce(inFolder):
 def testPrefixesInOneFolder(inFolder):
     """They do not disturb each other."""
     Path("run.toml").write_text(CONFIG.replace("STEPS", "100"))
-    processes = [command("run", "run.toml", "--output", f"out/{name}") for name in ("a", "a.b")]
+    processes = [command("run", "run.toml", "--accept-anything", "--output", f"out/{name}") for name in ("a", "a.b")]
     assert [process.wait() for process in processes] == [0, 0], [process.stderr.read() for process in processes]
     assert Path("out/a.csv").read_bytes() == Path("out/a.b.csv").read_bytes()
     assert Path("out/a.dcd").read_bytes() == Path("out/a.b.dcd").read_bytes()

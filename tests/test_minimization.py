@@ -131,6 +131,7 @@ def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
         force, simulation = createSimulation(mesh, 0.97, 1e3, tether=(10, 0.6, 1.5))
         flips = simulation.integrator.getFlipIntegrator()
         flips.setTemperature(1e4)
+        flips.setFraction(0.1)
         flips.step(5)  # makes a bad mesh
         simulation.integrator.setTemperature(123)
         simulation.context.setStepCount(7)

@@ -316,7 +316,12 @@ def testTargetsThatHaveAnEffect(tmp_path):
 def testTargetsOfStagesWithoutModulus(tmp_path, stage, idle):
     """Each target of a stage must have a modulus."""
     with pytest.raises(ValueError, match=rf"stage 1 \(sample\): it has a target for the {idle}, whose modulus is 0"):
-        runConfig(tmp_path, membrane={"area_modulus": 0}, stages=[{"kind": "sample", "steps": 4, **stage}])
+        runConfig(
+            tmp_path,
+            membrane={"area_modulus": 0},
+            sampling={"approach": "none"},
+            stages=[{"kind": "sample", "steps": 4, **stage}],
+        )
 
 
 @pytest.mark.parametrize("key, value", [("target_area", 1257.0), ("target_area", 1.2e7), ("target_volume", 4200.0)])

@@ -147,7 +147,7 @@ def testCheckCommandRefuses(inFolder):
     mh.Mesh(mesh.vertices, mesh.triangles[1:]).write("open.ply")
     mh.Mesh(mesh.vertices, mesh.triangles[:, ::-1]).write("inverted.ply")
     for name, message in (
-        ("open.ply", "open.ply: the surface is open"),
+        ("open.ply", "reason  the surface is open"),
         ("inverted.ply", "is inside out"),
         ("none.ply", "there is no mesh file none.ply"),
     ):

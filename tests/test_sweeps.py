@@ -33,7 +33,7 @@ GRID = f"""
 seeds = 2
 [base]
 mesh.icosphere = 2
-sampling = {{seed = 5, steps_per_trajectory = 30, step_size = "auto", trajectory_jitter = 0.3}}
+sampling = {{seed = 5, steps_per_trajectory = 30, step_size = "auto", trajectory_jitter = 0.3, approach = "none"}}
 output = {{trajectory_interval = 50, mesh_trajectory = false, checkpoint_interval = {INTERVAL}}}
 [[base.stages]]
 kind = "sample"

@@ -244,7 +244,8 @@ def testTooFewVerticesAreToldBefore(inFolder):
     mh.run(configure(mesh=1), lambda study: said.append(list(study.notes)))
     assert "42 vertices are too few for a reduced volume of 0.977" in said[0][0]
     path = [{"kind": "continue", "windows": 2, "equilibration": 1, "steps": 1, "reduced_volume": 0.5}]
-    assert "162 vertices are too few for a reduced volume of 0.5" in mh.run(configure("b", stages=path)).notes[0]
+    notes = mh.run(configure("b", stages=path)).notes
+    assert any("162 vertices are too few for a reduced volume of 0.5" in note for note in notes)
     assert mh.run(configure("c", stages=[{"kind": "sample", "steps": 2, "reduced_volume": 0.9}])).notes == []
 
 

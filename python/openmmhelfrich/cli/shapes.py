@@ -54,7 +54,10 @@ def check(
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
-    readiness = readinessOf(surface, mesh, section.length_unit)
+    try:
+        readiness = readinessOf(surface, mesh, section.length_unit)
+    except ValueError as error:
+        raise ValueError(f"{mesh}: {error}") from None
     with contextlib.suppress(ValueError):  # the reason says it
         show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
         notes = (coarse(part, part.reducedVolume) for part in surface.components())
@@ -290,9 +293,11 @@ def report(
     Example: openmm-helfrich report results/cell
     """
     from ..pictures.report import writeReport
+    from ..io.runfiles import beside, prefixOf
     from ..runs.checkpoint import verdictOf
 
-    page = writeReport(prefix, output, max_frames, overwrite, verdictOf(f"{prefix}.checkpoint"))
+    prefix = prefixOf(prefix)
+    page = writeReport(prefix, output, max_frames, overwrite, verdictOf(beside(prefix, ".checkpoint")))
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 

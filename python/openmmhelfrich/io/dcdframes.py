@@ -72,7 +72,7 @@ class DCDTrajectory(Frames):
             )
 
     def _positions(self, i: int) -> np.ndarray:
-        with _silentLibraries():
+        with _silentLibraries(), np.errstate(all="ignore"):  # what is no number is told by Mesh
             self._file.seek(i)
             return self._file.read(1)[0][0].astype(np.float64) / 10
 
