@@ -38,7 +38,7 @@ unset LD_LIBRARY_PATH
 # Context, what that had made is lost.
 echo leak:assertThrows > "$build/leaks.supp"
 export LSAN_OPTIONS="suppressions=$build/leaks.supp" UBSAN_OPTIONS="print_stacktrace=1"
-export TSAN_OPTIONS="ignore_noninstrumented_modules=1 halt_on_error=1 ${TSAN_OPTIONS:-}"
+export TSAN_OPTIONS="ignore_noninstrumented_modules=1 halt_on_error=1 die_after_fork=0 ${TSAN_OPTIONS:-}"
 
 cmake -S "$root" -B "$build" -G Ninja --log-level=WARNING -DCMAKE_CXX_COMPILER=clang++ \
     -DHELFRICH_SANITIZER=$flags -DHELFRICH_FUZZERS=$fuzzing -DBUILD_TESTING=ON \

@@ -246,7 +246,8 @@ def testTooFewVerticesAreToldBefore(inFolder):
     path = [{"kind": "continue", "windows": 2, "equilibration": 1, "steps": 1, "reduced_volume": 0.5}]
     notes = mh.run(configure("b", stages=path)).notes
     assert any("162 vertices are too few for a reduced volume of 0.5" in note for note in notes)
-    assert mh.run(configure("c", stages=[{"kind": "sample", "steps": 2, "reduced_volume": 0.9}])).notes == []
+    notes = mh.run(configure("c", stages=[{"kind": "sample", "steps": 2, "reduced_volume": 0.9}])).notes
+    assert not any("too few" in note for note in notes)
 
 
 def testAStoppedRunHasTheSameVerdictLater(inFolder):

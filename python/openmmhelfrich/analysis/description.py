@@ -130,7 +130,7 @@ def classifyShape(mesh: Mesh) -> str:
     values, axes = np.linalg.eigh(gyrationTensor(mesh))
     if _hasNeck(mesh, axes[:, 2]):
         return "budded"
-    c, b, a = np.sqrt(values)
+    c, b, a = np.sqrt(np.maximum(values, 0))  # of a flat surface rounding may make one negative
     if c > 0.9 * a:
         return "sphere"
     return "prolate" if a - b > b - c else "oblate"

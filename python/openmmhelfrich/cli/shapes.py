@@ -292,8 +292,8 @@ def report(
 
     Example: openmm-helfrich report results/cell
     """
-    from ..pictures.report import writeReport
     from ..io.runfiles import beside, prefixOf
+    from ..pictures.report import writeReport
     from ..runs.checkpoint import verdictOf
 
     prefix = prefixOf(prefix)

@@ -197,11 +197,11 @@ class Stage(ABC):
         return float(lateRows(rows)["temperature"].mean() / self._scene.temperature)
 
     def _positionsOfMarks(self) -> NDArray[np.float64]:
+        """Return where some of the vertices are that can move."""
         positions = self._simulation.context.getState(positions=True).getPositions(asNumpy=True)
-        count = len(positions)
-        return positions[np.unique(np.linspace(0, count - 1, min(count, MARKS)).astype(int))].value_in_unit(
-            unit.nanometer
-        )
+        free = np.setdiff1d(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
+        marked = np.unique(np.linspace(0, len(free) - 1, min(len(free), MARKS)).astype(int))
+        return positions[free[marked]].value_in_unit(unit.nanometer)
 
     def _moved(self, mesh: Mesh) -> float | None:
         """Return how far the marked vertices have come since the stage began, over the mean edge length.
