@@ -89,7 +89,7 @@ def test_targets_go_in_equal_parts_to_their_end(tmp_path):
     )
     assert steps[-1] == approach.steps and not led["equilibrated"].any()
     assert summary.mean("reducedVolume") == pytest.approx(0.8, abs=0.01)
-    assert any("stage 1, approach: area from" in note for note in summary.notes)
+    assert any("stage 1, approach: volume from" in note for note in summary.notes)
 
 
 def test_it_can_be_switched_off(tmp_path):

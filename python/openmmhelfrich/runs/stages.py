@@ -7,6 +7,7 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 """
 
 import contextlib
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -509,7 +510,9 @@ class Approach(MonteCarlo):
 
     def notes(self) -> list[str]:
         goals = ", ".join(
-            f"{name} from {self._startTargets[name]:.4g} to {end:.4g}" for name, end in self._endTargets().items()
+            f"{name} from {self._startTargets[name]:.4g} to {end:.4g}"
+            for name, end in self._endTargets().items()
+            if not math.isclose(end, self._startTargets[name], rel_tol=1e-3)
         )
         return [f"{self.title}: {goals} in {self.steps} steps", *super().notes()]
 
