@@ -1,6 +1,7 @@
 /* Tests of HelfrichForce that every platform must pass.  A source that includes this defines initializeTests(), which
  * returns the platform, and runPlatformTests(). */
 
+#include "Assertions.h"
 #include "HelfrichEquations.h"
 #include "Membranes.h"
 #include "openmmhelfrich/HelfrichForce.h"
@@ -506,23 +507,6 @@ void testEachSurfaceByItself() {
         assertEqualRelative(energy, together.getEnergy(), 1e-12);
         assertEqualVectors(forces, together.getForces(), 1e-12);
     }
-}
-
-/**
- * Assert that something throws an OpenMMException that says all of the given things.
- */
-template <class Action>
-void assertThrows(Action action, const vector<string>& details) {
-    try {
-        action();
-    }
-    catch (const OpenMMException& error) {
-        for (auto& detail : details)
-            if (string(error.what()).find(detail) == string::npos)
-                throwException(__FILE__, __LINE__, "'" + string(error.what()) + "' does not say '" + detail + "'");
-        return;
-    }
-    throwException(__FILE__, __LINE__, "no error that says '" + details[0] + "'");
 }
 
 void testTargetsOfSurfaces() {

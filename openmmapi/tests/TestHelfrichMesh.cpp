@@ -1,3 +1,4 @@
+#include "Assertions.h"
 #include "Membranes.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/internal/AssertionUtilities.h"
@@ -286,22 +287,6 @@ void testFixedEdges() {
         fresh.setFixedEdges({});
         ASSERT(!fresh.isFixed(0) && !fresh.isFixed(1) && !fresh.isFixed(2));
     }
-}
-
-/**
- * Assert that something throws an OpenMMException that says all of the given things.
- */
-void assertThrows(function<void()> action, const vector<string>& details) {
-    try {
-        action();
-    }
-    catch (const OpenMMException& error) {
-        for (auto& detail : details)
-            if (string(error.what()).find(detail) == string::npos)
-                throwException(__FILE__, __LINE__, "'" + string(error.what()) + "' does not say '" + detail + "'");
-        return;
-    }
-    throwException(__FILE__, __LINE__, "no error that says '" + details[0] + "'");
 }
 
 void testSurfaces() {
