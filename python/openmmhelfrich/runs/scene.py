@@ -6,7 +6,7 @@ import os
 import random
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -145,7 +145,8 @@ class Scene:
         mesh = loadMesh(config) if mesh is None else mesh
         with namingSource(config), _overflowsExplained(config):
             config = resolve(config, mesh)
-            checkSizes(config, mesh)
+            ownMeasures = measuresOf(mesh)
+            checkSizes(config, mesh, ownMeasures)
             platform, properties = platformOf(config)
         sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
         surfaces = _surfaces(config, mesh)
@@ -159,7 +160,7 @@ class Scene:
             kT=kT,
             moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
             targets=_targets(surfaces),
-            ownMeasures=measuresOf(mesh),
+            ownMeasures=ownMeasures,
             tether=tether,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
@@ -340,10 +341,12 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
         ) from None
 
 
-def checkSizes(config: Config, mesh: Mesh) -> None:
-    """Raise a ValueError if a length or step size of a resolved Config has nothing to do with the mesh."""
+def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
+    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the mesh
+    and its own measures.
+    """
     targets = _targets(_surfaces(config, mesh))
-    for name, measure in measuresOf(mesh).items():
+    for name, measure in own.items():
         requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
     length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
     for name, value in (
@@ -395,8 +398,9 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
 
 def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
     """Return what the mesh has of the targets whose terms are on, by their names."""
-    measures = {**measuresOf(mesh), **_ownAreaDifferences(config, mesh)}
-    return {name: value for name, value in measures.items() if valueOf(config, MODULI[totalOf(name)]) > 0}
+    on = {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+    measures = measuresOf(mesh) | (_ownAreaDifferences(config, mesh) if "areaDifference" in on else {})
+    return {name: value for name, value in measures.items() if totalOf(name) in on}
 
 
 def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
@@ -433,12 +437,14 @@ def requireEffectiveTargets(config: Config, scene: Scene) -> None:
     The mesh's own area, volume or area difference does no harm.
     """
     membrane = config.membrane
-    own = {**scene.ownMeasures, **_ownAreaDifferences(config, scene.mesh)}
     for total, (modulus, keys) in _TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
+        if not given or scene.moduli[total] > 0:
+            continue
+        own = _ownAreaDifferences(config, scene.mesh) if total == "areaDifference" else scene.ownMeasures
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
-        isIdle = scene.moduli[total] == 0 and not all(math.isclose(targets[name], own[name]) for name in targets)
-        if given and isIdle and not (total == "area" and membrane.reduced_volume is not None):
+        isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
+        if isIdle and not (total == "area" and membrane.reduced_volume is not None):
             raise ValueError(
                 f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
                 f"effect, since {modulus} is 0; give a {modulus}, or leave {given[0]} out"
