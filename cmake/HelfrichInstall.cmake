@@ -16,9 +16,8 @@ else()
     set(HELFRICH_ORIGIN "$ORIGIN")
 endif()
 
-# Installs a target to a folder, with run paths relative to it.
+# Installs a target to a folder, with the run paths that follow.
 function(helfrich_install target folder)
-    list(TRANSFORM ARGN PREPEND "${HELFRICH_ORIGIN}/" OUTPUT_VARIABLE run_paths)
-    set_target_properties(${target} PROPERTIES INSTALL_RPATH "${run_paths}")
+    set_target_properties(${target} PROPERTIES INSTALL_RPATH "${ARGN}")
     install(TARGETS ${target} LIBRARY DESTINATION ${folder})
 endfunction()

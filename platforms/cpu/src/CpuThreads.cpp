@@ -24,6 +24,12 @@ static const chrono::milliseconds LONGEST_DELAY(20);
 static const chrono::microseconds NAP(50);
 
 /**
+ * After this long a thread that waits to be woken looks by itself.  To wait without an end is another function of the
+ * C++ library, which GCC 12 and newer take from its version 3.4.30; OpenMM, and so a wheel for it, needs 3.4.29.
+ */
+static const chrono::hours LONG_SLEEP(1);
+
+/**
  * How often this process is the child of one that had threads, which a child does not have.
  */
 static int numForks = 0;
@@ -57,7 +63,8 @@ template <class Function>
 void CpuThreads::Waiting::sleep(const Function& isReached) {
     unique_lock<std::mutex> lock(mutex);
     numSleepers++;
-    condition.wait(lock, isReached);
+    while (!condition.wait_for(lock, LONG_SLEEP, isReached)) {
+    }
     numSleepers--;
 }
 
