@@ -13,7 +13,7 @@ SOURCE = Path(__file__).resolve().parent.parent / "python" / "openmmhelfrich"
 
 # From the ground up: a module imports what is below it, or beside it on its own floor.
 FLOORS = [
-    ["display", "files", "helfrich", "messages", "optional", "tables", "units", "version"],
+    ["display", "files", "helfrich", "installation", "messages", "optional", "tables", "units", "version"],
     ["geometry"],
     ["io"],
     ["sampling"],

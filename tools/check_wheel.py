@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Checks what is in wheels: which files, how their libraries find each other, and that they name no folder of the build.
+"""Checks wheels: which files they have, how libraries find each other, and that these name no folder of the build.
 
     tools/check_wheel.py WHEEL ...
 

@@ -1,4 +1,4 @@
-%module(package="openmmhelfrich") helfrich
+%module(package="openmmhelfrich", moduleimport="with explained():\n    from . import $module") helfrich
 
 // Without this, numpy's integers would not do where C++ wants an int.
 %begin %{

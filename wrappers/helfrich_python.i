@@ -5,11 +5,13 @@ import copy
 import dataclasses
 import difflib
 import inspect
-import os
 
-import numpy
-import openmm
-from openmm import unit
+from .installation import PLATFORMS, InstallationError, explained, explainLoading, libraryFiles
+
+with explained():
+    import numpy
+    import openmm
+    from openmm import unit
 %}
 
 %pythoncode %{
@@ -249,15 +251,17 @@ _MOVES = []
 
 
 def _loadPlugins():
-    """Load the kernels, unless OpenMM did it when it was imported: it does not where OPENMM_PLUGIN_DIR names another
-    folder.
+    """Load the kernels that OpenMM did not load when it was imported: where OPENMM_PLUGIN_DIR names another folder, where
+    OpenMM is installed in another one, or where something is wrong, which is then said.
     """
-    if openmm.Platform.getPlatform('Reference').supportsKernels(['CalcHelfrichForce']):
-        return
-    folder = os.path.join(os.path.dirname(__file__), os.pardir, 'OpenMM.libs', 'lib', 'plugins')
-    for name in sorted(os.listdir(folder)):
-        if 'OpenMMHelfrich' in name:
-            openmm.Platform.loadPluginLibrary(os.path.join(folder, name))
+    platforms = map(openmm.Platform.getPlatform, range(openmm.Platform.getNumPlatforms()))
+    lacking = [p.getName() for p in platforms if not p.supportsKernels(['CalcHelfrichForce'])]
+    for platform, file in zip(PLATFORMS, libraryFiles()[1:]):
+        try:
+            if platform in lacking:
+                openmm.Platform.loadPluginLibrary(file)
+        except openmm.OpenMMException as error:
+            raise InstallationError(explainLoading(str(error))) from None
 
 _loadPlugins()
 %}

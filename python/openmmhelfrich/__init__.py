@@ -4,8 +4,11 @@ Everything is imported when it is first asked for: what reads a configuration lo
 """
 
 import os
+import sys
 from importlib import import_module
 from typing import Any
+
+from .installation import explained as _explained, requireInstallation as _requireInstallation
 
 # What scripts use, by the module that has it.
 _HOMES = {
@@ -62,7 +65,8 @@ __all__ = [name for name in _MODULES if not name.startswith("__")]
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        globals()[name] = found = getattr(import_module(f".{_MODULES[name]}", __name__), name)
+        with _explained():
+            globals()[name] = found = getattr(import_module(f".{_MODULES[name]}", __name__), name)
         return found
     if name in _PACKAGES:
         return import_module(f".{name}", __name__)
@@ -72,6 +76,10 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     return sorted({*_MODULES, *_PACKAGES, *(name for name in globals() if name.startswith("__"))})
 
+
+# The command, which "info --check" is a part of, begins also where much is wrong.
+if os.path.basename("".join(sys.argv[:1])) not in ("openmm-helfrich", "-m"):
+    _requireInstallation()
 
 # OpenMM loads the plugin when it is imported itself, unless this names another folder: then the extension does.
 if "OPENMM_PLUGIN_DIR" in os.environ:

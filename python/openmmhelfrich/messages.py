@@ -3,6 +3,8 @@
 import sys
 from typing import Any
 
+from .installation import InstallationError, explainLoading, isOfLibraries
+
 MOST_CHARACTERS = 100
 
 
@@ -29,6 +31,10 @@ def explain(error: BaseException) -> str | None:
     isOpenMM = openmm is not None and isinstance(error, openmm.OpenMMException)
     if isinstance(error, MemoryError) or (isOpenMM and "bad_alloc" in text):
         return f"there is not enough memory{f': {text}' if text and 'bad_alloc' not in text else ''}"
+    if isinstance(error, InstallationError):
+        return text
+    if isinstance(error, ImportError) and isOfLibraries(error):
+        return explainLoading(text)
     if isinstance(error, ImportError):
         return f"{error.name or 'a library'} cannot be loaded: {text}"
     if isinstance(error, RuntimeError) and "start new thread" in text:

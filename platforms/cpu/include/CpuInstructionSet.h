@@ -15,6 +15,11 @@ enum class CpuInstructionSet { Baseline, AVX2, AVX512 };
 CpuInstructionSet getCpuInstructionSet();
 
 /**
+ * Get the name of this instruction set, or the text of the exception, for programs that load the library by its name.
+ */
+extern "C" const char* getHelfrichInstructionSet();
+
+/**
  * Get the functions that a source compiled for each instruction set has, a struct of pointers to them.  The source
  * defines this for its own set, which is in HELFRICH_SIMD.
  */

@@ -1,5 +1,7 @@
 #include "CpuInstructionSet.h"
 #include "openmm/OpenMMException.h"
+#include "openmm/internal/windowsExport.h"
+#include "openmm/internal/windowsExport.h"
 #include <cstdlib>
 #include <string>
 #include <utility>
@@ -25,19 +27,34 @@ static vector<NamedSet> findSupportedSets() {
     return sets;
 }
 
-CpuInstructionSet getCpuInstructionSet() {
+static NamedSet findSet() {
     vector<NamedSet> supported = findSupportedSets();
     const char* wanted = getenv("OPENMM_HELFRICH_SIMD");
     if (wanted == NULL || *wanted == 0)
-        return supported.back().second;
+        return supported.back();
     string names;
     for (auto& set : supported) {
         if (wanted == set.first)
-            return set.second;
+            return set;
         names += (names.empty() ? "" : ", ") + set.first;
     }
     throw OpenMMException("HelfrichForce: OPENMM_HELFRICH_SIMD is '" + string(wanted) +
                           "'; this processor and build support " + names);
+}
+
+CpuInstructionSet getCpuInstructionSet() {
+    return findSet().second;
+}
+
+extern "C" OPENMM_EXPORT const char* getHelfrichInstructionSet() {
+    static string answer;
+    try {
+        answer = findSet().first;
+    }
+    catch (const OpenMMException& error) {
+        answer = error.what();
+    }
+    return answer.c_str();
 }
 
 } // namespace HelfrichPlugin
