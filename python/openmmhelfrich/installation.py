@@ -248,16 +248,22 @@ def _isAsRecorded(file: "PackagePath") -> bool:
 
 
 def _loaderFaults(said: str) -> Iterator[Fault]:
-    found = re.search(r"version [`'](GLIBC|GLIBCXX|CXXABI)_([\d.]+)' not found", said)
-    if found and found[1] == "GLIBC":
+    version = re.search(r"version [`'](GLIBC|GLIBCXX|CXXABI)_([\d.]+)' not found", said)
+    broken = re.search(r"([^\s/]*\.so[\d.]*): (cannot open shared object file|file too short|invalid ELF header)", said)
+    if version and version[1] == "GLIBC":
         yield Fault(
-            f"a library needs glibc {found[2]}, and that of this system is {glibcVersion()}",
-            "a newer system or container",
+            f"a library needs glibc {version[2]}, and this system has {glibcVersion()}", "a newer system or container"
         )
-    elif found:
+    elif version:
         yield Fault(
-            f"the libstdc++ that is loaded is too old: it has no {found[1]}_{found[2]} ({said})",
+            f"the libstdc++ that is loaded is too old: it has no {version[1]}_{version[2]} ({said})",
             "take other folders out of LD_LIBRARY_PATH; in an environment of conda: conda install 'libstdcxx>=12'",
         )
+    elif broken and "OpenMM" in broken[1] and "Helfrich" not in broken[1]:
+        yield Fault(f"a library of OpenMM cannot be loaded ({said})", "pip install --force-reinstall --no-deps openmm")
+    elif broken and "elfrich" in broken[1]:
+        yield Fault(f"{broken[1]} cannot be loaded: {broken[2]}", REINSTALL)
+    elif broken:
+        yield Fault(f"the system has no {broken[1]} ({said})", "install it by the package manager of the system")
     elif "undefined symbol" in said:
         yield Fault(f"a library is of another version than what it is used with ({said})", FRESH)

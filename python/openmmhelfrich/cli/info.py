@@ -56,7 +56,7 @@ def info(
 
 def _probe() -> dict[str, Any]:
     """Return what the probe found, with what ended it."""
-    command = [sys.executable, probe.__file__, json.dumps(sys.path)]
+    command = [sys.executable, probe.__file__, json.dumps(sys.path), installation.libraryFiles()[-1]]
     done = subprocess.run(command, capture_output=True, text=True)
     found = json.loads(done.stdout.splitlines()[-1]) if done.stdout else {"loading": "Python"}
     if done.returncode < 0:

@@ -1,16 +1,18 @@
 """A program that loads the libraries one after the other and prints what it has found after each, as JSON.
 
-It runs in a process of its own, since loading can end a process.  Its argument is the path to find packages on.
+It runs in a process of its own, since loading can end a process.  Its arguments are the path to find packages on and
+the plugin of the CPU platform.
 """
 
 import ctypes
 import json
 import sys
+from importlib import import_module
 from typing import Any
 
 
-def look() -> None:
-    """Load NumPy, OpenMM and the extension, and print what is found after each."""
+def look(plugin: str) -> None:
+    """Load NumPy, OpenMM, the extension and the plugin of the CPU platform, and print what is found after each."""
     found: dict[str, Any] = {"loading": "NumPy"}
     try:
         _tell(found)
@@ -22,15 +24,13 @@ def look() -> None:
         platform = mm.Platform
         _tell(found, library=mm.version.openmm_library_path, failures=list(platform.getPluginLoadFailures()))
         _tell(found, loading="the extension")
-        from openmmhelfrich import helfrich  # noqa: F401
-        from openmmhelfrich.installation import libraryFiles
-
+        import_module("openmmhelfrich.helfrich")
         platforms = [platform.getPlatform(i) for i in range(platform.getNumPlatforms())]
         _tell(found, platforms=[p.getName() for p in platforms])
         _tell(found, supporting=[p.getName() for p in platforms if p.supportsKernels(["CalcHelfrichForce"])])
         if "CPU" in found["platforms"]:
             _tell(found, threads=platform.getPlatform("CPU").getPropertyDefaultValue("Threads"))
-        _tell(found, instructionSet=_instructionSet(libraryFiles()[-1]))
+        _tell(found, instructionSet=_instructionSet(plugin))
         _tell(found, loaded=_loadedLibraries(), loading=None)
     except Exception as error:
         _tell(found, error=str(error))
@@ -59,4 +59,4 @@ def _loadedLibraries() -> list[str]:
 
 if __name__ == "__main__":
     sys.path[:] = json.loads(sys.argv[1])
-    look()
+    look(sys.argv[2])
