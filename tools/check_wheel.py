@@ -74,8 +74,9 @@ def _libraryFaults(path: Path, name: str) -> Iterator[str]:
 
 def _headerFaults(folder: Path) -> Iterator[str]:
     for header in sorted(folder.rglob("*.h")):
-        for name in re.findall(r'#include "(openmmhelfrich/[^"]*)"', header.read_text()):
-            if not (folder / name).exists():
+        for name in re.findall(r'#include "([^"]*)"', header.read_text()):
+            isOpenMMs = name == "OpenMM.h" or name.startswith("openmm/")
+            if not isOpenMMs and not (folder / name).exists() and not (header.parent / name).exists():
                 yield f"{header.relative_to(folder)} includes {name}, which is missing"
 
 
