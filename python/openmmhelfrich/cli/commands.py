@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from ..version import __version__
-from . import meshes, minima, runs, shapes, sweeps, tradeoff
+from . import mcapp, meshes, minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -20,6 +20,7 @@ app.add_typer(meshes.app)
 app.add_typer(shapes.app)
 app.add_typer(minima.app)
 app.add_typer(tradeoff.app)
+app.add_typer(mcapp.app)
 
 
 @app.callback(invoke_without_command=True)
