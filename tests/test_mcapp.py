@@ -1,6 +1,7 @@
 """Runs of TriMem's configurations in the place of TriMem's command, as a program sees them that calls it."""
 
 import configparser
+import io
 import json
 import os
 import re
@@ -191,12 +192,12 @@ def testCheckpointsOfTriMemAreRead(cell):
     config.read_string(SAMPLING)
     config.read_dict({"DEFAULT": {"init_step": "{}", "input": "cell.stl", "output_prefix": "cell", "lc0": 0.4}})
     config.read_dict({"ENERGY": {"continuation_lambda": 1.0}, "HMC": {"init_step": '{"move": 20, "flip": 8}'}})
-    with open("text", "w") as text:
-        config.write(text)
+    text = io.StringIO()
+    config.write(text)
     root = ElementTree.Element("cpt", Version="0.1")
     ElementTree.SubElement(root, "points", shape="42 3", dtype="float64").text = "cell.cpt.p3.h5:/points"
     ElementTree.SubElement(root, "cells", shape="80 3", dtype="int32").text = "cell.cpt.p3.h5:/cells"
-    ElementTree.SubElement(root, "config").text = json.dumps(open("text").read())
+    ElementTree.SubElement(root, "config").text = json.dumps(text.getvalue())
     ElementTree.ElementTree(root).write("cell.p3.cpt")
     summary = runLikeTriMem(cell, restart=3)
     stage = summary.config.stages[-1]

@@ -35,8 +35,10 @@ def run(
     """Do what a configuration of TriMem asks for, and write the checkpoint that TriMem writes beside our own files.
 
     PREFIX.cpt.p0.h5 has the mesh (points, cells), PREFIX.p0.cpt names it; a restart writes p1, p2 and so on.  Files of
-    an earlier run get the names #NAME.B#, unless it is a restart.  The exit code is 0 at the end of the run, as TriMem's
-    is, whatever the verdict; 1 after an error, 2 after a wrong option, 130 or 143 if it was stopped.
+    an earlier run get the names #NAME.B#, unless it is a restart.
+
+    The exit code is 0 at the end of the run, as TriMem's is, whatever the verdict; 1 after an error, 2 after a wrong
+    option, 130 or 143 if it was stopped.
     """
     from ..runs.mcapp import LAST, runLikeTriMem
 

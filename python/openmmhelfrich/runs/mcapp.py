@@ -68,8 +68,9 @@ def runLikeTriMem(
         data["mesh"]["file"] = str(begin.mesh)
     if part > 0:
         data["output"]["prefix"] = f"{prefix}.p{part}"
-    for comment in comments if note else ():
-        note(comment)
+    if note is not None:
+        for comment in comments:
+            note(comment)
     config = parseConfig(data, str(file))
     outputs = Outputs.of(config)
     outputs.makeFolder()
