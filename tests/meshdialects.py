@@ -6,6 +6,7 @@ coordinates, comments, other elements.
 """
 
 import base64
+import io
 import json
 import struct
 import tempfile
@@ -14,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 Dialect = Callable[[np.ndarray, np.ndarray], bytes]
@@ -452,12 +454,36 @@ def _(x, t):
     return text("version 1.1", "box 5e4 5e4 5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *more)
 
 
+@dialect("tsi", "vector fields")
+def _(x, t):
+    rows = [f"{i} {numbers(row)}" for i, row in enumerate(x)]
+    faces = [f"{f} {a} {b} {c}" for f, (a, b, c) in enumerate(t)]
+    fields = ["vector_fields 2", *["1 1 0 2 0 1"] * len(x), "inclusion 0"]
+    return text("version 1.1", "box 5e4 5e4 5e4", f"vertex {len(x)}", *rows, f"triangle {len(t)}", *faces, *fields)
+
+
 @dialect("q", "plain")
 def _(x, t):
     rows = [f"{i} {numbers(row)} 0" for i, row in enumerate(x)]
     return text(
         "5e4 5e4 5e4", str(len(x)), *rows, str(len(t)), *(f"{f} {a} {b} {c} 0" for f, (a, b, c) in enumerate(t))
     )
+
+
+# --- TriMem
+
+
+def checkpoint(**data):
+    out = io.BytesIO()
+    with h5py.File(out, "w") as file:
+        for name, values in data.items():
+            file.create_dataset(name, data=values, compression="gzip")
+    return out.getvalue()
+
+
+@dialect("h5", "checkpoint")
+def _(x, t):
+    return checkpoint(points=np.asarray(x, dtype=np.float64), cells=np.asarray(t, dtype=np.int32))
 
 
 # --- VTK

@@ -56,7 +56,7 @@ def testAnotherProcessFillsTheDisk(tmp_path):
 
 
 def testDamagedInput():
-    kinds = ("toml", "grid", "trimem", "stl", "ply", "obj", "off", "vtk", "vtu", "msh", "tsi", "q", "gltf", "glb")
+    kinds = ("toml", "grid", "trimem", "stl", "ply", "obj", "off", "vtk", "vtu", "msh", "tsi", "q", "h5", "gltf", "glb")
     assert not findFaults("mutations.py", *kinds, "--count", 100)
 
 

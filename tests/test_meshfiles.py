@@ -13,11 +13,11 @@ from hypothesis import given, settings, strategies as st
 from openmm import unit
 
 import openmmhelfrich as mh
-from meshdialects import DIALECTS, INDICES, XYZ, binarySTL, gltf, obj, ownVTU, ply, text, textSTL
+from meshdialects import DIALECTS, INDICES, XYZ, binarySTL, checkpoint, gltf, obj, ownVTU, ply, text, textSTL
 from openmmhelfrich.geometry import connectivity
 from openmmhelfrich.geometry.formats import vtkfiles
 
-WRITTEN = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh", "tsi", "q"]
+WRITTEN = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh", "tsi", "q", "h5"]
 # Those whose writers have no more than eleven digits, or whose format has single precision.
 ROUNDED = {name for name in DIALECTS if name.startswith(("vtk: polyData", "vtk: grid")) and "binary" not in name}
 
@@ -65,6 +65,7 @@ def testDialect(tmp_path, name):
             "other elements",
             "points and lines",
             "inclusions",
+            "vector fields",
             "several pieces",
             "sections",
         )
@@ -317,6 +318,15 @@ TSI = b"version 1.1\nbox 9 9 9\nvertex 1\n0 0 0 0\ntriangle 1\n0 0 0 0\n"
         ("a.tsi", TSI[:-9], "it is not complete: it ends after 0 of 1 lines of the section triangle"),
         ("a.tsi", TSI.replace(b"box 9 9 9", b"box 9 9 -9"), "the box is 9 x 9 x -9; its lengths must be positive"),
         ("a.tsi", TSI.replace(b"box 9 9 9\n", b""), "it has no section 'box'"),
+        (
+            "a.tsi",
+            TSI.replace(b"vertex 1\n", b"vertex 2\n1 1 1 1\n") + b"vector_fields 2\n1 1 0 0 1 0 0\n",
+            "it is not complete: it ends after 1 of 2 lines of the section vector_fields",
+        ),
+        ("a.h5", b"\x89HDF\r\n\x1a\n", "it is not an HDF5 file, or not a complete one: "),
+        ("a.h5", checkpoint(points=np.eye(3)), "it has no dataset 'cells'; a checkpoint of TriMem has 'points' and"),
+        ("a.h5", checkpoint(points=np.ones(3)), r"'points' has the shape \(3,\) of float64; it must be \(N, 3\), of n"),
+        ("a.h5", checkpoint(points=np.eye(3), cells=np.eye(3)), "'cells' .* float64; it must be .* of integers"),
         ("a.q", b"9 9 9\nfour\n", "line 2 is 'four'; it must be the number of vertices"),
         ("a.vtk", IMAGE, "vtkStructuredPoints; it must hold"),
         ("a.vtu", b"<?xml version='1.0'?>\n<VTKFile>\n<a></b>\n", "VTK cannot read it: "),

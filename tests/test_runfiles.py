@@ -128,7 +128,7 @@ def test_equal_runs_have_equal_final_files(prefix, tmp_path):
         assert Path(f"{again}{ending}").read_bytes() == Path(f"{prefix}{ending}").read_bytes(), ending
 
 
-@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "vtu", "vtk", "msh", "tsi", "q"])
+@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "vtu", "vtk", "msh", "tsi", "q", "h5"])
 def test_equal_meshes_become_equal_files(tmp_path, suffix, monkeypatch):
     import datetime
 

@@ -234,7 +234,7 @@ def _simulate(damagedFile):
 
 
 XML = ("system.xml", "integrator.xml", "state.xml")
-MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh", "tsi", "q")
+MESHES = ("stl", "ply", "obj", "off", "vtk", "vtu", "msh", "tsi", "q", "h5")
 ONLY_READ = ("vtp", "gltf", "glb")
 KINDS = {
     "toml": Kind("other.toml", _create, r"\[\w+\] \w+"),

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from ..version import __version__
-from . import info, meshes, minima, runs, shapes, sweeps, tradeoff
+from . import info, mcapp, meshes, minima, runs, shapes, sweeps, tradeoff
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -21,6 +21,7 @@ app.add_typer(shapes.app)
 app.add_typer(minima.app)
 app.add_typer(tradeoff.app)
 app.add_typer(info.app)
+app.add_typer(mcapp.app)
 
 
 @app.callback(invoke_without_command=True)

@@ -57,7 +57,7 @@ def run(
     _override(settings.platform, name=platform, threads=threads)
     _override(settings.sampling, seed=seed, steps=steps)
     _override(settings.output, prefix=output, overwrite=overwrite or None)
-    _report(lambda progress: runConfig(settings, progress), quiet, acceptAnything)
+    report(lambda progress: runConfig(settings, progress), quiet, acceptAnything)
 
 
 @app.command(epilog="Example: openmm-helfrich resume results/cell --steps 5000")
@@ -86,7 +86,7 @@ def resume(
         return resumeRun(prefix, steps, progress, platform, threads)
 
     try:
-        _report(work, quiet, acceptAnything)
+        report(work, quiet, acceptAnything)
     except CompleteError as error:
         if acceptAnything or error.verdict is None or error.verdict.level != "failed":
             raise
@@ -119,7 +119,7 @@ def _override(section: Any, **values: Any) -> None:
             setattr(section, name, value)
 
 
-def _report(work: Callable[["RunProgress"], "Summary"], quiet: bool, acceptAnything: bool) -> None:
+def report(work: Callable[["RunProgress"], "Summary"], quiet: bool, acceptAnything: bool) -> None:
     """Do a run with its progress shown, and print its summary.
 
     A run that was stopped ends the command as the signal would have.  A failed verdict is an error, also when all is

@@ -145,10 +145,10 @@ class Mesh:
         """Read a mesh from a file.
 
         The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTP, VTK, GMSH (.msh), glTF (.gltf, .glb), the
-        topologies of FreeDTS (.tsi, .q), and every other that the meshio library reads.  The corners of an STL file's
-        triangles are one vertex where their coordinates are equal; vertices are in order of first appearance.  Faces of
-        more than three corners are divided.  Vertices that belong to no face, points and lines are left out.
-        :attr:`notes` says what was divided or left out.
+        topologies of FreeDTS (.tsi, .q), checkpoints of TriMem (.h5), and every other that the meshio library reads.
+        The corners of an STL file's triangles are one vertex where their coordinates are equal; vertices are in order
+        of first appearance.  Faces of more than three corners are divided.  Vertices that belong to no face, points and
+        lines are left out.  :attr:`notes` says what was divided or left out.
 
         Parameters
         ----------

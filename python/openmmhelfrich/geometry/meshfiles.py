@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files import replacing
-from .formats import freedts, gltf, meshiofiles, obj, off, ply, stl, vtkfiles
+from .formats import freedts, gltf, meshiofiles, obj, off, ply, stl, trimem, vtkfiles
 from .formats.content import Content
 
 _OF_BYTES: dict[str, Callable[[bytes], Content]] = {
@@ -24,6 +24,7 @@ _OF_BYTES: dict[str, Callable[[bytes], Content]] = {
     ".off": off.read,
     ".tsi": freedts.readTSI,
     ".q": freedts.readQ,
+    ".h5": trimem.read,
 }
 _OF_FILES: dict[str, Callable[[Path], Content]] = {
     ".gltf": gltf.read,
@@ -35,7 +36,7 @@ _OF_FILES: dict[str, Callable[[Path], Content]] = {
 _POINTER = b"version https://git-lfs.github.com/spec/"
 _ONLY_READ = (".gltf", ".glb", ".vtp")
 _WITH_DATA = (".vtu", ".vtk", ".ply")
-_NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q")
+_NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q", ".h5")
 
 
 def read(path: Path) -> Content:
@@ -72,6 +73,8 @@ def write(
         with replacing(path) as part:
             if suffix in (".tsi", ".q"):
                 part.write_text(freedts.textOf(suffix, points, triangles, box), encoding="utf-8")
+            elif suffix == ".h5":
+                part.write_bytes(trimem.content(points, triangles))
             else:
                 meshiofiles.write(part, suffix, points, triangles, data if suffix in _WITH_DATA else None)
     except ValueError as error:

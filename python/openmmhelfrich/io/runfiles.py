@@ -5,7 +5,7 @@ from pathlib import Path
 from ..files import PathLike
 
 TRAJECTORY = ".vtkhdf"
-MESHES = (".ply", ".stl", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q")
+MESHES = (".ply", ".stl", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q", ".h5")
 # Endings of all that a run and the commands on it write; of two that a name may have, the longer comes first.
 _ENDINGS = (
     "_observables.png",

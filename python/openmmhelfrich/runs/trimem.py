@@ -6,7 +6,10 @@ mean curvature; ours are areas and volumes.  Terms and their exponents are the s
 """
 
 import configparser
+import io
+import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +28,6 @@ LARGEST_WINDOWS = 20
 _WITHOUT_COUNTERPART = {
     "general": {"output_format", "restart_prefix"},
     "surfacerepulsion": {"n_search", "rlist", "refresh"},
-    "hmc": {"init_step"},
     "bonds": {"a0"},
     "minimization": {"out_every"},
 }
@@ -47,21 +49,14 @@ def convertConfig(file: PathLike) -> str:
         if it is not a configuration of TriMem, or asks for what there is no counterpart of
     """
     path = Path(file)
-    source = _Source(path)
-    mesh = Mesh.read(source.mesh)
-    data, comments = _convert(source, mesh)
+    data, comments = converted(Source(path))
     parseConfig(data, str(path))
     return configText(
-        data,
-        [
-            f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.",
-            *comments,
-            *source.leftOut(),
-        ],
+        data, [f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.", *comments]
     )
 
 
-class _Source:
+class Source:
     """TriMem's configuration, which notes the keys that were asked for."""
 
     def __init__(self, path: Path) -> None:
@@ -69,6 +64,7 @@ class _Source:
             raise FileNotFoundError(f"there is no configuration file {path}")
         self.stem = str(path.with_suffix(""))
         self._parser, self.path = configparser.ConfigParser(inline_comment_prefixes=("#", ";")), path
+        self.stepsDone = 0  # before this run
         self._asked: set[tuple[str, str]] = set()
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
@@ -83,6 +79,46 @@ class _Source:
             raise FileNotFoundError(
                 f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed"
             )
+        self.stepsDone = self._counted(self.text("HMC", "init_step", "{}"))
+
+    def goOnFrom(self, checkpoint: Mapping[str, str]) -> None:
+        """Take from a checkpoint what TriMem takes: continuation_lambda, continuation_delta, and init_step unless the
+        configuration has it.
+        """
+        for key in ("continuation_lambda", "continuation_delta"):
+            if key in checkpoint:
+                self._parser["ENERGY"][key] = checkpoint[key]
+        if not self._parser.has_option("HMC", "init_step"):
+            self.stepsDone = self._counted(checkpoint.get("init_step", "{}"))
+
+    def textAfter(self, progress: float, steps: int) -> str:
+        """Return the text of the configuration that goes on from here, as checkpoints have it, from the lambda that was
+        reached and the number of steps made.
+        """
+        parser = configparser.ConfigParser(interpolation=None)
+        for section in self._parser.sections():
+            parser[section] = {key: self._parser.get(section, key, raw=True) for key in self._parser[section]}
+        for section in ("ENERGY", "HMC"):
+            if not parser.has_section(section):
+                parser.add_section(section)
+        parser["ENERGY"]["continuation_lambda"] = repr(progress)
+        parser["ENERGY"]["continuation_delta"] = repr(self.number("ENERGY", "continuation_delta", 0.0))
+        parser["HMC"]["init_step"] = json.dumps({"move": self.stepsDone + steps, "flip": 0}) if steps else "{}"
+        text = io.StringIO()
+        parser.write(text)
+        return text.getvalue()
+
+    def _counted(self, text: str) -> int:
+        """Return the sum of TriMem's counters of steps."""
+        try:
+            counters = json.loads(text)
+            if not all(isinstance(count, int) and count >= 0 for count in counters.values()):
+                raise ValueError
+        except (ValueError, AttributeError):
+            raise ValueError(
+                f'{self.path}: [HMC] init_step is {quoted(text)}; it must be like {{"move": 10, "flip": 5}}'
+            ) from None
+        return sum(counters.values())
 
     def text(self, section: str, key: str, default: str | None) -> Any:
         """Return a value as a string."""
@@ -128,8 +164,13 @@ class _Source:
         return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
 
 
-def _convert(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], list[str]]:
+def converted(source: Source) -> tuple[dict[str, Any], list[str]]:
     """Return our configuration as a nested dict, and comments on it."""
+    mesh = Mesh.read(source.mesh)
+    try:
+        mesh.check()
+    except ValueError as error:
+        raise ValueError(f"{source.mesh}: {error}") from None
     if source.text("BONDS", "bond_type", "Edge") != "Edge":
         raise ValueError(f"{source.path}: [BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
     unit = source.number("HMC", "initial_temperature", 1.0)
@@ -166,10 +207,10 @@ def _convert(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], list[str]]:
     if onset > 0 and modulus > 0:
         data["repulsion"] = {"modulus": modulus, "onset": onset, "exponent": exponent, "exclusion_level": level}
     data["stages"], comments = _stages(source, start, end)
-    return data, comments
+    return data, [*comments, *source.leftOut()]
 
 
-def _targets(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], dict[str, Any]]:
+def _targets(source: Source, mesh: Mesh) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return our targets, of each surface by itself, at TriMem's continuation_lambda, and at its lambda of 1."""
     surfaces = mesh.components()
     own = {
@@ -191,7 +232,7 @@ def _targets(source: _Source, mesh: Mesh) -> tuple[dict[str, Any], dict[str, Any
     return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
 
 
-def _sampling(source: _Source, unit: float) -> dict[str, Any]:
+def _sampling(source: Source, unit: float) -> dict[str, Any]:
     """Return our section [sampling]."""
     fraction = source.number("HMC", "flip_ratio", 0.1)
     mass = source.number("HMC", "momentum_variance", 1.0)
@@ -206,9 +247,11 @@ def _sampling(source: _Source, unit: float) -> dict[str, Any]:
     }
 
 
-def _output(source: _Source) -> dict[str, Any]:
+def _output(source: Source) -> dict[str, Any]:
     """Return our section [output]."""
     output = {"prefix": source.text("GENERAL", "output_prefix", source.stem)}
+    if Path(output["prefix"] + ".ply").resolve() == source.mesh.resolve():  # which the final mesh would replace
+        output["mesh_format"] = "vtu"
     for key, value in (
         ("trajectory_interval", source.number("HMC", "thin", 10)),
         ("observables_interval", source.number("GENERAL", "info", 1)),
@@ -219,10 +262,13 @@ def _output(source: _Source) -> dict[str, Any]:
     return output
 
 
-def _stages(source: _Source, start: dict[str, float], end: dict[str, float]) -> tuple[list[dict[str, Any]], list[str]]:
+def _stages(source: Source, start: dict[str, float], end: dict[str, float]) -> tuple[list[dict[str, Any]], list[str]]:
     """Return our stages, and comments on them."""
     iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
     rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)
+    first -= source.stepsDone
+    cold = max(math.exp(min(0.0, rate * min(first, 0))), MINIMAL_TEMPERATURE)  # by the steps before
+    first = max(first, 0)
     delta, progress = (
         source.number("ENERGY", "continuation_delta", 0.0),
         source.number("ENERGY", "continuation_lambda", 1.0),
@@ -256,6 +302,7 @@ def _stages(source: _Source, start: dict[str, float], end: dict[str, float]) -> 
         cooling = {
             "kind": "anneal",
             "steps": steps,
+            "start_temperature": cold * TEMPERATURE,
             "end_temperature": MINIMAL_TEMPERATURE * TEMPERATURE,
             "rate": rate,
             "cooling_start": max(first, 0),

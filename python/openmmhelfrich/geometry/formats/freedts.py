@@ -14,12 +14,14 @@ def readTSI(content: bytes) -> Content:
     i = 0
     while i < len(lines):
         name = lines.texts[i].split()[0].lower()
-        if not name.isalpha() or name in sections:
+        if not name.replace("_", "").isalpha() or name in sections:
             raise lines.fault(i, "the name of a section that is not there yet, like box, vertex or triangle")
         sections[name] = i
-        i += 1 if name in ("version", "box") else 1 + _count(lines, i)
-        if i > len(lines):
-            lines.require(sections[name] + 1, _count(lines, sections[name]), f"lines of the section {name}")
+        count = 0 if name in ("version", "box") else _count(lines, i)
+        if name == "vector_fields":  # each vertex has a line, and the number is that of fields
+            count = _count(lines, sections["vertex"]) if "vertex" in sections else 0
+        lines.require(i + 1, count, f"lines of the section {name}")
+        i += 1 + count
     for name in ("box", "vertex", "triangle"):
         if name not in sections:
             raise ValueError(f"it is not complete: it has no section '{name}'")
@@ -28,8 +30,11 @@ def readTSI(content: bytes) -> Content:
         lines.rows([sections["box"]], 3, float, "box and its lengths", skip=1)[0],
         *(x for name in ("vertex", "triangle") for x in (sections[name] + 1, _count(lines, sections[name]))),
     )
-    for name in sections.keys() - {"version", "box", "vertex", "triangle"}:
-        result.noteLeftOut(_count(lines, sections[name]), f"lines of the section '{name}'")
+    for name in sorted(sections.keys() - {"version", "box", "vertex", "triangle"}):
+        result.noteLeftOut(
+            _count(lines, sections[name]),
+            "vector fields" if name == "vector_fields" else f"lines of the section '{name}'",
+        )
     return result
 
 
