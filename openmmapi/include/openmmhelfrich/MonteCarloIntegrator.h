@@ -62,8 +62,9 @@ protected:
     /**
      * Draw whether something of a given probability happens.
      *
-     * @param stream   the stream of the random number, which must be for this alone
-     * @param counter  the random number's place in the stream
+     * @param stream       the stream of the random number, which must be for this alone
+     * @param counter      the random number's place in the stream
+     * @param probability  the probability that it happens
      */
     bool draw(unsigned int stream, long long counter, double probability) const;
     /**

@@ -384,7 +384,7 @@ void testSweepThatChangesNothing() {
 }
 
 void testFixedEdges() {
-    // When all edges but one are fixed, all attempts but those on that one are forbidden, and its flips go to and fro.
+    // When all edges but one are fixed, all attempts but those on that one are forbidden, and its flips alternate.
     // With a path of fixed edges no sweep, however hot, takes one away, on one thread or on several.
 
     Membrane blob = createBlob(2);

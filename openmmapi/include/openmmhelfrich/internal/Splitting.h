@@ -42,7 +42,7 @@ struct Splitting {
     /**
      * Get a splitting by its name.  All are of order 2.
      *
-     * @param name  "leapfrog"; or "bcss2" or "bcss3", of two or three stages, whose coefficients minimise the largest
+     * @param name  "leapfrog"; or "bcss2" or "bcss3", of two or three stages, whose coefficients minimize the largest
      * expected energy error of harmonic oscillators up to the step where the leapfrog steps of the same cost become
      * unstable (Blanes, Casas and Sanz-Serna, SIAM J. Sci. Comput. 36, A1556, 2014, section 4; for two stages it is
      * near that of Predescu et al., Mol. Phys. 110, 967, 2012)
