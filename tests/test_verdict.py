@@ -1,7 +1,9 @@
 """The verdict on runs: what each check finds and what it lets pass, and where it is shown."""
 
 import csv
+import itertools
 import json
+import math
 import re
 from dataclasses import replace
 
@@ -89,10 +91,13 @@ FOUND = [
     ("targets", "doubtful", {"rows": rowsOf(targetVolume=np.full(40, 2.4)), "moduli": GOOD.moduli | {"volume": 100.0}}),
     ("acceptance of trajectories", "doubtful", {"acceptance": 0.1}),
     ("acceptance of trajectories", "failed", {"acceptance": 0.0}),
+    ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (1, 4)}}),
+    ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (0, 0)}}),
     ("diverged trajectories", "doubtful", {"divergence": 0.05}),
     ("diverged trajectories", "failed", {"divergence": 1.0}),
     ("acceptance of flips", "doubtful", {"flipAcceptance": 5e-4}),
     ("acceptance of flips", "failed", {"flipAcceptance": 0.0}),
+    ("acceptance of flips", "doubtful", {"flipAcceptance": None, "few": {"flips": (0, 900)}}),
     ("step size", "doubtful", {"stepSize": 6e-6}),
     ("step size", "failed", {"stepSize": 1e-10}),
     ("displacement", "doubtful", {"moved": 0.05}),
@@ -110,6 +115,9 @@ FOUND = [
     ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (1, 100)]}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
+    ("passages through the states", "doubtful", {"passages": 0}),
 ]
 
 
@@ -136,6 +144,17 @@ def testEveryCheckIsTestedAndDescribed():
             isNever = np.isinf(limit) or (check.isLeast and limit == 0)
             expected = "see below" if check.title == "targets" else "never" if isNever else f"{limit:g}"
             assert cell.strip() == expected, check.title
+
+
+def testFewTriesAreJudgedByTheLeastRate():
+    """Of a few, so many must be accepted that a rate below the limit is unlikely: 5% or less."""
+    for accepted, tried in itertools.product(range(10), repeat=2):
+        if accepted <= tried:
+            few = {"acceptance": None, "few": {"trajectories": (accepted, tried)}}
+            chance = sum(math.comb(tried, k) * 0.2**k * 0.8 ** (tried - k) for k in range(accepted, tried + 1))
+            assert (judge(replace(GOOD, **few)).level == "good") == (chance <= 0.05), (accepted, tried)
+    ten = judge(replace(GOOD, acceptance=None, few={"trajectories": (3, 7)})).findings[0]
+    assert ten.what == "3 of 7 trajectories were accepted, too few to tell whether enough are"
 
 
 def testWhatAnAdviceIs():
@@ -188,6 +207,11 @@ SCENES = {
     "soft constraints": (configure(membrane={"area_modulus": 1e4, "volume_modulus": 1e4}), "good", ""),
     "a tension": (configure(membrane={"area_modulus": 0, "tension": 10}), "good", ""),
     "a short run": (configure(stages=[{"kind": "sample", "steps": 40}]), "doubtful", "averages are over 5 rows"),
+    "a stage of few trajectories": (
+        configure(stages=[{"kind": "anneal", "steps": 9, "end_temperature": 290}], step_size=2e-2, flip_probability=0),
+        "doubtful",
+        "0 of 9 trajectories were accepted, too few to tell whether enough are; make more steps",
+    ),
     "nothing accepted": (configure(step_size=1e-2), "failed", "only 0.0% of the trajectories were accepted; a smaller"),
     "a target out of reach": (
         configure(membrane={"reduced_volume": 0.6}, approach="none"),
