@@ -19,6 +19,7 @@ from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs import sweeps
 from openmmhelfrich.runs.checkpoint import verdictOf
+from openmmhelfrich.runs.grids import coarsePoints, readGrid
 from openmmhelfrich.tables import Table
 
 SPHERE = 8 * np.pi * 20  # its bending energy in kT
@@ -344,6 +345,34 @@ def scheduler():
         n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
     ) as cluster:
         yield cluster.scheduler_address
+
+
+def testASweepTellsOfTooFewVerticesBefore(tmp_path, scheduler):
+    """Once, and which points: in a line for each number of vertices, however many points there are."""
+    grid = tmp_path / "grid.toml"
+    grid.write_text(
+        "[base]\nsampling = {steps = 1, steps_per_trajectory = 1, seed = 1, approach = 'none'}\nplatform.threads = 1\n"
+        "output.mesh_trajectory = false\n[grid]\nmesh.icosphere = [1, 2, 3]\n"
+        "membrane.reduced_volume = {start = 0.5, stop = 0.95, step = 0.05}\n"
+    )
+    points = readGrid(grid)
+    assert len(points) == 30
+    notes = coarsePoints(points)
+    starts = [note[: note.index(":")] for note in notes]
+    assert starts == [
+        "42 vertices are too few for reduced volumes of 0.8 to 0.95",
+        "42 vertices are too few for reduced volumes of 0.65 to 0.75",
+        "42 vertices are too few for reduced volumes of 0.5 to 0.6",
+        "162 vertices are too few for reduced volumes of 0.65 to 0.75",
+        "162 vertices are too few for reduced volumes of 0.5 to 0.6",
+    ]
+    assert notes[-1].endswith("362 or more do not (point icosphere=2,reduced_volume=0.5,seed=1 and 2 more)")
+    grid.write_text(grid.read_text().replace("[1, 2, 3]", "[1]").replace("start = 0.5", "start = 0.9"))
+    result = invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler)
+    assert result.output.startswith("note: 42 vertices are too few for reduced volumes of 0.9 to 0.95: such a mesh")
+    assert result.output.count("vertices are too few") == 1 and "(every point)" in result.output
+    assert not invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler).output.count("vertices are too few")
+    assert sweeps.sweep(grid, tmp_path / "a", scheduler).notes[0].endswith("(every point)")
 
 
 def testSweepOfAFailedPoint(tmp_path, scheduler):

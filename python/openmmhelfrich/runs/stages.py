@@ -9,7 +9,7 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -545,8 +545,16 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
             try:
                 found.append(_KINDS[type(settings)].check(settings, scene, found[-1]))
             except ValueError as error:
-                raise ValueError(f"stage {i + 1} ({settings.title}): {error}") from None
+                raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
     return found
+
+
+def placeOf(stages: Sequence[StageSettings], index: int) -> str:
+    """Return what to call a stage, with the number that its user has given it."""
+    number = 1 + sum(not stage.isAdded for stage in stages[:index])
+    if stages[index].isAdded:
+        return f"the approach to stage {number} ({stages[index + 1].title})"
+    return f"stage {number} ({stages[index].title})"
 
 
 def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
