@@ -57,8 +57,7 @@ exchange.run(max(0, rounds - exchange.numRounds), steps=10, checkpoint=FILE)
 result = mh.reweight(exchange.potentialEnergies(discard=exchange.numRounds // 10), temperatures)
 density = result.densityOfStates(bins=50)
 print(result.toDataFrame().to_string(index=False, float_format="{:.3f}".format))
-print("exchanges accepted: " + ", ".join(f"{rate:.2f}" for rate in exchange.acceptanceRates))
-print(f"flips accepted: {np.mean([simulation.integrator.getFlipAcceptanceRate() for simulation in simulations]):.3f}")
+print(exchange)  # what was accepted in each state, and the verdict
 print(
     f"chi^2 = {density.chiSquared:.0f} for {density.degreesOfFreedom} degrees of freedom, p = {density.pValue:.2f}; "
     f"residuals of {np.nanstd(density.residuals):.2f} standard errors, at most "

@@ -10,6 +10,7 @@ import openmmhelfrich as mh
 from openmmhelfrich.runs.approach import FAR, STEPS_PER_E_FOLD, withApproaches
 from openmmhelfrich.runs.config import parseConfig, readTOML
 from openmmhelfrich.runs.scene import Scene
+from openmmhelfrich.runs.stages import placeOf
 from openmmhelfrich.runs.stagesettings import AnnealStage, ContinueStage, MinimizeStage, SampleStage
 from test_restarted_runs import StopAt, assertSame, contentsOf
 
@@ -114,6 +115,21 @@ def test_a_run_goes_on_in_the_middle_of_an_approach(tmp_path):
     assert mh.run(config, progress=StopAt(7)).interrupted
     mh.resume(config["output"]["prefix"])
     assertSame(config["output"]["prefix"], contentsOf(str(tmp_path / "run")))
+
+
+def test_errors_number_the_stages_of_the_file(tmp_path):
+    """Approaches that are added are not counted, and are named by what they lead to."""
+    second = {"kind": "sample", "steps": 5, "step_size": 1e9}
+    config = configOf(tmp_path, sampling={"seed": 3}, stages=[{"kind": "sample", "steps": 5}, second])
+    del config["sampling"]["steps"]
+    with pytest.raises(ValueError, match=r"stage 2 \(sample\): step_size is 1e\+09"):
+        mh.run(config)
+    led, _ = withApproaches([sample(), sample(target_volume=3.0)], MEASURES, MEASURES, 642)
+    assert [placeOf(led, i) for i in range(3)] == [
+        "stage 1 (sample)",
+        "the approach to stage 2 (sample)",
+        "stage 2 (sample)",
+    ]
 
 
 def test_an_approach_needs_a_goal():

@@ -1,6 +1,10 @@
 """Replica exchange: exact distributions at every temperature and target, exact exchanges, restarts."""
 
+import io
+import json
 import math
+import re
+import zipfile
 
 import numpy as np
 import openmm as mm
@@ -173,6 +177,10 @@ def everythingIn(exchange):
         [positionsOf(c).tolist() for c in contexts],
         [f.getTrianglesInContext(c).tolist() for f, c in zip(forces, contexts)],
         [dict(c.getParameters()) for c in contexts],
+        [exchange.observables(k)["area"].tolist() for k in range(len(contexts))],
+        [exchange.counters(k) for k in range(len(contexts))],
+        [exchange.displacement(k) for k in range(len(contexts))],
+        str(exchange.verdict),
         [simulation.currentStep for simulation in exchange.simulations],
     ]
 
@@ -191,6 +199,105 @@ def test_restart(tmp_path):
     assert everythingIn(second) == everythingIn(whole) == everythingIn(threaded)
     assert len({tuple(row) for row in whole.history}) > 1
     assert [path.name for path in tmp_path.iterdir()] == ["exchange.zip"]
+
+
+def spheres(temperatures=(300, 330), steps=200, volume=0.95, **sampling):
+    """Return an exchange of thermal vesicles of 162 vertices."""
+    simulations, mesh = [], mh.Mesh.icosphere(2)
+    for seed, temperature in enumerate(temperatures, 1):
+        own = {"seed": seed, "steps_per_trajectory": 20, "step_size": 1e-3, **sampling}
+        config = {"membrane": {"reduced_volume": volume}, "sampling": own, "platform": {"threads": 1}}
+        scene = mh.Scene.of(config, mesh)
+        simulations.append(scene.createSimulation(scene.createForce()))
+        simulations[-1].integrator.setTemperature(temperature)
+        simulations[-1].step(200)
+    exchange = ReplicaExchange(simulations, [ThermodynamicState(temperature) for temperature in temperatures], seed=3)
+    exchange.run(steps // 5, 5)
+    return exchange
+
+
+def test_a_good_exchange():
+    exchange = spheres()
+    assert exchange.verdict.level == "good" and [verdict.level for verdict in exchange.verdicts] == ["good"] * 2
+    lines = dict(exchange.lines())
+    assert lines["verdict"] == "good" and lines["state 1"].startswith("330 K: accepted trajectories ")
+    assert "exchanges with the next" in lines["state 0"] and "exchanges" not in lines["state 1"]
+    assert str(exchange).splitlines()[-1].split() == ["verdict", "good"] and "<th" in exchange._repr_html_()
+    assert spheres(steps=5).verdict.level == "doubtful"
+
+
+def test_observables_and_counters_are_those_of_a_state():
+    exchange = spheres((300, 301))
+    assert exchange.acceptanceRates[0] > 0.5
+    counters = [exchange.counters(k) for k in range(2)]
+    moves = [simulation.integrator.getMove(k) for simulation in exchange.simulations for k in range(2)]
+    tried = sum(move.getNumAttempted() for move in moves)
+    assert 0 < sum(c.trajectories + c.flips for c in counters) < tried
+    exchange.run(3, 5)
+    after = [exchange.counters(k) for k in range(2)]
+    made = sum(move.getNumAttempted() for move in moves) - tried
+    assert sum(c.trajectories + c.flips for c in after) - sum(c.trajectories + c.flips for c in counters) == made
+    for k, _state in enumerate(exchange.states):
+        rows, own = (
+            exchange.observables(k),
+            exchange.reducedEnergies[np.arange(43), np.argsort(exchange.history)[:, k], k],
+        )
+        assert rows["energy"] == pytest.approx(own, rel=1e-12) and list(rows["step"]) == list(range(1, 44))
+        assert len(exchange.observables(k, discard=15)["step"]) == 28
+
+
+@pytest.mark.parametrize(
+    "make, level, words",
+    [
+        (lambda: spheres(step_size=2e-2), "failed", r"in state 0 only 0.0% of the traj.*and so in 1"),
+        (
+            lambda: spheres((300, 3000), step_size=3e-4),
+            "doubtful",
+            "only 0.0% of the exchanges between the states 0 and 1",
+        ),
+        (lambda: spheres((300, 3000), step_size=3e-4), "doubtful", "no replica has come from one end"),
+        (
+            lambda: spheres(volume=0.6, approach="none"),
+            "failed",
+            "in state 0 the volume is .* off its target.*and so in 1",
+        ),
+        (lambda: spheres(steps=20), "doubtful", "in state 0 averages are over 2 rows.*make more rounds"),
+    ],
+)
+def test_what_is_not_good_is_told(make, level, words):
+    verdict = make().verdict
+    assert verdict.level == level and re.search(words, str(verdict)), str(verdict)
+
+
+def test_passages():
+    exchange = oscillators([50, 60, 70])
+    assert exchange.verdict is None and exchange.verdicts == []
+    exchange._history = [np.array(row) for row in ([0, 1, 2], [1, 0, 2], [2, 0, 1], [2, 1, 0], [1, 2, 0])]
+    assert exchange.numPassages == 3  # 0 to 2 of the first, 0 to 2 of the second, 2 to 0 of the third
+
+
+def test_files_of_the_first_format(tmp_path):
+    """They tell nothing of observables and counters, and what follows is judged."""
+    exchange, file = spheres(steps=50), tmp_path / "exchange.zip"
+    exchange.save(file)
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    data, rounds = json.loads(parts["exchange.json"]), np.load(io.BytesIO(parts["rounds.npz"]))
+    old = io.BytesIO()
+    np.savez(old, history=rounds["history"], reducedEnergies=rounds["reducedEnergies"])
+    parts["rounds.npz"] = old.getvalue()
+    new = {"columns", "counters"}
+    parts["exchange.json"] = json.dumps({k: v for k, v in data.items() if k not in new} | {"format": 1}).encode()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    loaded = spheres(steps=0)
+    loaded.load(file)
+    assert loaded.numRounds == 10 and loaded.verdict is None and len(loaded.observables(0)["step"]) == 0
+    loaded.run(2, 5)
+    exchange.run(2, 5)
+    assert list(loaded.observables(1)["step"]) == [11, 12] and loaded.verdict.level == "doubtful"
+    assert list(loaded.observables(1)["area"]) == list(exchange.observables(1, discard=10)["area"])
 
 
 def test_energies_in_other_states():

@@ -1,7 +1,9 @@
 """The verdict on runs: what each check finds and what it lets pass, and where it is shown."""
 
 import csv
+import itertools
 import json
+import math
 import re
 from dataclasses import replace
 
@@ -17,6 +19,7 @@ from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs import sweeps
 from openmmhelfrich.runs.checkpoint import verdictOf
+from openmmhelfrich.runs.grids import coarsePoints, readGrid
 from openmmhelfrich.tables import Table
 
 SPHERE = 8 * np.pi * 20  # its bending energy in kT
@@ -89,10 +92,13 @@ FOUND = [
     ("targets", "doubtful", {"rows": rowsOf(targetVolume=np.full(40, 2.4)), "moduli": GOOD.moduli | {"volume": 100.0}}),
     ("acceptance of trajectories", "doubtful", {"acceptance": 0.1}),
     ("acceptance of trajectories", "failed", {"acceptance": 0.0}),
+    ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (1, 4)}}),
+    ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (0, 0)}}),
     ("diverged trajectories", "doubtful", {"divergence": 0.05}),
     ("diverged trajectories", "failed", {"divergence": 1.0}),
     ("acceptance of flips", "doubtful", {"flipAcceptance": 5e-4}),
     ("acceptance of flips", "failed", {"flipAcceptance": 0.0}),
+    ("acceptance of flips", "doubtful", {"flipAcceptance": None, "few": {"flips": (0, 900)}}),
     ("step size", "doubtful", {"stepSize": 6e-6}),
     ("step size", "failed", {"stepSize": 1e-10}),
     ("displacement", "doubtful", {"moved": 0.05}),
@@ -110,6 +116,9 @@ FOUND = [
     ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (1, 100)]}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
+    ("passages through the states", "doubtful", {"passages": 0}),
 ]
 
 
@@ -136,6 +145,17 @@ def testEveryCheckIsTestedAndDescribed():
             isNever = np.isinf(limit) or (check.isLeast and limit == 0)
             expected = "see below" if check.title == "targets" else "never" if isNever else f"{limit:g}"
             assert cell.strip() == expected, check.title
+
+
+def testFewTriesAreJudgedByTheLeastRate():
+    """Of a few, so many must be accepted that a rate below the limit is unlikely: 5% or less."""
+    for accepted, tried in itertools.product(range(10), repeat=2):
+        if accepted <= tried:
+            few = {"acceptance": None, "few": {"trajectories": (accepted, tried)}}
+            chance = sum(math.comb(tried, k) * 0.2**k * 0.8 ** (tried - k) for k in range(accepted, tried + 1))
+            assert (judge(replace(GOOD, **few)).level == "good") == (chance <= 0.05), (accepted, tried)
+    ten = judge(replace(GOOD, acceptance=None, few={"trajectories": (3, 7)})).findings[0]
+    assert ten.what == "3 of 7 trajectories were accepted, too few to tell whether enough are"
 
 
 def testWhatAnAdviceIs():
@@ -188,6 +208,11 @@ SCENES = {
     "soft constraints": (configure(membrane={"area_modulus": 1e4, "volume_modulus": 1e4}), "good", ""),
     "a tension": (configure(membrane={"area_modulus": 0, "tension": 10}), "good", ""),
     "a short run": (configure(stages=[{"kind": "sample", "steps": 40}]), "doubtful", "averages are over 5 rows"),
+    "a stage of few trajectories": (
+        configure(stages=[{"kind": "anneal", "steps": 9, "end_temperature": 290}], step_size=2e-2, flip_probability=0),
+        "doubtful",
+        "0 of 9 trajectories were accepted, too few to tell whether enough are; make more steps",
+    ),
     "nothing accepted": (configure(step_size=1e-2), "failed", "only 0.0% of the trajectories were accepted; a smaller"),
     "a target out of reach": (
         configure(membrane={"reduced_volume": 0.6}, approach="none"),
@@ -320,6 +345,34 @@ def scheduler():
         n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
     ) as cluster:
         yield cluster.scheduler_address
+
+
+def testASweepTellsOfTooFewVerticesBefore(tmp_path, scheduler):
+    """Once, and which points: in a line for each number of vertices, however many points there are."""
+    grid = tmp_path / "grid.toml"
+    grid.write_text(
+        "[base]\nsampling = {steps = 1, steps_per_trajectory = 1, seed = 1, approach = 'none'}\nplatform.threads = 1\n"
+        "output.mesh_trajectory = false\n[grid]\nmesh.icosphere = [1, 2, 3]\n"
+        "membrane.reduced_volume = {start = 0.5, stop = 0.95, step = 0.05}\n"
+    )
+    points = readGrid(grid)
+    assert len(points) == 30
+    notes = coarsePoints(points)
+    starts = [note[: note.index(":")] for note in notes]
+    assert starts == [
+        "42 vertices are too few for reduced volumes of 0.8 to 0.95",
+        "42 vertices are too few for reduced volumes of 0.65 to 0.75",
+        "42 vertices are too few for reduced volumes of 0.5 to 0.6",
+        "162 vertices are too few for reduced volumes of 0.65 to 0.75",
+        "162 vertices are too few for reduced volumes of 0.5 to 0.6",
+    ]
+    assert notes[-1].endswith("362 or more do not (point icosphere=2,reduced_volume=0.5,seed=1 and 2 more)")
+    grid.write_text(grid.read_text().replace("[1, 2, 3]", "[1]").replace("start = 0.5", "start = 0.9"))
+    result = invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler)
+    assert result.output.startswith("note: 42 vertices are too few for reduced volumes of 0.9 to 0.95: such a mesh")
+    assert result.output.count("vertices are too few") == 1 and "(every point)" in result.output
+    assert not invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler).output.count("vertices are too few")
+    assert sweeps.sweep(grid, tmp_path / "a", scheduler).notes[0].endswith("(every point)")
 
 
 def testSweepOfAFailedPoint(tmp_path, scheduler):

@@ -72,3 +72,8 @@ def columnTable(columns: dict[str, Any]) -> str:
 def drawing() -> Any:
     """Return the module that draws.  It stands above what shows itself, and is imported when something is drawn."""
     return import_module(".pictures.plots", __package__)
+
+
+def judging() -> Any:
+    """Return the module that judges replica exchange, which stands above that, too."""
+    return import_module(".analysis.exchanges", __package__)

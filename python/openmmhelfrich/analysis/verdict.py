@@ -11,11 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaincinv
 
 from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
 from ..geometry.quality import crossings, dihedralAngles
+from ..helfrich import EdgeFlipIntegrator, TrajectoryMove
 from ..sampling.averages import lateRows, sampledWindows
+from ..sampling.moves import Counters, hasMove
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
 from ..tables import Table
@@ -26,6 +29,10 @@ GOOD, DOUBTFUL, FAILED = LEVELS = ("good", "doubtful", "failed")
 COLD = 0.5
 # Of rows: fewer cannot tell a drift from a fluctuation.
 LEAST_ROWS = 8
+# Fewer trajectories, flips or exchanges than these have no rate of acceptance, but a least one.
+LEAST_TRIED = {"trajectories": 10, "flips": 1000, "exchanges": 10}
+# The probability that the true rate is below the least one.
+_RISK = 0.05
 # The part of the rule of thumb below which a step is not too long for trajectories to be accepted.
 SHORT_STEP = 0.1
 # By so much a constraint may miss its target unnoticed, and by so much at most where its modulus is soft.
@@ -143,6 +150,12 @@ class Evidence:
         the step size, and that of the rule of thumb, in ps
     isAdapted : bool
         whether the step size was found by its acceptance
+    few : dict of (int, int)
+        how many "trajectories" or "flips" were accepted and tried, where these are too few for a rate
+    exchanges : sequence of (int, int)
+        how many exchanges between each of several states and the next were accepted and tried
+    passages : int or None
+        how often a replica has come from one end of the states to the other
     moved : float or None
         the root mean square of the vertices' displacements, over the mean edge length
     fall : float or None
@@ -159,6 +172,9 @@ class Evidence:
     stepSize: float | None = None
     timeScale: float | None = None
     isAdapted: bool = False
+    few: dict[str, tuple[int, int]] = field(default_factory=dict)
+    exchanges: Sequence[tuple[int, int]] = ()
+    passages: int | None = None
     moved: float | None = None
     fall: float | None = None
 
@@ -268,6 +284,27 @@ def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdic
     )
 
 
+def ratesOf(counters: Counters, integrator: Any) -> dict[str, Any]:
+    """Return what the counters of an integrator tell of its acceptance, as attributes of an :class:`Evidence`."""
+    c, few = counters, {}
+    for name, kind, accepted, tried in (
+        ("trajectories", TrajectoryMove, c.accepted, c.trajectories),
+        ("flips", EdgeFlipIntegrator, c.acceptedFlips, c.flips),
+    ):
+        if tried < LEAST_TRIED[name] and hasMove(integrator, kind):
+            few[name] = accepted, tried
+    return {
+        "acceptance": _rate(c.accepted, c.trajectories, "trajectories"),
+        "divergence": _rate(c.diverged, c.trajectories, "trajectories"),
+        "flipAcceptance": _rate(c.acceptedFlips, c.flips, "flips"),
+        "few": few,
+    }
+
+
+def _rate(accepted: int, tried: int, name: str) -> float | None:
+    return accepted / tried if tried >= LEAST_TRIED[name] else None
+
+
 def leastEnergy(surface: Mesh) -> float:
     """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of the same genus and reduced
     volume.
@@ -338,6 +375,15 @@ _MODULI = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference":
 def _acceptance(e: Evidence) -> Iterator[Measured]:
     if e.acceptance is not None:
         yield Measured(e.acceptance, f"only {e.acceptance:.1%} of the trajectories were accepted", _stepAdvice(e))
+    if "trajectories" in e.few:
+        yield _leastRate(*e.few["trajectories"], "trajectories", ACCEPTANCE, "make more steps")
+
+
+def _leastRate(accepted: int, tried: int, name: str, check: Check, advice: str) -> Measured:
+    """Return the rate that is not reached with a small probability, where too few were tried to know it better."""
+    least = float(betaincinv(accepted, tried - accepted + 1, _RISK)) if accepted else 0.0
+    what = f"{accepted} of {tried} {name} were accepted" if tried else f"no {name} were tried"
+    return Measured(least, f"{what}, too few to tell whether enough are", advice, (check.doubtful, 0.0))
 
 
 def _divergence(e: Evidence) -> Iterator[Measured]:
@@ -374,6 +420,8 @@ def _flips(e: Evidence) -> Iterator[Measured]:
         advice = "wider bounds of the tether let edges flip; flip_probability = 0 asks for none"
         still = "trajectories that move the vertices let edges flip, too"
         yield Measured(e.flipAcceptance, what, still if isStill else advice)
+    if "flips" in e.few and e.heat > COLD:
+        yield _leastRate(*e.few["flips"], "flips", FLIPS, "make more steps")
 
 
 def _stepSize(e: Evidence) -> Iterator[Measured]:
@@ -478,6 +526,22 @@ def _minimum(e: Evidence) -> Iterator[Measured]:
         yield Measured(e.fall, what, "a larger max_iterations")
 
 
+def _exchanges(e: Evidence) -> Iterator[Measured]:
+    for k, (accepted, tried) in enumerate(e.exchanges):
+        name = f"exchanges between the states {k} and {k + 1}"
+        if tried < LEAST_TRIED["exchanges"]:
+            yield _leastRate(accepted, tried, name, EXCHANGES, "make more rounds")
+        else:
+            what = f"only {accepted / tried:.1%} of the {name} were accepted"
+            yield Measured(accepted / tried, what, "put another state between them, so that their energies overlap")
+
+
+def _passages(e: Evidence) -> Iterator[Measured]:
+    if e.passages is not None:
+        what = "no replica has come from one end of the states to the other, so that none has seen them all"
+        yield Measured(e.passages, what, "make more rounds, or put the states closer together")
+
+
 FINITE = Check("finite numbers", _finite, 0, 0)
 EQUILIBRATED = Check("equilibrated rows", _equilibrated, 1, 0, isLeast=True)
 TARGETS = Check("targets", _targets, FAR, math.inf)
@@ -494,8 +558,11 @@ INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
 ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
 MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
+EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.05, 0, isLeast=True)
+PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
 OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
 OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
-CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, MINIMUM)
+OF_EXCHANGES: tuple[Check, ...] = (EXCHANGES, PASSAGES)
+CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, MINIMUM, *OF_EXCHANGES)

@@ -61,7 +61,7 @@ def check(
     with contextlib.suppress(ValueError):  # the reason says it
         show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
         notes = (coarse(part, part.reducedVolume) for part in surface.components())
-        show([("warning", note) for note in notes if note])
+        show([("warning", str(note)) for note in notes if note])
     show([("note", note) for note in surface.notes])
     if readiness.reason is None:
         show([("verdict", "ready")])

@@ -70,4 +70,4 @@ def _approachTo(goal: Mapping[str, float], steps: int, temperature: float | None
     given: dict[str, Any] = {
         key: listedTargets(goal, name) for key, name in TARGET_NAMES.items() if name in map(totalOf, goal)
     }
-    return ApproachStage(kind="approach", steps=steps, temperature=temperature, **given)
+    return ApproachStage(kind="approach", steps=steps, temperature=temperature, **given).added()

@@ -19,7 +19,7 @@ import hashlib
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +31,7 @@ from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
+from .readiness import Coarse, coarseness
 from .room import diskSize, requireMemory
 from .scene import Scene, loadMesh, requireEffectiveTargets
 from .sections import Section
@@ -64,12 +65,15 @@ class GridPoint:
         matters
     diskSize : float
         how many bytes its results take, at least
+    coarse : sequence of Coarse
+        the surfaces that have too few vertices for where their targets lead
     """
 
     name: str
     parameters: dict
     config: Config
     diskSize: float = 0.0
+    coarse: Sequence[Coarse] = ()
 
 
 class Range(Section):
@@ -270,20 +274,36 @@ def _createPoint(
             config.system.forces = [str((path.parent / name).resolve()) for name in config.system.forces]
         if config.platform.threads is None and config.platform.name == "CPU":
             config.platform.threads = 1  # what there is to do side by side are points
-        return GridPoint(name, parameters, config, _checkRun(config, meshes))
+        return GridPoint(name, parameters, config, *_checkRun(config, meshes))
     return None
 
 
-def _checkRun(config: Config, meshes: dict[str, Mesh]) -> float:
-    """Raise what a run would raise before its first step, and return how much room on the disk it takes."""
+def _checkRun(config: Config, meshes: dict[str, Mesh]) -> tuple[float, list[Coarse]]:
+    """Raise what a run would raise before its first step, and return how much room on the disk it takes, and where it
+    has too few vertices.
+    """
     key = config.mesh.model_dump_json()
     if key not in meshes:
         meshes[key] = loadMesh(config)
     scene = Scene.of(config, meshes[key])
     requireEffectiveTargets(config, scene)
-    checkStages(scene)
+    targets = checkStages(scene)
     requireMemory(len(scene.mesh.vertices))
-    return diskSize(scene.config, len(scene.mesh.vertices))
+    return diskSize(scene.config, len(scene.mesh.vertices)), coarseness(scene, targets)
+
+
+def coarsePoints(points: Sequence[GridPoint]) -> list[str]:
+    """Return which points have too few vertices, in a sentence for each number of vertices and of enough ones."""
+    found: dict[tuple[int, int], list[tuple[GridPoint, Coarse]]] = {}
+    for point in points:
+        for coarse in point.coarse:
+            found.setdefault((coarse.count, coarse.enough), []).append((point, coarse))
+    sentences = []
+    for (count, enough), pairs in sorted(found.items()):
+        names = list(dict.fromkeys(point.name for point, _ in pairs))
+        volumes = tuple(volume for _, coarse in pairs for volume in coarse.volumes)
+        sentences.append(f"{Coarse(count, volumes, enough)} ({placesOf(names, len(points))})")
+    return sentences
 
 
 def _nameOf(parameters: dict[str, Any]) -> str:
@@ -376,10 +396,11 @@ class _Mistakes:
     def raiseAny(self, count: int) -> None:
         """Raise a ValueError of all mistakes, if there are any, out of a number of points."""
         if self._points:
-            raise ValueError("\n".join(f"{line} ({self._where(names, count)})" for line, names in self._points.items()))
+            raise ValueError("\n".join(f"{line} ({placesOf(names, count)})" for line, names in self._points.items()))
 
-    @staticmethod
-    def _where(names: list[str], count: int) -> str:
-        if len(names) == count and count > 1:
-            return "every point"
-        return f"point {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+
+def placesOf(names: Sequence[str], count: int) -> str:
+    """Return which points some of a number of points are, in a few words."""
+    if len(names) == count and count > 1:
+        return "every point"
+    return f"point {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")

@@ -17,6 +17,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from .grids import coarsePoints
+
 SECONDS_BETWEEN_LINES = 10
 SECONDS_BETWEEN_UPDATES = 0.5
 WIDE = 120  # columns, of a terminal in which a bar has room for what is seen of the membrane
@@ -137,6 +139,8 @@ class SweepProgress(Bars):
             return
         if not self._known:
             self._known = {state.point.name: state.status for state in states}
+            for note in coarsePoints([state.point for state in states]):
+                self._say(f"note: {note}")
         for state in states:
             if state.status != self._known[state.point.name]:
                 self._known[state.point.name] = state.status

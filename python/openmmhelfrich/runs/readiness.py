@@ -91,29 +91,41 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     return ValueError("\n".join([f"{section.file}: {sentence}; it is ready after", *commands, f"or with {advice}"]))
 
 
-def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[str]:
-    """Return a sentence for each surface that has too few vertices for the smallest of some reduced volumes to which
-    its targets lead it.
+class Coarse(NamedTuple):
+    """Too few vertices: how many there are, the reduced volumes for which they are too few, and how many are enough."""
+
+    count: int
+    volumes: tuple[float, ...]
+    enough: int
+
+    def __str__(self) -> str:
+        least, greatest = f"{min(self.volumes):.3g}", f"{max(self.volumes):.3g}"
+        volumes = f"a reduced volume of {least}" if least == greatest else f"reduced volumes of {least} to {greatest}"
+        return (
+            f"{self.count} vertices are too few for {volumes}: such a mesh can fold onto itself, and has less energy "
+            f"than any smooth shape then; {self.enough} or more do not"
+        )
+
+
+def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[Coarse]:
+    """Return the surfaces that have too few vertices for the smallest of some reduced volumes to which their targets
+    lead them.
     """
     if not (scene.moduli["area"] > 0 and scene.moduli["volume"] > 0):
         return []
-    sentences = []
+    found = []
     for k, surface in enumerate(scene.mesh.components()):
         volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in targets]
-        sentences += [sentence for sentence in [coarse(surface, min(volumes))] if sentence]
-    return sentences
+        found.append(coarse(surface, min(volumes)))
+    return [each for each in found if each is not None]
 
 
-def coarse(surface: Mesh, volume: float) -> str | None:
-    """Return that a connected surface has too few vertices for a reduced volume, in a sentence, or None."""
+def coarse(surface: Mesh, volume: float) -> Coarse | None:
+    """Return that a connected surface has too few vertices for a reduced volume, or None."""
     count = len(surface.vertices)
-    least = next(least for bound, least in LEAST_VERTICES if volume >= bound)
-    if count >= least or genus(surface.triangles, count) > 0:
-        return None
-    return (
-        f"{count} vertices are too few for a reduced volume of {volume:.3g}: such a mesh can fold onto itself, and "
-        f"has less energy than any smooth shape then; {least} or more do not"
-    )
+    enough = next(least for bound, least in LEAST_VERTICES if volume >= bound)
+    isEnough = count >= enough or genus(surface.triangles, count) > 0
+    return None if isEnough else Coarse(count, (volume,), enough)
 
 
 def _targetOf(targets: dict[str, float], total: str, surface: int) -> float:

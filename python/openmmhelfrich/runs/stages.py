@@ -9,7 +9,7 @@ which a checkpoint holds.  Each kind has a class here beside the one of its sett
 import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -20,9 +20,9 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import NotRequired, TypedDict
 
 from ..analysis import verdict
-from ..analysis.verdict import Check, Evidence, Verdict
+from ..analysis.verdict import Check, Evidence, Verdict, ratesOf
 from ..geometry.mesh import Mesh
-from ..helfrich import EdgeFlipIntegrator, HelfrichForce
+from ..helfrich import HelfrichForce
 from ..sampling.adaptation import (
     Adaptation,
     Adapter,
@@ -33,8 +33,9 @@ from ..sampling.adaptation import (
 )
 from ..sampling.averages import averageWindows, lateRows
 from ..sampling.continuation import ContinuationPath, windowLambdas
+from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
-from ..sampling.moves import findMove, numDiverged, trajectoriesOf
+from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
@@ -65,12 +66,8 @@ class _Memory(TypedDict):
     marks: NotRequired[list[list[float]]]
 
 
-# Of so many vertices a stage remembers where they were at its beginning.
-MARKS = 100
 # The part of the step size to begin with below which an automatic one is not searched any further.
 LEAST_STEP = 1e-6
-# Fewer trajectories, or flips, than these say nothing about how often they are accepted.
-LEAST_TRAJECTORIES, LEAST_FLIPS = 10, 1000
 
 
 class Stage(ABC):
@@ -178,16 +175,14 @@ class Stage(ABC):
 
     def _evidence(self, rows: Table) -> Evidence:
         scene, mesh = self._scene, currentMesh(self._simulation, self._force)
-        trajectories, accepted, flips, acceptedFlips, diverged = np.subtract(self._counters(), self._startCounters)
+        integrator, counters = self._simulation.integrator, np.subtract(self._counters(), self._startCounters)
         return Evidence(
             rows=rows,
             mesh=mesh,
             moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
             heat=self._heat(rows),
-            acceptance=_part(accepted, trajectories, LEAST_TRAJECTORIES),
-            divergence=_part(diverged, trajectories, LEAST_TRAJECTORIES),
-            flipAcceptance=_part(acceptedFlips, flips, LEAST_FLIPS),
-            stepSize=valueIn(trajectoriesOf(self._simulation.integrator).getStepSize(), unit.picosecond),
+            **ratesOf(Counters(*counters.tolist()), integrator),
+            stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
             timeScale=defaultStepSize(scene.config, mesh),
             isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
@@ -199,10 +194,8 @@ class Stage(ABC):
 
     def _positionsOfMarks(self) -> NDArray[np.float64]:
         """Return where some of the vertices are that can move."""
-        positions = self._simulation.context.getState(positions=True).getPositions(asNumpy=True)
         free = np.setdiff1d(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
-        marked = np.unique(np.linspace(0, len(free) - 1, min(len(free), MARKS)).astype(int))
-        return positions[free[marked]].value_in_unit(unit.nanometer)
+        return markedPositions(self._simulation.context, free)
 
     def _moved(self, mesh: Mesh) -> float | None:
         """Return how far the marked vertices have come since the stage began, over the mean edge length.
@@ -211,20 +204,10 @@ class Stage(ABC):
         """
         if not self._marks:
             return None
-        moved = self._positionsOfMarks() - self._marks
-        moved -= moved.mean(axis=0)  # the whole membrane may drift
-        return float(np.sqrt((moved**2).sum(axis=1).mean()) / mesh.edgeLengths.mean())
+        return displacement(np.array(self._marks), self._positionsOfMarks()) / float(mesh.edgeLengths.mean())
 
     def _counters(self) -> list[int]:
-        integrator = self._simulation.integrator
-        flips, trajectories = findMove(integrator, EdgeFlipIntegrator), trajectoriesOf(integrator)
-        return [
-            trajectories.getNumAttempted(),
-            trajectories.getNumAccepted(),
-            flips.getNumAttempted() if flips else 0,
-            flips.getNumAccepted() if flips else 0,
-            numDiverged(integrator),
-        ]
+        return list(countersOf(self._simulation.integrator))
 
     def _endTargets(self) -> dict[str, float]:
         return endTargets(self._settings, self._startTargets)
@@ -562,18 +545,21 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
             try:
                 found.append(_KINDS[type(settings)].check(settings, scene, found[-1]))
             except ValueError as error:
-                raise ValueError(f"stage {i + 1} ({settings.title}): {error}") from None
+                raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
     return found
+
+
+def placeOf(stages: Sequence[StageSettings], index: int) -> str:
+    """Return what to call a stage, with the number that its user has given it."""
+    number = 1 + sum(not stage.isAdded for stage in stages[:index])
+    if stages[index].isAdded:
+        return f"the approach to stage {number} ({stages[index + 1].title})"
+    return f"stage {number} ({stages[index].title})"
 
 
 def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
     """Return the averages over the windows of a stage from its equilibrated rows, None if it has no windows."""
     return _KINDS[type(settings)].averages(settings, rows)
-
-
-def _part(some: int, all: int, least: int) -> float | None:
-    """Return a fraction, None if too few were tried."""
-    return float(some / all) if all >= least else None
 
 
 def _lastFall(result: MinimizationResult) -> float:

@@ -6,12 +6,14 @@ What a stage does is in :mod:`.stages`, where each of these has its counterpart.
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from ..units import plainNumber
 from .sections import GREATEST_COUNT, Force, StepSize, Targets, Temperature
+
+Own = TypeVar("Own", bound="StageSettings")
 
 
 class StageSettings(Targets):
@@ -31,6 +33,7 @@ class StageSettings(Targets):
     isSteady: ClassVar[bool] = False
     hasPath: ClassVar[bool] = False
 
+    _isAdded: bool = PrivateAttr(False)
     name: str | None = Field(None, min_length=1, description="what it is called while it runs; its kind by default")
     kind: str
 
@@ -38,6 +41,16 @@ class StageSettings(Targets):
     def title(self) -> str:
         """What to call the stage."""
         return self.name or self.kind
+
+    @property
+    def isAdded(self) -> bool:
+        """Whether a run has added it by itself, so that it is not among the stages that its user numbers."""
+        return self._isAdded
+
+    def added(self: Own) -> Own:
+        """Return the stage as one that a run adds by itself."""
+        self._isAdded = True
+        return self
 
     @property
     @abstractmethod

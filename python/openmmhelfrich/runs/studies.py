@@ -91,7 +91,7 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    warnings = [*changedIntervals(config, scene), *coarseness(scene, targets)]
+    warnings = [*changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
     study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()

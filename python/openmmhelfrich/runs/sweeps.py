@@ -38,7 +38,7 @@ from .additions import Setup
 from .checkpoint import loadRunState
 from .config import Config, readConfig
 from .configfile import settingsText
-from .grids import GridPoint, readGrid, seedOf
+from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
 from .progress import SweepProgress, following
 from .room import requireDisk
@@ -107,6 +107,11 @@ class SweepResult:
     points: list[PointStatus]
     table: Path
     signal: int | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What there is to warn of: which points have too few vertices for where their targets lead."""
+        return coarsePoints([state.point for state in self.points])
 
     def count(self, status: str) -> int:
         """Return the number of points of a status."""
@@ -197,7 +202,9 @@ def sweep(
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
             with _client(scheduler, workers) as client, following(progress, SweepProgress) as shown:
-                _Dispatcher(client, result, stop, shown or (lambda points: None), setup).run()
+                show = shown or (lambda points: None)
+                show(states)
+                _Dispatcher(client, result, stop, show, setup).run()
         result.signal = stop.signal
     _writeTable(result)
     return result

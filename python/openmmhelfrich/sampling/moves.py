@@ -1,9 +1,9 @@
 """The moves of an integrator, found by what they are: whether it is a mixture, a single move, or something else."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
-from ..helfrich import HybridMonteCarloIntegrator, TrajectoryMove
+from ..helfrich import EdgeFlipIntegrator, HybridMonteCarloIntegrator, TrajectoryMove
 
 
 def isMixture(integrator: Any) -> bool:
@@ -47,3 +47,30 @@ def numDiverged(integrator: Any) -> int:
     """Return the number of trajectories that diverged, 0 where none is one of Hybrid Monte Carlo."""
     trajectories = findMove(integrator, TrajectoryMove)
     return 0 if trajectories is None else trajectories.getNumDiverged()
+
+
+class Counters(NamedTuple):
+    """How often an integrator has tried trajectories and flips, and what came of it."""
+
+    trajectories: int
+    accepted: int
+    flips: int
+    acceptedFlips: int
+    diverged: int
+
+
+def countersOf(integrator: Any) -> Counters:
+    """Return the counters of an integrator."""
+    trajectories, flips = findMove(integrator, TrajectoryMove), findMove(integrator, EdgeFlipIntegrator)
+    return Counters(
+        trajectories.getNumAttempted() if trajectories else 0,
+        trajectories.getNumAccepted() if trajectories else 0,
+        flips.getNumAttempted() if flips else 0,
+        flips.getNumAccepted() if flips else 0,
+        numDiverged(integrator),
+    )
+
+
+def hasMove(integrator: Any, kind: type) -> bool:
+    """Return whether an integrator makes moves of a class: whether it has one, with a probability that is not 0."""
+    return any(isinstance(move, kind) for move in movesOf(integrator, onlyUsed=True))

@@ -21,11 +21,18 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import app, unit
 
+from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
+from ..helfrich import HelfrichForce
+from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn
-from .moves import movesOf, trajectoriesOf
+from .marks import displacement, markedPositions
+from .moves import Counters, countersOf, movesOf, trajectoriesOf
+from .observables import OBSERVABLES, Moment, isTarget, observe
 
-FORMAT = 1
+FORMATS = (1, 2)  # the first one has no observables and counters
+# What a round tells of a replica: what can be averaged over those that were in a state.
+_OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarget(o)]
 
 
 @dataclass(frozen=True)
@@ -108,8 +115,100 @@ class ReplicaExchange:
         self._history: list[NDArray[np.int64]] = []
         self._energies: list[NDArray[np.float64]] = []
         self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
+        self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
+        self._observed: list[NDArray[np.float64]] = []
+        self._columns: list[str] = []
+        self._counters = np.zeros((len(self.states), len(Counters._fields)), dtype=int)
+        self._marks = [self._markedPositions(replica) for replica in range(len(self.simulations))]
+        self._judged: tuple[int, list[Any], Any] = (0, [], None)
         for replica in range(len(self.simulations)):
             self._enter(replica, replica)
+
+    def __repr__(self) -> str:
+        return (
+            f"<ReplicaExchange: {len(self.states)} states, {self.numRounds} rounds, {sum(self._accepted)} of "
+            f"{sum(self._attempted)} exchanges accepted>"
+        )
+
+    def __str__(self) -> str:
+        return lineText(self.lines())
+
+    def _repr_html_(self) -> str:
+        return htmlTable(self.lines())
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Return a label and a text for each thing worth knowing: what each state accepted, and the verdict."""
+        lines = [("replicas", f"{len(self.states)}, {self.numRounds} rounds")]
+        exchanges = [*(f", exchanges with the next {rate:.0%}" for rate in self.acceptanceRates), ""]
+        for k, state in enumerate(self.states):
+            c = self.counters(k)
+            accepted = [
+                f"{name} {some / all:.0%}"
+                for name, some, all in (
+                    ("trajectories", c.accepted, c.trajectories),
+                    ("flips", c.acceptedFlips, c.flips),
+                )
+                if all
+            ]
+            rates = f": accepted {', '.join(accepted)}" if accepted else ""
+            lines.append((f"state {k}", f"{state.temperature:.5g} K{rates}{exchanges[k].replace('nan%', 'none')}"))
+        verdict = self.verdict
+        if verdict is not None:
+            first, *reasons = str(verdict).splitlines()
+            lines += [("verdict", first), *(("", reason) for reason in reasons)]
+        return lines
+
+    @property
+    def verdict(self) -> Any:
+        """The :class:`Verdict <openmmhelfrich.analysis.verdict.Verdict>` on what was sampled, in all states, and on the
+        exchanges; None before the first round.
+        """
+        self._judge()
+        return self._judged[2]
+
+    @property
+    def verdicts(self) -> list[Any]:
+        """The Verdict on each state; none before the first round."""
+        self._judge()
+        return self._judged[1]
+
+    @property
+    def exchangeCounts(self) -> list[tuple[int, int]]:
+        """How many exchanges between each state and the next were accepted, and attempted."""
+        return list(zip(self._accepted.tolist(), self._attempted.tolist()))
+
+    @property
+    def numPassages(self) -> int:
+        """How often a replica has come from one end of the states to the other."""
+        last, passages = len(self.states) - 1, 0
+        for path in self.history.T:
+            ends = path[(path == 0) | (path == last)]
+            passages += int(np.sum(np.diff(ends) != 0))
+        return passages
+
+    def observables(self, state: int, discard: int = 0) -> Table:
+        """Return what was observed of the membranes in a state, at the end of each round, without some at the start:
+        energies in kT of that state, areas and volumes in powers of nm.
+        """
+        first = self.numRounds - len(self._observed)  # of an earlier version's rounds nothing was observed
+        rounds = np.arange(max(first, discard), self.numRounds)
+        rows = [self._observed[n - first][np.argsort(self._history[n])[state]] for n in rounds]
+        values = np.array(rows, dtype=float).reshape(len(rows), len(self._columns))
+        return Table({"step": rounds + 1.0, **dict(zip(self._columns, values.T))})
+
+    def counters(self, state: int) -> Counters:
+        """Return how many trajectories and flips were tried in a state, and what came of them."""
+        return Counters(*self._counters[state].tolist())
+
+    def membrane(self, replica: int) -> HelfrichForce | None:
+        """Return the HelfrichForce of a replica, or None if it has none."""
+        return self._membranes[replica]
+
+    def displacement(self, replica: int) -> float:
+        """Return how far the particles of a replica have come since the first round, without the drift of all: the root
+        mean square, of a hundred of them, in nm.
+        """
+        return displacement(self._marks[replica], self._markedPositions(replica))
 
     @property
     def numRounds(self) -> int:
@@ -160,6 +259,7 @@ class ReplicaExchange:
         for n in range(1, int(rounds) + 1):
             self._propagate(int(steps))
             energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
+            self._observed.append(np.array([self._observe(replica) for replica in range(len(self.states))]))
             self._history.append(self.replicaStates.copy())
             self._energies.append(energies)
             self._exchange(energies)
@@ -201,15 +301,18 @@ class ReplicaExchange:
     def save(self, file: PathLike) -> None:
         """Write everything that :meth:`load` needs to a file, which replaces an earlier one in a single step."""
         data = {
-            "format": FORMAT,
+            "format": FORMATS[-1],
             "seed": self.seed,
             "states": [_asDict(state) for state in self.states],
             "replicaStates": self.replicaStates.tolist(),
             "attempted": self._attempted.tolist(),
             "accepted": self._accepted.tolist(),
+            "columns": self._columns,
+            "counters": self._counters.tolist(),
         }
-        arrays = io.BytesIO()
-        np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies)
+        arrays, observed = io.BytesIO(), np.array(self._observed).reshape(-1, len(self.states), len(self._columns))
+        marks = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
+        np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies, observed=observed, **marks)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
             archive.writestr("rounds.npz", arrays.getvalue())
@@ -252,10 +355,23 @@ class ReplicaExchange:
         self.states, self.replicaStates = states, np.array(data["replicaStates"])
         self._history, self._energies = list(arrays["history"]), list(arrays["reducedEnergies"])
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
+        self._columns, self._observed = data.get("columns", []), list(arrays.get("observed", ()))
+        self._counters = np.array(data.get("counters", np.zeros_like(self._counters)))
+        here = [self._markedPositions(replica) for replica in range(len(self.states))]
+        self._marks = [arrays.get(f"marks{replica}", marks) for replica, marks in enumerate(here)]
+        self._judged = (0, [], None)
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
 
     def _propagate(self, steps: int) -> None:
+        """Make steps of every replica, and count what they try for its state."""
+        integrators = [simulation.integrator for simulation in self.simulations]
+        before = [countersOf(integrator) for integrator in integrators]
+        self._step(steps)
+        made = np.subtract([countersOf(integrator) for integrator in integrators], before)
+        self._counters[self.replicaStates] += made
+
+    def _step(self, steps: int) -> None:
         if self._workers == 1:
             for simulation in self.simulations:
                 simulation.step(steps)
@@ -282,6 +398,27 @@ class ReplicaExchange:
                 f"rounds; they must be numbers, and finite in its own state, {self.replicaStates[replica]}"
             )
         return reduced
+
+    def _observe(self, replica: int) -> list[float]:
+        """Return what is to be seen of a replica's membrane, in the order of the columns, which the first one names."""
+        force, kT = self.membrane(replica), self.states[self.replicaStates[replica]].thermalEnergy
+        row = {} if force is None else observe(Moment(self.simulations[replica], force, kT), _OBSERVED, "nm", "kT")
+        self._columns = self._columns or list(map(plainName, row))
+        return list(row.values())
+
+    def _markedPositions(self, replica: int) -> NDArray[np.float64]:
+        """Return where some of the particles are that can move, vertices where there is a membrane."""
+        simulation, force = self.simulations[replica], self.membrane(replica)
+        system = simulation.system
+        count = system.getNumParticles() if force is None else int(force.getTriangles().max()) + 1
+        free = [i for i in range(count) if system.getParticleMass(i).value_in_unit(unit.dalton) > 0]
+        return markedPositions(simulation.context, np.array(free))
+
+    def _judge(self) -> None:
+        """Judge what has been sampled, unless this has been done."""
+        if self._observed and self._judged[0] != self.numRounds:
+            verdicts = judging().judgeStates(self)
+            self._judged = (self.numRounds, verdicts, judging().judgeExchange(self, verdicts))
 
     def _exchange(self, u: np.ndarray) -> None:
         uniform = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.numRounds])).random(
@@ -355,6 +492,11 @@ def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> Thermody
     )
 
 
+def _membraneOf(simulation: app.Simulation) -> HelfrichForce | None:
+    forces = simulation.system.getForces()
+    return next((HelfrichForce.cast(force) for force in forces if HelfrichForce.isinstance(force)), None)
+
+
 def _asDict(state: ThermodynamicState) -> dict[str, Any]:
     return {"temperature": state.temperature, "parameters": state.parameters, "stepSize": state.stepSize}
 
@@ -384,6 +526,6 @@ def _read(file: PathLike, replicas: int) -> tuple[dict[str, Any], dict[str, np.n
             ]
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError):
         raise ValueError(f"{file} is not a file that ReplicaExchange.save wrote, or is damaged") from None
-    if data.get("format") != FORMAT:
+    if data.get("format") not in FORMATS:
         raise ValueError(f"{file} is of another version's format")
     return data, arrays, states

@@ -34,6 +34,19 @@ _SETTERS: dict[str, Callable[..., None]] = {
 }
 
 
+def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
+    """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
+    plain = {
+        "bending": force.getBendingModulus(),
+        **{name: ask(force) for name, ask in MODULI.items()},
+        "tether": force.getTether()[0],
+        "repulsion": force.getRepulsion()[0],
+        "tension": context.getParameter(force.getTensionParameter()),
+        "pressure": context.getParameter(force.getPressureParameter()),
+    }
+    return {name: float(getattr(value, "_value", value)) for name, value in plain.items()}
+
+
 def nameOf(total: str, surface: int) -> str:
     """Return the name of what one of several surfaces has of its own."""
     return f"{total}[{surface}]"
