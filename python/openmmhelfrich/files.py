@@ -49,7 +49,7 @@ def syncFolder(folder: PathLike) -> None:
             os.close(descriptor)
     except OSError as error:  # not every file system knows how
         if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):
-            error.filename = error.filename or str(folder)
+            error.filename = error.filename or os.path.abspath(folder)
             raise
 
 

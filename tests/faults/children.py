@@ -84,10 +84,11 @@ def waitFor(child: int) -> int:
 
 
 def importEverything() -> None:
-    """Import all modules of the package, which children have then from the start."""
-    for module in pkgutil.walk_packages(mh.__path__, "openmmhelfrich."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
+    """Import all modules of the package, and what they import later, which children have then from the start."""
+    names = [module.name for module in pkgutil.walk_packages(mh.__path__, "openmmhelfrich.")]
+    for name in (*names, "distributed", "meshio"):
+        if not name.endswith("__main__"):
+            importlib.import_module(name)
 
 
 @contextlib.contextmanager

@@ -67,9 +67,11 @@ class Outputs:
         """What all of them begin with."""
         return self.checkpoint.with_suffix("")
 
-    def growing(self) -> list[Path]:
-        """Return the paths of the files without which a run cannot go on."""
-        return [self.checkpoint, self.table, self.trajectory]
+    def growing(self, sizes: Mapping[str, int]) -> list[Path]:
+        """Return the paths of the files without which a run cannot go on: the checkpoint, and those of which it counts
+        something.
+        """
+        return [self.checkpoint, *(getattr(self, name) for name in ("table", "trajectory") if sizes.get(name))]
 
     def paths(self) -> list[Path]:
         """Return the paths of all files that the run writes."""
@@ -105,7 +107,7 @@ class Outputs:
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
             raise PermissionError(
-                f"{folder} is not writable ({error.strerror}); choose another output prefix"
+                f"the folder {folder.resolve()} is not writable ({error.strerror}); choose another output prefix"
             ) from None
 
     def prepare(self, source: PathLike | None, overwrite: bool = False) -> list[Path]:

@@ -419,7 +419,7 @@ class Study:
 
     def _whatIsLeft(self) -> str:
         """Return what there is to go on from, if that has not been deleted."""
-        missing = [path for path in self.outputs.growing() if not path.exists()]
+        missing = [path for path in self.outputs.growing(self._sizes) if not path.exists()]
         if missing:
             return f"{', '.join(map(str, missing))} and perhaps more were deleted meanwhile, so that it cannot go on"
         prefix = self.config.output.prefix
