@@ -10,6 +10,7 @@ _TRAJECTORY_SETTINGS = {
     'Splitting': ('the splitting', 'leapfrog'),
     'TetherSubsteps': ('the number of substeps of the tether', 1),
     'MomentumRefreshment': ('the refreshment of momenta', 1.0),
+    'MultilevelWeight': ('the multilevel weight', 0.0),
 }
 
 

@@ -1,5 +1,6 @@
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmmhelfrich/internal/Splitting.h"
@@ -15,6 +16,21 @@ using namespace std;
  * Of a trajectory, and of substeps; with a jitter there may be twice as many.
  */
 static const int MAX_STEPS = 1000000000;
+
+/**
+ * With it the square root of the weight of any level that there can be is finite.
+ */
+static const double MAX_WEIGHT = 1000;
+
+/**
+ * There are fewer vertices on each level than on the one before, by a factor of much more than 1.
+ */
+static const int MAX_LEVEL = 100;
+
+/**
+ * What the velocities of coarser meshes begin with in a checkpoint.
+ */
+static const char MAGIC_BYTES[] = "HlfWaves";
 
 HamiltonianTrajectoryIntegrator::HamiltonianTrajectoryIntegrator(double temperature, double stepSize,
                                                                  int stepsPerTrajectory)
@@ -71,6 +87,12 @@ void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment)
     momentumRefreshment = refreshment;
 }
 
+void HamiltonianTrajectoryIntegrator::setMultilevelWeight(double weight) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the multilevel weight", weight, true);
+    requireAtMost("HamiltonianTrajectoryIntegrator: the multilevel weight", weight, MAX_WEIGHT);
+    multilevelWeight = weight;
+}
+
 void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {
     requireFreeParticles(contextRef.getSystem(), "HamiltonianTrajectoryIntegrator");
     MonteCarloIntegrator::initialize(contextRef);
@@ -100,6 +122,7 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     auto& trajectory = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>();
     double startEnergy = context->calcForcesAndEnergy(!movesByItself(), true, getIntegrationForceGroups());
     double refreshment = (numTrajectories == 0 ? 1 : momentumRefreshment);
+    findCoarseMeshes();
     startEnergy += trajectory.begin(*context, getThermalEnergy(), refreshment, getRandom(RandomStream::Momenta),
                                     numTrajectories);
     if (!isfinite(startEnergy))
@@ -131,6 +154,14 @@ void HamiltonianTrajectoryIntegrator::makeMove() {
     context->setTime(context->getTime() + numSteps * getStepSize());
 }
 
+void HamiltonianTrajectoryIntegrator::findCoarseMeshes() {
+    vector<const HelfrichMesh*> meshes;
+    for (auto membrane : getMembranes())
+        if (isIntegrated(*membrane))
+            meshes.push_back(&membrane->getMesh());
+    kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().setMultilevelWeight(multilevelWeight, meshes);
+}
+
 int HamiltonianTrajectoryIntegrator::drawNumSteps() const {
     int least = max(1, (int) lround(stepsPerTrajectory * (1 - trajectoryJitter))),
         most = (int) lround(stepsPerTrajectory * (1 + trajectoryJitter));
@@ -156,12 +187,13 @@ double HamiltonianTrajectoryIntegrator::computeEnd(int numSteps) {
     KickAndDriftSequence sequence = scheme.getSequence(stages * getStepSize(), numSteps / stages, tetherSubsteps);
     double potentialEnergy;
     if (movesByItself())
-        potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed");
+        potentialEnergy = soleMembrane->makeTrajectory(*context, sequence, forcePrecision == "mixed",
+                                                       multilevelWeight == 0 ? NULL : &trajectory);
     else {
         moveStepByStep(sequence);
         potentialEnergy = computePotentialEnergy();
     }
-    return potentialEnergy + trajectory.computeKineticEnergy(*context);
+    return potentialEnergy + trajectory.computeKineticEnergy(*context) + trajectory.computeCoarseKineticEnergy();
 }
 
 void HamiltonianTrajectoryIntegrator::moveStepByStep(const KickAndDriftSequence& sequence) {
@@ -204,4 +236,77 @@ void HamiltonianTrajectoryIntegrator::setKick(const KickAndDrift* kick) {
 
 double HamiltonianTrajectoryIntegrator::computeKineticEnergy() {
     return kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().computeKineticEnergy(*context);
+}
+
+void HamiltonianTrajectoryIntegrator::createCheckpoint(ostream& stream) const {
+    MonteCarloIntegrator::createCheckpoint(stream);
+    auto velocities = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().getCoarseVelocities();
+    if (velocities.empty())
+        return;
+    writeMagic(stream, MAGIC_BYTES);
+    writeBinary(stream, velocities.size());
+    for (auto& ofMembrane : velocities) {
+        writeBinary(stream, ofMembrane.size());
+        for (auto& velocity : ofMembrane)
+            writeBinary(stream, velocity);
+    }
+}
+
+void HamiltonianTrajectoryIntegrator::loadCheckpoint(istream& stream) {
+    MonteCarloIntegrator::loadCheckpoint(stream);
+    vector<vector<CoarseVelocity>> velocities;
+    if (readMagic(stream, MAGIC_BYTES)) {
+        size_t numMembranes, size;
+        readBinary(stream, numMembranes);
+        for (size_t i = 0; i < numMembranes; i++) {
+            readBinary(stream, size);
+            velocities.emplace_back();
+            for (size_t j = 0; j < size; j++) {
+                velocities.back().emplace_back();
+                readBinary(stream, velocities.back().back());
+            }
+        }
+    }
+    setCoarseVelocities(velocities);
+}
+
+void HamiltonianTrajectoryIntegrator::serializeParameters(SerializationNode& node) const {
+    MonteCarloIntegrator::serializeParameters(node);
+    for (auto& ofMembrane : kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().getCoarseVelocities()) {
+        SerializationNode& membrane = node.createChildNode("CoarseVelocities");
+        for (auto& item : ofMembrane)
+            membrane.createChildNode("Velocity")
+                    .setIntProperty("level", item.level)
+                    .setIntProperty("particle", item.particle)
+                    .setDoubleProperty("x", item.velocity[0])
+                    .setDoubleProperty("y", item.velocity[1])
+                    .setDoubleProperty("z", item.velocity[2]);
+    }
+}
+
+void HamiltonianTrajectoryIntegrator::deserializeParameters(const SerializationNode& node) {
+    MonteCarloIntegrator::deserializeParameters(node);
+    vector<vector<CoarseVelocity>> velocities;
+    for (auto& membrane : node.getChildren()) {
+        if (membrane.getName() != "CoarseVelocities")
+            continue;
+        velocities.emplace_back();
+        for (auto& item : membrane.getChildren())
+            velocities.back().push_back({item.getIntProperty("level"), item.getIntProperty("particle"),
+                                         Vec3(item.getDoubleProperty("x"), item.getDoubleProperty("y"),
+                                              item.getDoubleProperty("z"))});
+    }
+    setCoarseVelocities(velocities);
+}
+
+void HamiltonianTrajectoryIntegrator::setCoarseVelocities(const vector<vector<CoarseVelocity>>& velocities) {
+    for (auto& ofMembrane : velocities)
+        for (auto& item : ofMembrane)
+            if (item.level < 1 || item.level > MAX_LEVEL || item.particle < 0 ||
+                item.particle >= context->getSystem().getNumParticles())
+                throw OpenMMException("HamiltonianTrajectoryIntegrator: there is a velocity of level " +
+                                      to_string(item.level) + " for particle " + to_string(item.particle) +
+                                      "; levels are 1 to " + to_string(MAX_LEVEL) + ", and there are " +
+                                      to_string(context->getSystem().getNumParticles()) + " particles");
+    kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().setCoarseVelocities(velocities);
 }

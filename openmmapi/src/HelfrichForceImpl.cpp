@@ -229,10 +229,11 @@ bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
            kernel.getAs<CalcHelfrichForceKernel>().canMakeTrajectory();
 }
 
-double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed) {
+double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed,
+                                         IntegrateHamiltonianTrajectoryKernel* waves) {
     HelfrichEnergyTerms terms;
     if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed,
-                                                                terms))
+                                                                waves, terms))
         throwNonFinite(context, terms);
     return terms.getTotal();
 }

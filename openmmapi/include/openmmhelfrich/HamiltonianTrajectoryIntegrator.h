@@ -10,6 +10,7 @@
 
 namespace HelfrichPlugin {
 
+struct CoarseVelocity;
 struct KickAndDrift;
 class KickAndDriftSequence;
 
@@ -126,6 +127,28 @@ public:
      */
     void setMomentumRefreshment(double refreshment);
     /**
+     * Get the weight of momenta on coarser meshes.  See setMultilevelWeight() for details.
+     */
+    double getMultilevelWeight() const {
+        return multilevelWeight;
+    }
+    /**
+     * Set the weight of momenta on coarser meshes: 0 (the default) for none, or a positive number.  With them long waves
+     * of a membrane move as fast as short ones, and the number of steps for an independent shape hardly grows with the
+     * number of vertices.
+     *
+     * The coarser meshes are made of the live connectivity, each of a quarter of the vertices of the next finer one, and
+     * made anew when it has changed.  Their vertices have momenta of their own.  A vertex of a membrane moves by its own
+     * velocity and by a mean of those of nearby vertices of the coarser meshes, level l of which have the factor
+     * sqrt(weight^l); the forces on it act on these by the same factors.  As this linear relation is fixed during a
+     * trajectory, trajectories remain reversible and preserve volume in phase space: what is sampled does not change.
+     *
+     * With a weight of 1 the squares of velocities of a wave of wave number q grow as 1/q^2, with 4 as 1/q^4.  The
+     * vertices of coarser meshes have the mean mass of the membrane's vertices that can move.  Particles that are no
+     * vertices move as without.  Velocities and kinetic energy in a State are those of the particles' own momenta.
+     */
+    void setMultilevelWeight(double weight);
+    /**
      * Get the number of steps of the last trajectory, or 0 before the first.
      */
     int getLastNumSteps() const {
@@ -144,6 +167,10 @@ protected:
     void cleanup();
     std::vector<std::string> getKernelNames();
     double computeKineticEnergy();
+    void createCheckpoint(std::ostream& stream) const;
+    void loadCheckpoint(std::istream& stream);
+    void serializeParameters(OpenMM::SerializationNode& node) const;
+    void deserializeParameters(const OpenMM::SerializationNode& node);
 private:
     HelfrichForceImpl* findSoleMembrane() const;
     bool movesByItself() const;
@@ -158,12 +185,15 @@ private:
     void moveStepByStep(const KickAndDriftSequence& sequence);
     void computeForces(const KickAndDrift& kick);
     void setKick(const KickAndDrift* kick);
+    void findCoarseMeshes();
+    void setCoarseVelocities(const std::vector<std::vector<CoarseVelocity>>& velocities);
     int stepsPerTrajectory;
     std::string forcePrecision = "double";
     double trajectoryJitter = 0;
     std::string splitting = "leapfrog";
     int tetherSubsteps = 1;
     double momentumRefreshment = 1;
+    double multilevelWeight = 0;
     double lastEnergyChange = 0;
     int lastNumSteps = 0;
     HelfrichForceImpl* soleMembrane = NULL;

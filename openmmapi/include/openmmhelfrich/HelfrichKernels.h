@@ -11,12 +11,15 @@
 #include "openmm/KernelImpl.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/Platform.h"
+#include "openmm/Vec3.h"
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
 namespace HelfrichPlugin {
+
+class IntegrateHamiltonianTrajectoryKernel;
 
 /**
  * Get whether the totals of a geometry are finite, that of the curvature if it is needed.
@@ -89,12 +92,14 @@ public:
      * @param sequence    the kicks and drifts; the last drift is 0
      * @param mixed       whether the forces may be computed in single precision.  They must be a function of the
      * positions alone all the same, and the terms in double precision.
+     * @param waves       the kernel whose coarse velocities move the vertices too; NULL if there are none
      * @param[out] terms  the terms of the energy at the end
      * @return false if an area or an energy on the way is not finite; the positions and velocities are then those of
      * the last drift made, and so they are when it throws StepInterrupted
      */
     virtual bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
-                                const KickAndDriftSequence& sequence, bool mixed, HelfrichEnergyTerms& terms) {
+                                const KickAndDriftSequence& sequence, bool mixed,
+                                IntegrateHamiltonianTrajectoryKernel* waves, HelfrichEnergyTerms& terms) {
         throw OpenMM::OpenMMException("CalcHelfrichForceKernel: this platform makes no trajectories");
     }
 };
@@ -159,6 +164,17 @@ public:
 };
 
 /**
+ * The velocity of a vertex of a coarser mesh.
+ */
+struct CoarseVelocity {
+    /// 1 for the coarser mesh that is made of the membrane, 2 for the one that is made of that, and so on
+    int level;
+    /// the particle that the vertex stands for
+    int particle;
+    OpenMM::Vec3 velocity;
+};
+
+/**
  * This kernel is invoked by HamiltonianTrajectoryIntegrator to move the particles.
  */
 class IntegrateHamiltonianTrajectoryKernel : public OpenMM::KernelImpl {
@@ -176,6 +192,22 @@ public:
      */
     virtual void initialize(const OpenMM::System& system) = 0;
     /**
+     * Set what coarser meshes of the membranes weigh in the trajectories to come.  See
+     * HamiltonianTrajectoryIntegrator::setMultilevelWeight() for the algorithm.
+     *
+     * @param weight  the weight of a level, as a multiple of that of the next finer one; 0 for no coarser meshes
+     * @param meshes  the live connectivity of each membrane, which lasts as long as the kernel
+     */
+    virtual void setMultilevelWeight(double weight, const std::vector<const HelfrichMesh*>& meshes) = 0;
+    /**
+     * Get the velocities of the vertices of all coarser meshes, of one membrane after the other.
+     */
+    virtual std::vector<std::vector<CoarseVelocity>> getCoarseVelocities() const = 0;
+    /**
+     * Set what getCoarseVelocities() returned.
+     */
+    virtual void setCoarseVelocities(const std::vector<std::vector<CoarseVelocity>>& velocities) = 0;
+    /**
      * Keep a copy of the positions and velocities, and draw those with which a trajectory begins.
      *
      * @param context      the Context in which to execute the kernel
@@ -185,7 +217,7 @@ public:
      * @param random       the source of random numbers
      * @param trajectory   the number of the trajectory, which with that of the particle is the counter of the random
      * numbers
-     * @return the kinetic energy
+     * @return the kinetic energy, with that of the coarser meshes
      */
     virtual double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
                          long long trajectory) = 0;
@@ -197,9 +229,13 @@ public:
      */
     virtual void move(OpenMM::ContextImpl& context, const KickAndDrift& times) = 0;
     /**
-     * Compute the kinetic energy.
+     * Compute the kinetic energy of the particles' own velocities.
      */
     virtual double computeKineticEnergy(OpenMM::ContextImpl& context) = 0;
+    /**
+     * Compute the kinetic energy of the vertices of all coarser meshes.
+     */
+    virtual double computeCoarseKineticEnergy() const = 0;
     /**
      * Go back to the positions and velocities with which begin() left the Context, and reverse the velocities: what
      * becomes of a trajectory that is rejected.

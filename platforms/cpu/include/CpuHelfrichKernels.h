@@ -1,6 +1,8 @@
 #ifndef OPENMM_CPUHELFRICHKERNELS_H_
 #define OPENMM_CPUHELFRICHKERNELS_H_
 
+#include "CacheLineAllocator.h"
+#include "CpuCoarseMeshes.h"
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichLoops.h"
 #include "CpuHelfrichRepulsion.h"
@@ -9,34 +11,9 @@
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
 #include <memory>
-#include <new>
 #include <vector>
 
 namespace HelfrichPlugin {
-
-/**
- * An allocator of memory on cache lines.
- */
-template <class T>
-struct CacheLineAllocator {
-    typedef T value_type;
-    CacheLineAllocator() = default;
-    template <class U>
-    CacheLineAllocator(const CacheLineAllocator<U>&) {
-    }
-    T* allocate(size_t n) {
-        return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
-    }
-    void deallocate(T* data, size_t) {
-        ::operator delete(data, std::align_val_t(64));
-    }
-    bool operator==(const CacheLineAllocator&) const {
-        return true;
-    }
-    bool operator!=(const CacheLineAllocator&) const {
-        return false;
-    }
-};
 
 /**
  * Sums over all vertices.
@@ -77,7 +54,8 @@ public:
         return true;
     }
     bool makeTrajectory(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
-                        const KickAndDriftSequence& sequence, bool mixed, HelfrichEnergyTerms& terms);
+                        const KickAndDriftSequence& sequence, bool mixed, IntegrateHamiltonianTrajectoryKernel* waves,
+                        HelfrichEnergyTerms& terms);
 private:
     typedef std::vector<double, CacheLineAllocator<double>> Array;
     void setLayoutWidth(int width);
@@ -104,6 +82,14 @@ private:
     template <class Real>
     void move(const HelfrichParameters& parameters, const CpuMembraneSums& sums, const CpuHelfrichArrays<Real>& arrays,
               int chunk, const KickAndDrift& times, double* nextPositions);
+    template <class Real>
+    void kick(const HelfrichParameters& parameters, const CpuMembraneSums& sums, const CpuHelfrichArrays<Real>& arrays,
+              int chunk, double time);
+    template <class Real>
+    void drift(const CpuHelfrichArrays<Real>& arrays, int chunk, double time, double* nextPositions);
+    template <class Real>
+    void moveAll(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
+                 const CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times, double* nextPositions);
     template <class Real>
     bool makeSteps(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
                    const KickAndDriftSequence& sequence, HelfrichEnergyTerms& terms);
@@ -133,6 +119,9 @@ private:
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
     /// room for areas and curvatures
     Array nextPositions, velocities;
+    /// in a trajectory with coarser meshes: these, and the force on each slot
+    CoarseMotion<CpuCoarseMeshes>* coarse = NULL;
+    Array forces;
     /// in a trajectory with forces in single precision: of each slot x, y, z, unused
     std::vector<int, CacheLineAllocator<int>> fixedPositions;
     std::vector<int> particles;
@@ -167,17 +156,32 @@ public:
             : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
+    void setMultilevelWeight(double weight, const std::vector<const HelfrichMesh*>& meshes);
+    std::vector<std::vector<CoarseVelocity>> getCoarseVelocities() const;
+    void setCoarseVelocities(const std::vector<std::vector<CoarseVelocity>>& velocities);
+    CoarseMotion<CpuCoarseMeshes>& getCoarseMotion() {
+        return coarse;
+    }
     double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
                  long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
+    double computeCoarseKineticEnergy() const;
     void reject(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:
     // those of the start, times a factor
     void setVelocities(OpenMM::ContextImpl& context, double factor) const;
-    std::vector<double> inverseMasses, partEnergies;
+    // change the coarse velocities of a membrane, and find the motion that they give its vertices
+    void findMotion(OpenMM::ContextImpl& context, const KickAndDrift& times, int membrane);
+    std::vector<double> masses, inverseMasses, partEnergies;
     TrajectoryStart start;
+    CoarseMotion<CpuCoarseMeshes> coarse;
+    /// the motion that coarser meshes give each particle; of each vertex of a membrane a vector (x, y, z, unused), and
+    /// its place among these
+    std::vector<OpenMM::Vec3> motions;
+    std::vector<double, CacheLineAllocator<double>> vectors;
+    std::vector<int> places;
     double kT;
 };
 

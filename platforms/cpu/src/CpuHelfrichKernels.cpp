@@ -6,6 +6,7 @@
 #include "openmm/reference/ReferencePlatform.h"
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -305,6 +306,55 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
+template <class Real>
+void CpuCalcHelfrichForceKernel::kick(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
+                                      const CpuHelfrichArrays<Real>& arrays, int chunk, double time) {
+    alignas(64) double gradients[4 * SLOTS_PER_CHUNK];
+    computeGradient(parameters, sums, arrays, chunk, gradients);
+    const double* gradient = gradients;
+    Real* force = reinterpret_cast<Real*>(forces.data()) + 4 * getFirstSlot(chunk);
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++, gradient += 4, force += 4) {
+        double* v = &velocities[4 * slot];
+        for (int i = 0; i < 3; i++) {
+            v[i] = (v[3] == 0 ? v[i] : v[i] - time * v[3] * gradient[i]);
+            force[i] = Real(-gradient[i]);
+        }
+        force[3] = 0;
+    }
+}
+
+template <class Real>
+void CpuCalcHelfrichForceKernel::drift(const CpuHelfrichArrays<Real>& arrays, int chunk, double time,
+                                       double* nextPositions) {
+    alignas(64) Real motions[4 * SLOTS_PER_CHUNK];
+    int firstSlot = getFirstSlot(chunk), lastSlot = getLastGroup(chunk) * layout.width;
+    coarse->getMeshes(0).getMotion(firstSlot, lastSlot, motions);
+    const Real* motion = motions;
+    for (int slot = firstSlot; slot < lastSlot; slot++, motion += 4) {
+        const double *x = arrays.positions + 4 * slot, *v = &velocities[4 * slot];
+        for (int i = 0; i < 3; i++)
+            nextPositions[4 * slot + i] = (v[3] == 0 ? x[i] : x[i] + time * (v[i] + motion[i]));
+    }
+    if constexpr (is_same<Real, float>::value)
+        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+}
+
+template <class Real>
+void CpuCalcHelfrichForceKernel::moveAll(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
+                                         const CpuHelfrichArrays<Real>& arrays, const KickAndDrift& times,
+                                         double* nextPositions) {
+    if (coarse == NULL) {
+        forEachChunk([&](int chunk) { move(parameters, sums, arrays, chunk, times, nextPositions); });
+        return;
+    }
+    CpuCoarseMeshes& meshes = coarse->getMeshes(0);
+    CoarseVelocities& ofMeshes = coarse->getVelocities(0);
+    forEachChunk([&](int chunk) { kick(parameters, sums, arrays, chunk, times.kick); });
+    meshes.kick(reinterpret_cast<const Real*>(forces.data()), times.kick, coarse->getWeight(), ofMeshes, numThreads);
+    meshes.findMotion<Real>(coarse->getWeight(), ofMeshes, numThreads);
+    forEachChunk([&](int chunk) { drift(arrays, chunk, times.drift, nextPositions); });
+}
+
 bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays) {
     // The forces must be a function of the positions alone, for only then are the steps reversible: origin and unit of
     // the fixed point numbers are those of the step's own positions.  The unit is a power of two, and so adds no error.
@@ -340,11 +390,10 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
     if constexpr (is_same<Real, float>::value)
         if (!roundPositions(arrays))
             return false;
-    auto moveChunk = [&](int chunk) { move(parameters, sums, arrays, chunk, times, nextPositions); };
     if (times.terms == Term::Tether) {
         // Its forces need no sums of this step, and the next one at which all terms act finds what is not finite.
 
-        forEachChunk(moveChunk);
+        moveAll(parameters, sums, arrays, times, nextPositions);
         return true;
     }
     computeEnergy(parameters, arrays, sums);
@@ -352,7 +401,7 @@ bool CpuCalcHelfrichForceKernel::makeStep(const HelfrichParameters& parameters, 
         return false;
     updateRepulsion(parameters, arrays.positions);
     findSlopes(parameters, sums);
-    forEachChunk(moveChunk);
+    moveAll(parameters, sums, arrays, times, nextPositions);
     terms = getTerms(parameters, sums);
     return isfinite(terms.getTotal());
 }
@@ -368,6 +417,10 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     auto arrays = prepareArrays<Real>(parameters);
     nextPositions.resize(positions.size());
     velocities.resize(positions.size());
+    if (coarse != NULL) {
+        forces.resize(positions.size());
+        coarse->getMeshes(0).setPlaces(layout.slots, layout.getNumSlots());
+    }
     double* next = nextPositions.data();
     CpuMembraneSums sums(mesh->getNumSurfaces());
     Interruption interruption(mesh->getNumVertices());
@@ -388,7 +441,11 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
 
 bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const HelfrichParameters& parameters,
                                                 const KickAndDriftSequence& sequence, bool mixed,
+                                                IntegrateHamiltonianTrajectoryKernel* waves,
                                                 HelfrichEnergyTerms& terms) {
+    coarse = NULL;
+    if (waves != NULL)
+        coarse = &dynamic_cast<CpuIntegrateHamiltonianTrajectoryKernel&>(*waves).getCoarseMotion();
     bool isFinite = mixed ? makeSteps<float>(context, parameters, sequence, terms)
                           : makeSteps<double>(context, parameters, sequence, terms);
     bool areTermsExact = (!mixed && sequence.back().terms == TermMask::ALL && sequence.back().tetherShare == 1);
@@ -464,9 +521,23 @@ static void forEachPart(ContextImpl& context, int numParticles, const Function& 
 void CpuIntegrateHamiltonianTrajectoryKernel::initialize(const System& system) {
     for (int i = 0; i < system.getNumParticles(); i++) {
         double mass = system.getParticleMass(i);
+        masses.push_back(mass);
         inverseMasses.push_back(mass == 0 ? 0 : 1 / mass);
     }
     partEnergies.resize((inverseMasses.size() + ITEMS_PER_PART - 1) / ITEMS_PER_PART);
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::setMultilevelWeight(double weight,
+                                                                  const vector<const HelfrichMesh*>& meshes) {
+    coarse.setWeight(weight, meshes, masses);
+}
+
+vector<vector<CoarseVelocity>> CpuIntegrateHamiltonianTrajectoryKernel::getCoarseVelocities() const {
+    return coarse.store();
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::setCoarseVelocities(const vector<vector<CoarseVelocity>>& velocities) {
+    coarse.load(velocities);
 }
 
 double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
@@ -474,7 +545,8 @@ double CpuIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, doub
     this->kT = kT;
     start.keep(*getData(context).positions, *getData(context).velocities, refreshment, random, trajectory);
     setVelocities(context, 1);
-    return computeKineticEnergy(context);
+    coarse.begin(kT, refreshment, random, trajectory);
+    return computeKineticEnergy(context) + coarse.getKineticEnergy();
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
@@ -491,14 +563,42 @@ void CpuIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, const K
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
+    for (int i = 0; i < coarse.size(); i++)
+        findMotion(context, times, i);
     forEachPart(context, inverseMasses.size(), [&](int first, int last) {
         for (int i = first; i < last; i++) {
             if (inverseMasses[i] != 0) {
                 velocities[i] += forces[i] * (times.kick * inverseMasses[i]);
-                positions[i] += velocities[i] * times.drift;
+                positions[i] += (coarse.size() == 0 ? velocities[i] : velocities[i] + motions[i]) * times.drift;
             }
             forces[i] = Vec3();
         }
+    });
+}
+
+void CpuIntegrateHamiltonianTrajectoryKernel::findMotion(ContextImpl& context, const KickAndDrift& times,
+                                                         int membrane) {
+    CpuCoarseMeshes& meshes = coarse.getMeshes(membrane);
+    const vector<int>& particles = meshes.getMembrane().getParticles();
+    const vector<Vec3>& forces = *getData(context).forces;
+    int numVertices = particles.size(), numThreads = ::chooseNumThreads(context, numVertices);
+    CoarseVelocities& velocities = coarse.getVelocities(membrane);
+    motions.resize(masses.size());
+    vectors.resize(4 * numVertices);
+    places.resize(numVertices);
+    iota(places.begin(), places.end(), 0);
+    meshes.setPlaces(places, numVertices);
+    forEachPart(context, numVertices, [&](int first, int last) {
+        for (int i = first; i < last; i++)
+            for (int j = 0; j < 4; j++)
+                vectors[4 * i + j] = (j < 3 ? forces[particles[i]][j] : 0);
+    });
+    meshes.kick(vectors.data(), times.kick, coarse.getWeight(), velocities, numThreads);
+    meshes.findMotion<double>(coarse.getWeight(), velocities, numThreads);
+    forEachPart(context, numVertices, [&](int first, int last) {
+        meshes.getMotion(first, last, &vectors[4 * first]);
+        for (int i = first; i < last; i++)
+            motions[particles[i]] = Vec3(vectors[4 * i], vectors[4 * i + 1], vectors[4 * i + 2]);
     });
 }
 
@@ -514,12 +614,18 @@ double CpuIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(ContextImpl
     return addUp(partEnergies);
 }
 
+double CpuIntegrateHamiltonianTrajectoryKernel::computeCoarseKineticEnergy() const {
+    return coarse.getKineticEnergy();
+}
+
 void CpuIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {
     *getData(context).positions = start.getPositions();
     setVelocities(context, -1);
+    coarse.reject();
 }
 
 void CpuIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
     *getData(context).positions = start.getPositions();
     *getData(context).velocities = start.getVelocities();
+    coarse.restore();
 }

@@ -1,8 +1,10 @@
 #ifndef OPENMM_REFERENCEHELFRICHKERNELS_H_
 #define OPENMM_REFERENCEHELFRICHKERNELS_H_
 
+#include "ReferenceCoarseMeshes.h"
 #include "ReferenceHelfrichEnergy.h"
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/CoarseVelocities.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 
 namespace HelfrichPlugin {
@@ -48,10 +50,14 @@ public:
             : IntegrateHamiltonianTrajectoryKernel(name, platform) {
     }
     void initialize(const OpenMM::System& system);
+    void setMultilevelWeight(double weight, const std::vector<const HelfrichMesh*>& meshes);
+    std::vector<std::vector<CoarseVelocity>> getCoarseVelocities() const;
+    void setCoarseVelocities(const std::vector<std::vector<CoarseVelocity>>& velocities);
     double begin(OpenMM::ContextImpl& context, double kT, double refreshment, const Philox& random,
                  long long trajectory);
     void move(OpenMM::ContextImpl& context, const KickAndDrift& times);
     double computeKineticEnergy(OpenMM::ContextImpl& context);
+    double computeCoarseKineticEnergy() const;
     void reject(OpenMM::ContextImpl& context);
     void restore(OpenMM::ContextImpl& context);
 private:
@@ -59,6 +65,7 @@ private:
     void setVelocities(OpenMM::ContextImpl& context, double factor) const;
     std::vector<double> masses;
     TrajectoryStart start;
+    CoarseMotion<ReferenceCoarseMeshes> coarse;
     double kT;
 };
 

@@ -74,12 +74,27 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::initialize(const System& sys
         masses.push_back(system.getParticleMass(i));
 }
 
+void ReferenceIntegrateHamiltonianTrajectoryKernel::setMultilevelWeight(double weight,
+                                                                        const vector<const HelfrichMesh*>& meshes) {
+    coarse.setWeight(weight, meshes, masses);
+}
+
+vector<vector<CoarseVelocity>> ReferenceIntegrateHamiltonianTrajectoryKernel::getCoarseVelocities() const {
+    return coarse.store();
+}
+
+void ReferenceIntegrateHamiltonianTrajectoryKernel::setCoarseVelocities(
+        const vector<vector<CoarseVelocity>>& velocities) {
+    coarse.load(velocities);
+}
+
 double ReferenceIntegrateHamiltonianTrajectoryKernel::begin(ContextImpl& context, double kT, double refreshment,
                                                             const Philox& random, long long trajectory) {
     this->kT = kT;
     start.keep(*getData(context).positions, *getData(context).velocities, refreshment, random, trajectory);
     setVelocities(context, 1);
-    return computeKineticEnergy(context);
+    coarse.begin(kT, refreshment, random, trajectory);
+    return computeKineticEnergy(context) + coarse.getKineticEnergy();
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::setVelocities(ContextImpl& context, double factor) const {
@@ -93,6 +108,13 @@ void ReferenceIntegrateHamiltonianTrajectoryKernel::move(ContextImpl& context, c
     vector<Vec3>& positions = *getData(context).positions;
     vector<Vec3>& velocities = *getData(context).velocities;
     vector<Vec3>& forces = *getData(context).forces;
+    for (int i = 0; i < coarse.size(); i++) {
+        const ReferenceCoarseMeshes& meshes = coarse.getMeshes(i);
+        meshes.kick(forces, times.kick, coarse.getWeight(), coarse.getVelocities(i));
+        vector<Vec3> motion = meshes.getMotion(coarse.getWeight(), coarse.getVelocities(i));
+        for (size_t v = 0; v < motion.size(); v++)
+            positions[meshes.getMembrane().getParticles()[v]] += motion[v] * times.drift;
+    }
     for (size_t i = 0; i < masses.size(); i++) {
         if (masses[i] != 0) {
             velocities[i] += forces[i] * (times.kick / masses[i]);
@@ -110,12 +132,18 @@ double ReferenceIntegrateHamiltonianTrajectoryKernel::computeKineticEnergy(Conte
     return energy;
 }
 
+double ReferenceIntegrateHamiltonianTrajectoryKernel::computeCoarseKineticEnergy() const {
+    return coarse.getKineticEnergy();
+}
+
 void ReferenceIntegrateHamiltonianTrajectoryKernel::reject(ContextImpl& context) {
     *getData(context).positions = start.getPositions();
     setVelocities(context, -1);
+    coarse.reject();
 }
 
 void ReferenceIntegrateHamiltonianTrajectoryKernel::restore(ContextImpl& context) {
     *getData(context).positions = start.getPositions();
     *getData(context).velocities = start.getVelocities();
+    coarse.restore();
 }

@@ -24,7 +24,7 @@ class MonteCarloIntegratorProxy : public OpenMM::SerializationProxy {
 public:
     void serialize(const void* object, OpenMM::SerializationNode& node) const {
         const T& move = *reinterpret_cast<const T*>(object);
-        node.setIntProperty("version", VERSION);
+        node.setIntProperty("version", getVersion(move));
         node.setDoubleProperty("temperature", move.getTemperature());
         node.setIntProperty("randomSeed", move.getRandomNumberSeed());
         node.setIntProperty("integrationForceGroups", move.getIntegrationForceGroups());
@@ -32,7 +32,7 @@ public:
         storeSettings(move, node);
     }
     void* deserialize(const OpenMM::SerializationNode& node) const {
-        requireVersion(node, VERSION, getTypeName());
+        requireVersion(node, newestVersion, getTypeName(), 1);
         std::unique_ptr<T> move(create(node.getDoubleProperty("temperature"), node));
         move->setRandomNumberSeed(node.getIntProperty("randomSeed"));
         move->setIntegrationForceGroups(node.getIntProperty("integrationForceGroups", 0xFFFFFFFF));
@@ -40,7 +40,18 @@ public:
         return move.release();
     }
 protected:
-    explicit MonteCarloIntegratorProxy(const std::string& typeName) : SerializationProxy(typeName) {
+    /**
+     * @param typeName       the name of the class
+     * @param newestVersion  the newest version that getVersion() returns
+     */
+    explicit MonteCarloIntegratorProxy(const std::string& typeName, int newestVersion = 1)
+            : SerializationProxy(typeName), newestVersion(newestVersion) {
+    }
+    /**
+     * Get the oldest version that has the settings of a move.
+     */
+    virtual int getVersion(const T& move) const {
+        return 1;
     }
     /**
      * Write the settings that only this class has.
@@ -51,7 +62,7 @@ protected:
      */
     virtual T* create(double temperature, const OpenMM::SerializationNode& node) const = 0;
 private:
-    static const int VERSION = 1;
+    const int newestVersion;
 };
 
 /**
@@ -93,9 +104,12 @@ protected:
  */
 class HamiltonianTrajectoryIntegratorProxy : public MonteCarloIntegratorProxy<HamiltonianTrajectoryIntegrator> {
 public:
-    HamiltonianTrajectoryIntegratorProxy() : MonteCarloIntegratorProxy("HamiltonianTrajectoryIntegrator") {
+    HamiltonianTrajectoryIntegratorProxy() : MonteCarloIntegratorProxy("HamiltonianTrajectoryIntegrator", 2) {
     }
 protected:
+    int getVersion(const HamiltonianTrajectoryIntegrator& move) const {
+        return move.getMultilevelWeight() == 0 ? 1 : 2;
+    }
     void storeSettings(const HamiltonianTrajectoryIntegrator& move, OpenMM::SerializationNode& node) const {
         node.setDoubleProperty("stepSize", move.getStepSize());
         node.setIntProperty("stepsPerTrajectory", move.getStepsPerTrajectory());
@@ -104,6 +118,8 @@ protected:
         node.setStringProperty("splitting", move.getSplitting());
         node.setIntProperty("tetherSubsteps", move.getTetherSubsteps());
         node.setDoubleProperty("momentumRefreshment", move.getMomentumRefreshment());
+        if (move.getMultilevelWeight() != 0)
+            node.setDoubleProperty("multilevelWeight", move.getMultilevelWeight());
     }
     HamiltonianTrajectoryIntegrator* create(double temperature, const OpenMM::SerializationNode& node) const {
         std::unique_ptr<HamiltonianTrajectoryIntegrator> move(new HamiltonianTrajectoryIntegrator(
@@ -113,6 +129,7 @@ protected:
         move->setSplitting(node.getStringProperty("splitting", "leapfrog"));
         move->setTetherSubsteps(node.getIntProperty("tetherSubsteps", 1));
         move->setMomentumRefreshment(node.getDoubleProperty("momentumRefreshment", 1.0));
+        move->setMultilevelWeight(node.getDoubleProperty("multilevelWeight", 0.0));
         return move.release();
     }
 };

@@ -42,7 +42,8 @@ public:
      *
      * @return the energy at the end
      */
-    double makeTrajectory(OpenMM::ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed);
+    double makeTrajectory(OpenMM::ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed,
+                          IntegrateHamiltonianTrajectoryKernel* waves = NULL);
     /**
      * Compute from now on only the forces that act in a kick, whatever the force groups, or all with NULL.
      */
