@@ -114,7 +114,7 @@ void testTargetsOfSurfaces() {
 }
 
 void testContextParameters() {
-    // Each sets a parameter of its own, and only a modulus turns its term on.
+    // Each sets a parameter of its own, and only a modulus turns its term on; a target may not be zero.
 
     HelfrichParameters p;
     set<string> names;
@@ -124,7 +124,8 @@ void testContextParameters() {
         places.insert(&parameter.valueIn(p));
         HelfrichParameters set;
         parameter.valueIn(set) = 1;
-        ASSERT_EQUAL(parameter.isModulus(), set.has(parameter.term));
+        ASSERT_EQUAL(parameter.term == Term::Tension || parameter.term == Term::Pressure, set.has(parameter.term));
+        ASSERT_EQUAL(parameter.mayBeZero, set.has(parameter.term) || parameter.term == Term::Bending);
     }
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
         ASSERT_EQUAL(&parameter, &getContextParameter(parameter.term));

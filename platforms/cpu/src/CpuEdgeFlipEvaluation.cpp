@@ -171,6 +171,7 @@ inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
 template <bool HasCurvature, bool HasTether>
 void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
               int last) {
+    HelfrichTotals spontaneous = getSpontaneousSlopes(p);
     for (int group = first - first % WIDTH; group < last; group += WIDTH) {
         Attempts attempts(vertices, batch, group);
         Diamond diamond(attempts);
@@ -180,7 +181,8 @@ void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, Cp
         if (HasCurvature) {
             computeCurvatures(attempts, diamond, changes, curvature);
             if (p.has(Term::Bending))
-                energy += bendingChange(attempts, p, changes);
+                energy += bendingChange(attempts, p, changes) + spontaneous.area * area +
+                          spontaneous.curvature * curvature;
         }
         if (HasTether)
             energy += tetherOf(diamond.corner[3] - diamond.corner[2], p) - tetherOf(diamond.corner[1], p);

@@ -183,8 +183,11 @@ void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
 }
 
 void CpuCalcHelfrichForceKernel::findSlopes(const HelfrichParameters& parameters, CpuMembraneSums& sums) {
-    for (size_t surface = 0; surface < sums.totals.size(); surface++)
+    HelfrichTotals spontaneous = getSpontaneousSlopes(parameters);
+    for (size_t surface = 0; surface < sums.totals.size(); surface++) {
         sums.slopes[surface] = getSlopesByTotals(parameters, surface, sums.totals[surface]);
+        sums.slopes[surface] += spontaneous;
+    }
 }
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
@@ -210,7 +213,10 @@ void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& param
 HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters,
                                                          const CpuMembraneSums& sums) const {
     HelfrichEnergyTerms terms;
+    HelfrichTotals spontaneous = getSpontaneousSlopes(parameters);
     terms[Term::Bending] = sums.bending;
+    for (auto& totals : sums.totals)
+        terms[Term::Bending] += spontaneous.area * totals.area + spontaneous.curvature * totals.curvature;
     terms[Term::Tether] = sums.tether;
     if (parameters.has(Term::Repulsion))
         terms[Term::Repulsion] = addUp(chunkSums, &CpuHelfrichSums::repulsion);
@@ -221,6 +227,8 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                                          HelfrichEnergyTerms& terms) {
+    if (parameters.species)
+        throw OpenMMException("HelfrichForce: species are not supported yet on the CPU platform; use Reference");
     chooseNumThreads(context);
     auto arrays = prepareArrays<double>(parameters);
     const vector<Vec3>& source = *getData(context).positions;
@@ -440,6 +448,8 @@ void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichFor
 bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
                                       long long numAttempts, const Philox& random, long long sweep,
                                       EdgeFlipStatistics& statistics) {
+    if (parameters.species)
+        throw OpenMMException("HelfrichForce: species are not supported yet on the CPU platform; use Reference");
     calculation->computeGeometry(context, geometry);
     if (!isFinite(geometry, parameters.needsCurvature()))
         return false;
