@@ -90,6 +90,11 @@ _UNITS = {
     "onset": unit.nanometer,
     "tension": unit.kilojoule_per_mole / unit.nanometer**2,
     "pressure": unit.kilojoule_per_mole / unit.nanometer**3,
+    "bendingModulus": unit.kilojoule_per_mole,
+    "spontaneousCurvature": unit.nanometer**-1,
+    "gaussianModulus": unit.kilojoule_per_mole,
+    "lineTension": unit.kilojoule_per_mole / unit.nanometer,
+    "energy": unit.kilojoule_per_mole,
     "temperature": unit.kelvin,
     "stepSize": unit.picosecond,
     "size": unit.picosecond,
@@ -103,6 +108,7 @@ _DIMENSIONS = {
     unit.nanometer**2: "an area, in nm^2",
     unit.nanometer**3: "a volume, in nm^3",
     unit.nanometer**-1: "an inverse length, in 1/nm",
+    unit.kilojoule_per_mole / unit.nanometer: "an energy per length, in kJ/mol/nm",
     unit.kilojoule_per_mole / unit.nanometer**2: "an energy per area, in kJ/mol/nm^2",
     unit.kilojoule_per_mole / unit.nanometer**3: "an energy per volume, in kJ/mol/nm^3",
     unit.kelvin: "a temperature, in K",
@@ -174,11 +180,14 @@ def _describeHelfrichForce(force):
         'repulsion': (force.getRepulsion()[0], energy),
         'tension': (force.getTension(), energy/length**2),
         'pressure': (force.getPressure(), energy/length**3),
+        'spontaneous curvature': (force.getSpontaneousCurvature(), length**-1),
+        'Gaussian': (force.getGaussianModulus(), energy),
     }
     terms = [
         f"{name} {_text(modulus, standard)}" for name, (modulus, standard) in moduli.items() if modulus._value != 0
     ]
-    return ', '.join([f"{force.getNumTriangles()} triangles", *terms])
+    species = [f"{force.getNumSpecies()} species"] if force.getNumSpecies() > 0 else []
+    return ', '.join([f"{force.getNumTriangles()} triangles", *species, *terms])
 
 
 def _describeTrajectories(integrator):

@@ -5,8 +5,10 @@
 #include "CpuCoarseMeshes.h"
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichLoops.h"
+#include "CpuHelfrichMaterials.h"
 #include "CpuHelfrichRepulsion.h"
 #include "CpuInstructionSet.h"
+#include "CpuMemory.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
@@ -22,7 +24,7 @@ struct CpuMembraneSums {
     explicit CpuMembraneSums(int numSurfaces) : totals(numSurfaces), slopes(numSurfaces) {
     }
     /// the area is finite if those of all surfaces are
-    double area = 0, bending = 0, tether = 0;
+    double area = 0, bending = 0, tether = 0, gaussian = 0, line = 0;
     /// of each surface, and the derivatives of the energy by them
     std::vector<HelfrichTotals> totals, slopes;
 };
@@ -115,6 +117,7 @@ private:
     CpuHelfrichLayout layout;
     std::vector<CpuHelfrichLayout::Part> chunks;
     CpuHelfrichRepulsion repulsion;
+    CpuHelfrichMaterials materials;
     Array positions, bendingSlopes, anglesPerLength;
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
     /// room for areas and curvatures
