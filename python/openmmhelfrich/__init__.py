@@ -17,6 +17,7 @@ _HOMES = {
         "HybridMonteCarloIntegrator",
         "MonteCarloIntegrator",
         "ShearWaveIntegrator",
+        "SpeciesExchangeIntegrator",
     ],
     "geometry.axisymmetric": ["axisymmetricMinimum"],
     "geometry.measures": ["reducedVolume"],
