@@ -88,7 +88,13 @@ private:
     void collectRing(int vertex);
     void prepareVertex(const HelfrichGeometry& geometry, int vertex);
     OpenMM::Vec3 edge(int from, int to) const;
-    void drawAttempts(int first, int last);
+    /**
+     * Get the two vertices of an attempt, or twice the one that mutates.
+     */
+    std::array<int, 2> getVertices(const SpeciesDraw& draw) const {
+        return {draw.first, proposal.kind == SpeciesProposal::Mutation ? draw.first : draw.second};
+    }
+    void drawAttempts(int begin, int end);
     void evaluate(Attempt& attempt) const;
     /**
      * Get the change of energy where a vertex changes its species, and another one has a given species.

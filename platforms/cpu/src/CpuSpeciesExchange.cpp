@@ -29,6 +29,11 @@ static const int MAX_THREADS = 8;
  */
 static const int VERTICES_PER_PART = 256;
 
+/**
+ * The lengths of a ring that are asked for before they are needed, four to a cache line.
+ */
+static const int LENGTHS_AHEAD = 8;
+
 static const int NONE = -1;
 
 static int limitThreads(int numThreads, int numVertices) {
@@ -172,12 +177,21 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
 }
 
 void CpuSpeciesExchange::drawAttempts(int begin, int end) {
+    // In large membranes nearly everything is in no near cache: what an attempt needs is asked for long before.
+
     for (int n = begin; n < end; n++) {
         block[n].draw = proposal.draw(random, sweep, firstAttempt + n, mesh);
-        __builtin_prefetch(&vertices[block[n].draw.first]);
-        if (proposal.kind != SpeciesProposal::Mutation)
-            __builtin_prefetch(&vertices[block[n].draw.second]);
+        for (int vertex : getVertices(block[n].draw))
+            __builtin_prefetch(&vertices[vertex]);
     }
+    for (int n = begin; n < end; n++)
+        for (int vertex : getVertices(block[n].draw)) {
+            int ring = vertices[vertex].ring;
+            __builtin_prefetch(&neighbors[ring]);
+            if (!lengths.empty())
+                for (int i = 0; i < LENGTHS_AHEAD; i += 4)
+                    __builtin_prefetch(&lengths[min<size_t>(ring + i, lengths.size() - 1)]);
+        }
     if (numThreads > 1)
         for (int n = begin; n < end; n++)
             evaluate(block[n]);
