@@ -25,7 +25,7 @@ void testMasks() {
 void testTermsThatAreOn() {
     // Nothing but the moduli of other terms changes, and what a term needs is what any of those needs that are on.
 
-    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    const HelfrichParameters all = createParameters(createBlob(0), EveryTerm);
     ASSERT(all.getTerms() == TermMask::ALL);
     for (int bits = 0; bits < 1 << NUM_TERMS; bits++) {
         TermMask terms = getTermsOfBits(bits);
@@ -54,7 +54,7 @@ static double computeEnergy(const HelfrichParameters& p, const HelfrichTotals& t
 void testTermsOfTotals() {
     // Slopes and changes are those of the energy, of each term alone and of all together.
 
-    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    const HelfrichParameters all = createParameters(createBlob(0), EveryTerm);
     HelfrichTotals totals;
     totals.area = 7;
     totals.volume = 2.2;
@@ -87,7 +87,7 @@ void testTargetsOfSurfaces() {
     // A surface with a target of its own has the energy, slopes and changes of that target, and the others those of
     // the common one.
 
-    HelfrichParameters common = createParameters(createBlob(0), AllTerms), own = common, other = common;
+    HelfrichParameters common = createParameters(createBlob(0), EveryTerm), own = common, other = common;
     own.targetArea = 6.5;
     own.targetVolume = 2.7;
     own.targetAreaDifference = -1.2;

@@ -3,41 +3,18 @@
 
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichLoops.h"
+#include "CpuHelfrichMaterials.h"
 #include "CpuHelfrichRepulsion.h"
 #include "CpuInstructionSet.h"
+#include "CpuMemory.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
 #include "CpuSpeciesExchange.h"
 #include <memory>
-#include <new>
 #include <vector>
 
 namespace HelfrichPlugin {
-
-/**
- * An allocator of memory on cache lines.
- */
-template <class T>
-struct CacheLineAllocator {
-    typedef T value_type;
-    CacheLineAllocator() = default;
-    template <class U>
-    CacheLineAllocator(const CacheLineAllocator<U>&) {
-    }
-    T* allocate(size_t n) {
-        return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
-    }
-    void deallocate(T* data, size_t) {
-        ::operator delete(data, std::align_val_t(64));
-    }
-    bool operator==(const CacheLineAllocator&) const {
-        return true;
-    }
-    bool operator!=(const CacheLineAllocator&) const {
-        return false;
-    }
-};
 
 /**
  * Sums over all vertices.
@@ -46,7 +23,7 @@ struct CpuMembraneSums {
     explicit CpuMembraneSums(int numSurfaces) : totals(numSurfaces), slopes(numSurfaces) {
     }
     /// the area is finite if those of all surfaces are
-    double area = 0, bending = 0, tether = 0;
+    double area = 0, bending = 0, tether = 0, gaussian = 0, line = 0;
     /// of each surface, and the derivatives of the energy by them
     std::vector<HelfrichTotals> totals, slopes;
 };
@@ -130,6 +107,7 @@ private:
     CpuHelfrichLayout layout;
     std::vector<CpuHelfrichLayout::Part> chunks;
     CpuHelfrichRepulsion repulsion;
+    CpuHelfrichMaterials materials;
     Array positions, bendingSlopes, anglesPerLength;
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
     /// room for areas and curvatures

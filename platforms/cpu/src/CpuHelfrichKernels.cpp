@@ -69,13 +69,14 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
             particles[slot] = mesh->getParticles()[layout.vertices[slot]];
     });
     repulsion.followLayout(layout, numThreads);
+    materials.invalidate();
     revision = mesh->getRevision();
 }
 
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
-    if (parameters.needsCurvature()) {
+    if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
@@ -86,6 +87,10 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
         arrays.fixedPositions = fixedPositions.data();
+    }
+    if (parameters.hasForcesOfSpecies()) {
+        materials.update(*mesh, layout, chunks, parameters, is_same<Real, float>::value, numThreads);
+        materials.setArrays(arrays);
     }
     return arrays;
 }
@@ -157,14 +162,21 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
+    bool hasMaterials = parameters.hasForcesOfSpecies();
+    auto compute = hasMaterials ? loops.in<Real>().computeEnergyOfMaterials : loops.in<Real>().computeEnergy;
     forEachChunk([&](int chunk) {
-        loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
-                                       chunkSums[chunk]);
+        compute(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        if (hasMaterials)
+            chunkSums[chunk].line += materials.computeMeetings(arrays.positions, chunk);
         if (parameters.has(Term::Repulsion))
             chunkSums[chunk].outdated = repulsion.hasMoved(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     });
     sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
     sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
+    if (hasMaterials) {
+        sums.gaussian = addUp(chunkSums, &CpuHelfrichSums::gaussian);
+        sums.line = addUp(chunkSums, &CpuHelfrichSums::line);
+    }
     addUpSurfaces(sums);
 }
 
@@ -204,8 +216,12 @@ void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& para
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
-    loops.in<Real>().computeGradient(layout, parameters, sums.slopes[chunks[chunk].surface], arrays,
-                                     getFirstGroup(chunk), getLastGroup(chunk), gradients);
+    bool hasMaterials = parameters.hasForcesOfSpecies();
+    auto compute = hasMaterials ? loops.in<Real>().computeGradientOfMaterials : loops.in<Real>().computeGradient;
+    compute(layout, parameters, sums.slopes[chunks[chunk].surface], arrays, getFirstGroup(chunk), getLastGroup(chunk),
+            gradients);
+    if (hasMaterials)
+        materials.addGradientOfMeetings(arrays.positions, chunk, getFirstSlot(chunk), gradients);
     if (parameters.has(Term::Repulsion))
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
@@ -218,6 +234,9 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
     for (auto& totals : sums.totals)
         terms[Term::Bending] += spontaneous.area * totals.area + spontaneous.curvature * totals.curvature;
     terms[Term::Tether] = sums.tether;
+    terms[Term::Line] = sums.line;
+    if (parameters.hasGaussianForces())
+        terms[Term::Gaussian] = sums.gaussian + materials.getGaussianConstant();
     if (parameters.has(Term::Repulsion))
         terms[Term::Repulsion] = addUp(chunkSums, &CpuHelfrichSums::repulsion);
     for (size_t surface = 0; surface < sums.totals.size(); surface++)
@@ -227,8 +246,6 @@ HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameter
 
 bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                                          HelfrichEnergyTerms& terms) {
-    if (parameters.species)
-        throw OpenMMException("HelfrichForce: species are not supported yet on the CPU platform; use Reference");
     chooseNumThreads(context);
     auto arrays = prepareArrays<double>(parameters);
     const vector<Vec3>& source = *getData(context).positions;
@@ -448,8 +465,6 @@ void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichFor
 bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
                                       long long numAttempts, const Philox& random, long long sweep,
                                       EdgeFlipStatistics& statistics) {
-    if (parameters.species)
-        throw OpenMMException("HelfrichForce: species are not supported yet on the CPU platform; use Reference");
     calculation->computeGeometry(context, geometry);
     if (!isFinite(geometry, parameters.needsCurvature()))
         return false;
