@@ -13,6 +13,7 @@
 #include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/HybridMonteCarloIntegrator.h"
 #include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/SpeciesExchangeIntegrator.h"
 #include "OpenMM.h"
 #include "OpenMMAmoeba.h"
 #include "OpenMMDrude.h"
@@ -53,4 +54,5 @@ import_array();
 %include "openmmhelfrich/EdgeFlipIntegrator.h"
 %include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 %include "openmmhelfrich/ShearWaveIntegrator.h"
+%include "openmmhelfrich/SpeciesExchangeIntegrator.h"
 %include "openmmhelfrich/HybridMonteCarloIntegrator.h"

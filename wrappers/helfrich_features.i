@@ -86,7 +86,9 @@ HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, modulus)
 HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, amplitude)
 HELFRICH_UNIT(ShearWaveIntegrator::getMinWaveNumber, minWaveNumber)
 HELFRICH_UNIT(ShearWaveIntegrator::getMaxWaveNumber, maxWaveNumber)
+HELFRICH_UNIT(SpeciesExchangeIntegrator::getChemicalPotential, chemicalPotential)
 HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, stepSize)
+%ignore HelfrichPlugin::SpeciesExchangeIntegrator::getChemicalPotentials;
 
 %pythonappend HelfrichPlugin::HelfrichForce::getTether %{
         val[:3] = map(unit.Quantity, val[:3], (_UNITS[name] for name in ("modulus", "minLength", "maxLength")))

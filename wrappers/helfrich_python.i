@@ -95,6 +95,7 @@ _UNITS = {
     "gaussianModulus": unit.kilojoule_per_mole,
     "lineTension": unit.kilojoule_per_mole / unit.nanometer,
     "energy": unit.kilojoule_per_mole,
+    "chemicalPotential": unit.kilojoule_per_mole,
     "temperature": unit.kelvin,
     "stepSize": unit.picosecond,
     "size": unit.picosecond,
@@ -203,6 +204,11 @@ def _describeWaves(integrator):
     return f"{integrator.getMovesPerStep()} shear waves of {_text(integrator.getAmplitude(), unit.nanometer)}"
 
 
+def _describeExchanges(integrator):
+    kind = {'neighbors': 'exchanges of neighbors', 'anywhere': 'exchanges anywhere', 'mutation': 'mutations'}
+    return f"sweeps of {kind[integrator.getProposal()]} over {integrator.getFraction():.3g} of the edges"
+
+
 def _describeMixture(integrator):
     def describe(index):
         move = integrator.getMove(index)
@@ -220,6 +226,7 @@ _DESCRIPTIONS = {
     'HamiltonianTrajectoryIntegrator': _describeTrajectories,
     'HybridMonteCarloIntegrator': _describeMixture,
     'ShearWaveIntegrator': _describeWaves,
+    'SpeciesExchangeIntegrator': _describeExchanges,
 }
 
 
@@ -373,6 +380,7 @@ HELFRICH_MOVE(EdgeFlipIntegrator)
 HELFRICH_MOVE(HamiltonianTrajectoryIntegrator)
 HELFRICH_MOVE(HybridMonteCarloIntegrator)
 HELFRICH_MOVE(ShearWaveIntegrator)
+HELFRICH_MOVE(SpeciesExchangeIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):

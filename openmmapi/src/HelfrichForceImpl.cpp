@@ -350,11 +350,10 @@ void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<in
 }
 
 void HelfrichForceImpl::setSpecies(ContextImpl& context, const vector<int>& species) {
-    int numSpecies = (parameters.species ? parameters.species->getNumSpecies() : 0);
     if (mesh->getSpecies().empty())
         throw OpenMMException(owner.getName() +
                               ": there were no species when the Context was created; add them with addSpecies()");
-    mesh->setSpecies(species, numSpecies);
+    mesh->setSpecies(species, getNumSpecies());
     context.systemChanged();
 }
 
@@ -416,6 +415,27 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     EdgeFlipStatistics statistics;
     if (!flipKernel->getAs<SweepEdgeFlipsKernel>().execute(context, parameters, kT, numAttempts, random, sweep,
                                                            statistics)) {
+        HelfrichGeometry geometry;
+        calculation.computeGeometry(context, geometry);
+        throwNonFinite(context, geometry);
+    }
+    context.systemChanged();
+    return statistics;
+}
+
+SpeciesExchangeStatistics HelfrichForceImpl::exchangeSpecies(ContextImpl& context, const SpeciesProposal& proposal,
+                                                             double kT, long long numAttempts, const Philox& random,
+                                                             long long sweep) {
+    HelfrichParameters parameters = getParameters(context);
+    requirePositions(context);
+    CalcHelfrichForceKernel& calculation = kernel.getAs<CalcHelfrichForceKernel>();
+    if (!exchangeKernel) {
+        exchangeKernel = context.getPlatform().createKernel(ExchangeSpeciesKernel::Name(), context);
+        exchangeKernel->getAs<ExchangeSpeciesKernel>().initialize(context.getSystem(), owner, *mesh, calculation);
+    }
+    SpeciesExchangeStatistics statistics;
+    if (!exchangeKernel->getAs<ExchangeSpeciesKernel>().execute(context, parameters, proposal, kT, numAttempts, random,
+                                                                sweep, statistics)) {
         HelfrichGeometry geometry;
         calculation.computeGeometry(context, geometry);
         throwNonFinite(context, geometry);

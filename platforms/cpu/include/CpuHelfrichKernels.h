@@ -12,6 +12,7 @@
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
+#include "CpuSpeciesExchange.h"
 #include <memory>
 #include <vector>
 
@@ -147,6 +148,26 @@ private:
     HelfrichMesh* mesh;
     CpuCalcHelfrichForceKernel* calculation;
     std::unique_ptr<CpuEdgeFlipSweep> edgeFlips;
+    HelfrichGeometry geometry;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of exchanges of species.
+ */
+class CpuExchangeSpeciesKernel : public ExchangeSpeciesKernel {
+public:
+    CpuExchangeSpeciesKernel(std::string name, const OpenMM::Platform& platform)
+            : ExchangeSpeciesKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const SpeciesProposal& proposal,
+                 double kT, long long numAttempts, const Philox& random, long long sweep,
+                 SpeciesExchangeStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
+    CpuCalcHelfrichForceKernel* calculation;
+    std::unique_ptr<CpuSpeciesExchange> exchange;
     HelfrichGeometry geometry;
 };
 

@@ -535,6 +535,27 @@ bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParame
     return true;
 }
 
+void CpuExchangeSpeciesKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                          CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+    this->calculation = &dynamic_cast<CpuCalcHelfrichForceKernel&>(calculation);
+}
+
+bool CpuExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
+                                       const SpeciesProposal& proposal, double kT, long long numAttempts,
+                                       const Philox& random, long long sweep, SpeciesExchangeStatistics& statistics) {
+    if (!exchange)
+        exchange.reset(new CpuSpeciesExchange(*mesh, getData(context).threads.getNumThreads()));
+    if (parameters.hasForcesOfSpecies()) {
+        calculation->computeGeometry(context, geometry);
+        if (!isFinite(geometry, parameters.needsCurvature()))
+            return false;
+    }
+    exchange->prepare(*getData(context).positions, geometry, parameters, proposal);
+    statistics = exchange->execute(kT, numAttempts, random, sweep);
+    return true;
+}
+
 /**
  * Call a function with the first and last particle of each part, on all threads of a Context.
  */

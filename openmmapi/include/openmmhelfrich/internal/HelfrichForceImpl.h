@@ -86,6 +86,17 @@ public:
     EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random,
                                  long long sweep);
     /**
+     * Make a sweep of exchanges of species.  See ExchangeSpeciesKernel::execute() for the parameters.
+     */
+    SpeciesExchangeStatistics exchangeSpecies(OpenMM::ContextImpl& context, const SpeciesProposal& proposal, double kT,
+                                              long long numAttempts, const Philox& random, long long sweep);
+    /**
+     * Get the number of species that there are in the Context.
+     */
+    int getNumSpecies() const {
+        return parameters.species ? parameters.species->getNumSpecies() : 0;
+    }
+    /**
      * Get the moduli and other parameters, with the present values of those that are the Context's.
      */
     HelfrichParameters getParameters(OpenMM::ContextImpl& context) const;
@@ -123,8 +134,8 @@ private:
     std::shared_ptr<const HelfrichSpeciesTable> tableOfPairs;
     long long revisionOfPairs = 0, speciesRevisionOfPairs = 0;
     OpenMM::Kernel kernel;
-    /// created when it is first needed
-    std::optional<OpenMM::Kernel> flipKernel;
+    /// created when they are first needed
+    std::optional<OpenMM::Kernel> flipKernel, exchangeKernel;
 };
 
 } // namespace HelfrichPlugin
