@@ -8,7 +8,6 @@
 #include "CpuHelfrichMaterials.h"
 #include "CpuHelfrichRepulsion.h"
 #include "CpuInstructionSet.h"
-#include "CpuMemory.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"

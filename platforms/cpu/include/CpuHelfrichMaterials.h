@@ -3,7 +3,7 @@
 
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichLoops.h"
-#include "CpuMemory.h"
+#include "CacheLineAllocator.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <memory>
 #include <vector>
