@@ -371,7 +371,9 @@ def testASweepTellsOfTooFewVerticesBefore(tmp_path, scheduler):
     result = invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler)
     assert result.output.startswith("note: 42 vertices are too few for reduced volumes of 0.9 to 0.95: such a mesh")
     assert result.output.count("vertices are too few") == 1 and "(every point)" in result.output
-    assert not invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler).output.count("vertices are too few")
+    assert not invoke("sweep", grid, "--output", tmp_path / "a", "--scheduler", scheduler).output.count(
+        "vertices are too few"
+    )
     assert sweeps.sweep(grid, tmp_path / "a", scheduler).notes[0].endswith("(every point)")
 
 
