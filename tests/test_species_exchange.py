@@ -11,7 +11,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from conftest import together
 from membranes import PLATFORMS, createBlob, createContext, energyOf, kelvin, positionsOf, termsOf
-from test_flips import enumerateStates, flipped, octahedron, pOf, stateOf
+from test_flips import enumerateStates, octahedron, pOf, stateOf
 
 PROPOSALS = ["neighbors", "anywhere", "mutation"]
 # What acts on species: two or three of them that differ in everything.

@@ -144,8 +144,8 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         what to convert; a number is one of the scales' multiples, and anything else is returned as it is
     kind : str
         "energy" (plain numbers are kT), "length", "area", "volume", "curvature" (powers of the mesh's unit of length),
-        "energy per length", "energy per area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or
-        "temperature" (K)
+        "energy per length", "energy per area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass"
+        (Da) or "temperature" (K)
     scales : Scales
         the units of plain numbers
 

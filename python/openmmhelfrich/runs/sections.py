@@ -281,8 +281,8 @@ class MembraneSection(Targets):
     )
     gaussian_modulus: Energy = Field(
         0.0,
-        description="kappa_G in kT times the integral of the Gaussian curvature: the same everywhere it adds a constant "
-        "of the topology, 4 pi (1-g) kappa_G, and moves nothing",
+        description="kappa_G in kT, times the integral of the Gaussian curvature: the same everywhere, it adds a "
+        "constant of the topology, 4 pi (1-g) kappa_G, and moves nothing",
     )
     line_tension: LineTensions = Field(
         0.0,

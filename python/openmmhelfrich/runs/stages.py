@@ -42,8 +42,8 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
-from .readiness import beyondBounds, evenness, remeshFirst
 from .material import flatEnergy
+from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
     currentMesh,
