@@ -280,6 +280,7 @@ def test_versions_are_those_of_the_metadata():
         return ".".join(map(str, numbers))
 
     assert set(needed["openmm"].split(",")) == {f">={text(installation.OPENMM)}", f"<{text(installation.NO_OPENMM)}"}
+    assert "find_package(OpenMM 8.6...<8.7 REQUIRED)" in (ROOT / "CMakeLists.txt").read_text()
     assert needed["numpy"] == f">={text(installation.NUMPY)}"
     assert f"pip install 'openmm>={text(installation.OPENMM)},<8.7'" == installation.INSTALL_OPENMM
 
