@@ -115,6 +115,11 @@ def noNumPy(site):
         entry.unlink()
 
 
+def noMeshio(site):
+    for entry in site.glob("meshio*"):
+        entry.unlink()
+
+
 def twoVersions(site):
     (site / "openmm_helfrich-0.0.9.dist-info").mkdir()
     record = "Metadata-Version: 2.1\nName: openmm-helfrich\nVersion: 0.0.9\n"
@@ -142,6 +147,7 @@ CASES = [
     (noMainLibrary, "a library of OpenMM cannot be loaded .*libOpenMM.so", "--no-deps openmm$", True),
     (oldNumPy, "NumPy 1.26.4 is installed, and openmm-helfrich needs 2.0 or newer", "pip install 'numpy>=2'", False),
     (noNumPy, "NumPy is not installed for .*", "pip install 'numpy>=2'", True),
+    (noMeshio, "meshio is not installed, and openmm-helfrich needs it", "pip install openmm-helfrich", False),
     (twoVersions, "there are two versions of openmm-helfrich in .*: 0", "--force-reinstall", False),
     (crash, "OpenMM cannot be loaded: the process ends with SIGABRT", "--force-reinstall", False),
 ]
