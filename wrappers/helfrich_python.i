@@ -251,8 +251,8 @@ _MOVES = []
 
 
 def _loadPlugins():
-    """Load the kernels that OpenMM did not load when it was imported: where OPENMM_PLUGIN_DIR names another folder, where
-    OpenMM is installed in another one, or where something is wrong, which is then said.
+    """Load the kernels that OpenMM did not load when it was imported: where OPENMM_PLUGIN_DIR names another folder,
+    where OpenMM is installed in another one, or where something is wrong, which is then said.
     """
     platforms = map(openmm.Platform.getPlatform, range(openmm.Platform.getNumPlatforms()))
     lacking = [p.getName() for p in platforms if not p.supportsKernels(['CalcHelfrichForce'])]
