@@ -5,7 +5,7 @@
 # modulus κ makes a tube of the radius R = √(κ/2σ), and holds it with the force f₀ = 2π√(2σκ). This force does not
 # depend on the length of the tube. Cells and experimenters use it to measure tensions.
 #
-# Here a vesicle of 642 vertices is held at its bottom and pulled at its top, and the force is measured. It takes
+# Here a vesicle of 2,562 vertices is held at its bottom and pulled at its top, and the force is measured. It takes
 # about a minute.
 
 # %%
@@ -113,8 +113,8 @@ print(f"at the end {forces[-1] / tubeForce:.2f} f0, expected {expected[0] / tube
 #
 # ![Force against extension, which levels off near the expected force](tether_force.png)
 #
-# The force rises while the vesicle becomes a lemon, and levels off when the tube is there. On so coarse a mesh, with
-# eight edges around the tube, it ends within a few percent of what theory says.
+# The force rises while the vesicle becomes a lemon, and levels off when the tube is there. With eight edges around
+# the tube it ends within some percent of what theory says.
 #
 # ## Where to go
 #
