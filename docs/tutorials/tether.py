@@ -14,12 +14,14 @@ import os
 import matplotlib.pyplot as plt
 import numpy as np
 import openmm as mm
+from openmm import unit
 
 import openmmhelfrich as mh
 
 isSmall = os.environ.get("HELFRICH_TUTORIAL_SIZE") == "small"
 bendingModulus, tubeRadius = 20.0, 0.2 if isSmall else 0.12  # kT, nm
-tension = bendingModulus / (2 * tubeRadius**2)
+volumeModulus = 1e5  # kT
+tension = bendingModulus / (2 * tubeRadius**2)  # kT/nm^2
 tubeForce = 2 * np.pi * np.sqrt(2 * tension * bendingModulus)
 
 # %% [markdown]
@@ -58,7 +60,12 @@ def pull(system, scene):
 # %%
 scene = mh.Scene.of(
     {
-        "membrane": {"bending_modulus": bendingModulus, "area_modulus": 0, "tension": tension, "volume_modulus": 1e5},
+        "membrane": {
+            "bending_modulus": bendingModulus,
+            "area_modulus": 0,
+            "tension": tension,
+            "volume_modulus": volumeModulus,
+        },
         "sampling": {"seed": 1},
     },
     mesh,
@@ -75,16 +82,17 @@ simulation = scene.createSimulation(force)
 # The force is what the springs are stretched by.
 
 # %%
-lengths, forces, pressures = [], [], []
+lengths, forces = [], []
 for height in np.linspace(1.0, 1.3 if isSmall else 3.6, 3 if isSmall else 14):
     simulation.context.setParameter("height", height)
     simulation.step(5 if isSmall else 400)
     mh.minimizeFluid(simulation, force, maxIterations=100 if isSmall else 3000)
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
+    positions = positions.value_in_unit(unit.nanometer)
     lengths.append(positions[top, 2].mean())
     forces.append(stiffness * (height - lengths[-1]))
-    volume, target = force.getGeometryInContext(simulation.context).volume._value, scene.config.membrane.target_volume
-    pressures.append(2 * 1e5 * (1 - volume / target) / target)  # what holds the volume, in kT/nm^3
+    volume = force.getGeometryInContext(simulation.context).volume / unit.nanometer**3
+    pressure = 2 * volumeModulus * (1 - volume / mesh.volume) / mesh.volume  # of the term that holds the volume
     print(f"pole at {lengths[-1]:.2f} nm: {forces[-1] / tubeForce:.2f} f0")
 
 # %% [markdown]
@@ -96,17 +104,17 @@ for height in np.linspace(1.0, 1.3 if isSmall else 3.6, 3 if isSmall else 14):
 
 # %%
 r = np.linspace(0.5, 1.6, 1000) * tubeRadius
-expected = [(np.pi * bendingModulus / r + 2 * np.pi * r * tension - np.pi * r**2 * p).min() for p in pressures[-1:]]
+expected = (np.pi * bendingModulus / r + 2 * np.pi * r * tension - np.pi * r**2 * pressure).min()
 axes = plt.figure(figsize=(6, 4), layout="constrained").subplots()
 axes.plot(lengths, np.array(forces) / tubeForce, "o-", label="measured")
 axes.axhline(1, color="0.5", label="f₀, without a pressure")
-axes.axhline(expected[0] / tubeForce, color="C1", ls="--", label="with the vesicle's pressure")
+axes.axhline(expected / tubeForce, color="C1", ls="--", label="with the vesicle's pressure")
 axes.set(xlabel="height of the pole, nm", ylabel="force / f₀", ylim=(0, 1.15))
 axes.legend(loc="lower right")
 axes.figure.savefig("tether_force.png", dpi=110)
 shape = mh.Mesh(positions[: len(mesh.vertices)], force.getTrianglesInContext(simulation.context))
 shape.plot(elevation=0, zoom=0.9).save("tether.png")
-print(f"at the end {forces[-1] / tubeForce:.2f} f0, expected {expected[0] / tubeForce:.2f} f0")
+print(f"at the end {forces[-1] / tubeForce:.2f} f0, expected {expected / tubeForce:.2f} f0")
 
 # %% [markdown]
 # ![The vesicle with its tether](tether.png)
