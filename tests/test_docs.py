@@ -161,6 +161,7 @@ def configurations(folder):
         (folder / name).write_text(configText(vesicle))
     (folder / "grid.toml").write_text('base = "vesicle.toml"\n[grid]\nmembrane.reduced_volume = [0.99, 1.0]\n')
     (folder / "inp.conf").write_text(TRIMEM)
+    mh.writeMeshTrajectory(folder / "vesicle.vtkhdf", [mh.meshFrame(0, mesh)])
     (folder / "examples").mkdir()
     for file in (ROOT / "examples").iterdir():
         (folder / "examples" / file.name).write_bytes(file.read_bytes())
@@ -214,6 +215,8 @@ def runOwn(line, words, printed):
         return
     if name == "run" and "--steps" not in arguments and "stages" not in Path(arguments[0]).read_text():
         arguments += ["--steps", "20"]
+    if name == "run":
+        arguments.append("--overwrite")
     with contextlib.redirect_stdout(io.StringIO()) as out:
         code = group.main([name, *arguments], standalone_mode=False) or 0
     assert code in ((0, 1) if name == "check" else (0, 3)), f"{line}: exit code {code}"
