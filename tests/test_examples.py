@@ -170,7 +170,9 @@ def testScriptOfTheReadme(tmp_path):
     (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     (tmp_path / "script.py").write_text(script)
     execute(tmp_path, "script.py")
-    assert mdtraj.load_dcd(str(tmp_path / "vesicle.dcd"), top=str(tmp_path / "vesicle.psf")).n_frames > 1
+    frames = mh.readMeshTrajectory(tmp_path / "vesicle.vtkhdf")
+    assert len(frames) == 20 and frames[-1].mesh.reducedVolume == pytest.approx(0.9, abs=0.01)
+    assert (tmp_path / "vesicle.png").stat().st_size > 10000
 
 
 def testScriptOfReplicaExchange(tmp_path):
