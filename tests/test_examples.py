@@ -171,7 +171,7 @@ def testScriptOfTheReadme(tmp_path):
     (tmp_path / "script.py").write_text(script)
     execute(tmp_path, "script.py")
     frames = mh.readMeshTrajectory(tmp_path / "vesicle.vtkhdf")
-    assert len(frames) == 20 and frames[-1].mesh.reducedVolume == pytest.approx(0.9, abs=0.01)
+    assert len(frames) > 10 and frames[-1].mesh.reducedVolume == pytest.approx(0.8, abs=0.01)
     assert (tmp_path / "vesicle.png").stat().st_size > 10000
 
 

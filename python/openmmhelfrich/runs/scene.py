@@ -127,7 +127,7 @@ class Scene:
 
         ::
 
-            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.9}}, mesh)
+            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.98}}, mesh)
             force = scene.createForce()
             simulation = scene.createSimulation(force)
             simulation.step(1000)
