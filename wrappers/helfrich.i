@@ -54,3 +54,4 @@ import_array();
 %include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 %include "openmmhelfrich/ShearWaveIntegrator.h"
 %include "openmmhelfrich/HybridMonteCarloIntegrator.h"
+%include "helfrich_examples.i"

@@ -367,7 +367,7 @@ HELFRICH_MOVE(ShearWaveIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
-        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5,
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5, \
         engine='native')
         __init__(self, trajectory, flips=None, flipProbability=0.5)
 

@@ -49,6 +49,11 @@ Found = TypeVar("Found")
 class MeshFrame(NamedTuple):
     """A frame of a mesh trajectory.
 
+    ::
+
+        frame = mh.meshFrame(0, mesh)
+        print(frame.step, frame.mesh.area, frame.data["MeanCurvature"].mean())
+
     Attributes
     ----------
     step : int
@@ -66,7 +71,19 @@ class MeshFrame(NamedTuple):
 
 
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
-    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives."""
+    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives.
+
+    ::
+
+        mh.writeMeshTrajectory("one.vtkhdf", [mh.meshFrame(0, mesh)])
+
+    Parameters
+    ----------
+    step : int
+        the number of the step
+    mesh : Mesh
+        a closed mesh
+    """
     area, curvature = mesh.vertexAreas, mesh.vertexMeanCurvatures
     data = {
         "MeanCurvature": localMeanCurvatures(curvature, area),
@@ -81,6 +98,11 @@ def writeMeshTrajectory(
 ) -> None:
     """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one,
     never half of one.
+
+    ::
+
+        frames = [mh.meshFrame(i, mh.Mesh(mesh.vertices * (1 + 0.1 * i), mesh.triangles)) for i in range(3)]
+        mh.writeMeshTrajectory("growing.vtkhdf", frames)
 
     Parameters
     ----------
@@ -121,6 +143,11 @@ def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
 
         for frame in mh.readMeshTrajectory("vesicle.vtkhdf"):
             print(frame.step, frame.mesh.reducedVolume, frame.data["MeanCurvature"].max())
+
+    Parameters
+    ----------
+    file : path
+        a VTKHDF file
 
     Raises
     ------

@@ -184,6 +184,21 @@ class Grid(Section):
 def readGrid(file: PathLike) -> list[GridPoint]:
     """Read and check a grid and return its points.
 
+    ::
+
+        for point in mh.readGrid("grid.toml"):
+            print(point.name)
+
+    Parameters
+    ----------
+    file : path
+        the TOML file of the grid
+
+    Returns
+    -------
+    list of GridPoint
+        each combination of values, with its name, values and configuration
+
     Raises
     ------
     FileNotFoundError

@@ -50,6 +50,11 @@ class Tether(NamedTuple):
 class Scene:
     """A membrane and the conditions of a run, with a value for everything.
 
+    ::
+
+        scene = mh.Scene.of({"membrane": {"reduced_volume": 0.98}}, mesh)
+        print(scene.tether, scene.stepSize, scene.targets)
+
     Attributes
     ----------
     config : Config
@@ -122,7 +127,7 @@ class Scene:
 
         ::
 
-            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.9}}, mesh)
+            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.98}}, mesh)
             force = scene.createForce()
             simulation = scene.createSimulation(force)
             simulation.step(1000)

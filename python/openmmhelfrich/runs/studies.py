@@ -117,6 +117,12 @@ def resume(
     What the run would have written had it never been stopped is what it writes: the files are the same to the last
     byte.
 
+    ::
+
+        mh.run("vesicle.toml")
+        summary = mh.resume("vesicle", steps=10)
+        print(summary.verdict)
+
     Parameters
     ----------
     prefix : path

@@ -39,6 +39,10 @@ _OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarg
 class ThermodynamicState:
     """What replicas exchange.
 
+    ::
+
+        state = mh.ThermodynamicState(300 * unit.kelvin, {force.getTargetVolumeParameter(): 0.9 * mesh.volume})
+
     Attributes
     ----------
     temperature : float or Quantity
@@ -72,6 +76,14 @@ class ReplicaExchange:
     own: a run that was saved and loaded goes on as an uninterrupted one to the last bit, and the number of workers
     changes nothing.  Both need a native HybridMonteCarloIntegrator (or any other whose State has its generator's
     state).
+
+    ::
+
+        states = [mh.ThermodynamicState(temperature) for temperature in (300, 310)]
+        simulations = [mh.Scene.of({}, mesh).createSimulation(mh.Scene.of({}, mesh).createForce()) for _ in states]
+        exchange = mh.ReplicaExchange(simulations, states, seed=1)
+        exchange.run(rounds=4, steps=2)
+        print(exchange.acceptanceRates)
 
     Attributes
     ----------

@@ -28,6 +28,11 @@ class ObservablesReporter:
     Acceptance rates, the flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules
     forbid, and the number of trajectories that diverged are those since the start of the simulation; they are there if
     the Integrator has such moves, and of two of a kind it is the first that is asked.
+
+    ::
+
+        simulation.reporters.append(mh.ObservablesReporter("vesicle.csv", 10, force, 300 * unit.kelvin))
+        simulation.step(20)
     """
 
     def __init__(
@@ -131,6 +136,13 @@ class MeshReporter:
     checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to go on from there, create the
     reporter with ``append=True`` and that number as `numFrames`: later frames, which the run will make again, are
     dropped.
+
+    ::
+
+        reporter = mh.MeshReporter("vesicle.vtkhdf", 10, force)
+        simulation.reporters.append(reporter)
+        simulation.step(20)
+        reporter.close()
     """
 
     def __init__(
