@@ -194,7 +194,7 @@ class ReplicaExchange:
         rounds = np.arange(max(first, discard), self.numRounds)
         rows = [self._observed[n - first][np.argsort(self._history[n])[state]] for n in rounds]
         values = np.array(rows, dtype=float).reshape(len(rows), len(self._columns))
-        return Table({"step": rounds + 1.0, **dict(zip(self._columns, values.T))})
+        return Table({"step": rounds.astype(float) + 1, **dict(zip(self._columns, values.T))})
 
     def counters(self, state: int) -> Counters:
         """Return how many trajectories and flips were tried in a state, and what came of them."""
@@ -311,8 +311,9 @@ class ReplicaExchange:
             "counters": self._counters.tolist(),
         }
         arrays, observed = io.BytesIO(), np.array(self._observed).reshape(-1, len(self.states), len(self._columns))
-        marks = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
-        np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies, observed=observed, **marks)
+        contents: dict[str, Any] = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
+        contents |= {"history": self.history, "reducedEnergies": self.reducedEnergies, "observed": observed}
+        np.savez(arrays, **contents)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
             archive.writestr("rounds.npz", arrays.getvalue())
@@ -357,8 +358,10 @@ class ReplicaExchange:
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
         self._columns, self._observed = data.get("columns", []), list(arrays.get("observed", ()))
         self._counters = np.array(data.get("counters", np.zeros_like(self._counters)))
-        here = [self._markedPositions(replica) for replica in range(len(self.states))]
-        self._marks = [arrays.get(f"marks{replica}", marks) for replica, marks in enumerate(here)]
+        self._marks = [
+            arrays[name] if (name := f"marks{replica}") in arrays else self._markedPositions(replica)
+            for replica in range(len(self.states))
+        ]
         self._judged = (0, [], None)
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
