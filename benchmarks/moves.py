@@ -1,4 +1,4 @@
-"""Measure what docs/sampling.md says of shear waves and of momenta that are kept.
+"""Measure what docs/explanation/sampling.md says of shear waves and of momenta that are kept.
 
     python benchmarks/moves.py waves                            # how often waves are accepted, by their wave number
     python benchmarks/moves.py momenta --rounds 6 --seconds 30  # what an independent sample costs, with and without
