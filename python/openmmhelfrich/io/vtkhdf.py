@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, requireStored
 from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from .drafts import Draft, GrowingFile, signalsLater
@@ -39,9 +39,6 @@ KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 BLOCK = 256
 # As many bytes of new frames may wait in memory.
 MAX_WAITING = 64e6
-# No deflated data become larger than this many times their size, and no array is refused that is smaller than this
-# many bytes.
-MAX_RATIO, SMALL = 1032, 1 << 20
 
 Found = TypeVar("Found")
 
@@ -465,7 +462,7 @@ def _rows(array: Any, start: int, stop: int) -> np.ndarray:
     if not 0 <= start <= stop <= len(array):
         raise ValueError(f"{array.name} has {len(array)} rows; {start} to {stop} are expected")
     size = (stop - start) * math.prod(array.shape[1:]) * array.dtype.itemsize
-    _requireStored(size, _storedSize(array, start, stop), array.name)
+    requireStored(array.name, size, _storedSize(array, start, stop))
     return array[start:stop]
 
 
@@ -480,7 +477,7 @@ def _storedSize(array: Any, start: int, stop: int) -> int:
     total, size = 0, math.prod(array.chunks) * array.dtype.itemsize
     for place in places:
         stored = _chunkSize(array, place)
-        _requireStored(size, stored, array.name)
+        requireStored(array.name, size, stored)
         total += stored
     return total
 
@@ -493,11 +490,6 @@ def _chunkSize(array: Any, place: tuple[int, ...]) -> int:
     if chunk.byte_offset is None:
         raise ValueError(f"{array.name} lacks the rows from {place[0]} on")
     return chunk.size
-
-
-def _requireStored(size: int, stored: int, name: str) -> None:
-    if size > max(SMALL, MAX_RATIO * stored):
-        raise ValueError(f"{name} claims {size} bytes, of which {stored} are there")
 
 
 def _textOf(attributes: Any, name: str) -> str | None:

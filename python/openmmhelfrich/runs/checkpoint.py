@@ -23,13 +23,13 @@ from openmm import app
 from pydantic import NonNegativeInt, TypeAdapter
 
 from ..analysis.verdict import Verdict, verdictOfStages
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, requireStored
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
 FORMAT = 1
-# Texts like ours become no more than so many times smaller, beside a small part.
-MAX_RATIO, SMALL = 200, 1 << 20
+# Texts like ours become no more than so many times smaller.
+MAX_RATIO = 200
 RECORD = "record.json"
 
 Parsed = TypeVar("Parsed")
@@ -165,15 +165,10 @@ def _read(file: PathLike, parse: Callable[[zipfile.ZipFile], Parsed]) -> Parsed:
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     with naming(file), zipfile.ZipFile(file) as archive:
-        _requireStored(archive)
+        parts = archive.infolist()
+        size, stored = (sum(getattr(part, name) for part in parts) for name in ("file_size", "compress_size"))
+        requireStored("it", size, stored, MAX_RATIO)
         return parse(archive)
-
-
-def _requireStored(archive: zipfile.ZipFile) -> None:
-    """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
-    parts = archive.infolist()
-    if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
-        raise ValueError("it claims more than it has")
 
 
 def _runStateIn(archive: zipfile.ZipFile) -> RunState | None:
