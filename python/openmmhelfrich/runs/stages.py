@@ -200,7 +200,7 @@ class Stage(ABC):
     def _positionsOfMarks(self) -> NDArray[np.float64]:
         """Return where some of the vertices are that can move."""
         positions = self._simulation.context.getState(positions=True).getPositions(asNumpy=True)
-        free = np.setdiff1d(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
+        free = np.delete(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
         marked = np.unique(np.linspace(0, len(free) - 1, min(len(free), MARKS)).astype(int))
         return positions[free[marked]].value_in_unit(unit.nanometer)
 
