@@ -362,6 +362,14 @@ class MeshTrajectory(Frames):
                 raise ValueError("the number of a step is not a number")
             return steps.astype(np.int64), str(_textOf(self._file.attrs, "lengthUnit") or "nm")
 
+    def layout(self) -> tuple[tuple[int, int, int], list[str]]:
+        """Return the numbers of vertices, triangles and beads of the first frame, and the names of its data."""
+        with self._complaint("is damaged at frame 0"):
+            part = self._number("Steps/PartOffsets", 0)
+            numPoints, numCells = (self._number(name, part) for name in ("NumberOfPoints", "Polygons/NumberOfCells"))
+            numBeads = self._countBeads(part, numPoints)
+            return (numPoints - numBeads, numCells, numBeads), self._dataNames
+
     def _read(self, i: int) -> MeshFrame:
         return self._settled(lambda: self._frame(i))
 

@@ -241,8 +241,7 @@ class MeshReporter:
     def _requireSameMembrane(self, file: PathLike) -> list[str]:
         """Raise a ValueError if a file is of another membrane; return the names of its data."""
         with readMeshTrajectory(file) as trajectory:
-            mesh, data = trajectory[0].mesh, trajectory[0].data
-        found = len(mesh.vertices), len(mesh.triangles), len(mesh.beads)
+            found, names = trajectory.layout()
         own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
         if found != own:
             what = " and {} beads" if found[2] != own[2] else ""
@@ -250,4 +249,4 @@ class MeshReporter:
                 f"{file} has frames of {found[0]} vertices and {found[1]} triangles{what.format(found[2])}; "
                 f"this membrane has {own[0]} and {own[1]}{what.format(own[2])}"
             )
-        return list(data)
+        return names
