@@ -232,8 +232,8 @@ bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
 double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed,
                                          IntegrateHamiltonianTrajectoryKernel* waves) {
     HelfrichEnergyTerms terms;
-    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed,
-                                                                waves, terms))
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed, waves,
+                                                                terms))
         throwNonFinite(context, terms);
     return terms.getTotal();
 }

@@ -215,6 +215,7 @@ class Scene:
         integrator.setTetherSubsteps(sampling.tether_substeps)
         integrator.setTrajectoryJitter(sampling.trajectory_jitter)
         integrator.setMomentumRefreshment(sampling.momentum_refreshment)
+        integrator.setMultilevelWeight(sampling.multilevel_weight)
         if sampling.shear_wave_probability > 0:
             integrator.addShearWaves(self._createShearWaves(), sampling.shear_wave_probability)
         integrator.setForcePrecision(self.config.platform.precision)
