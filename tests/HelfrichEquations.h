@@ -75,8 +75,9 @@ public:
     std::vector<Surface> surfaces;
     std::vector<Real> vertexAreas, vertexCurvatures;
     HelfrichEquations(const std::vector<std::array<int, 3>>& triangles, const std::vector<Point>& x,
-                      const HelfrichParameters& p)
-            : vertexAreas(x.size(), Real(0)), vertexCurvatures(x.size(), Real(0)), triangles(triangles), x(x) {
+                      const HelfrichParameters& p, const std::vector<int>& species = {})
+            : vertexAreas(x.size(), Real(0)), vertexCurvatures(x.size(), Real(0)), triangles(triangles), x(x),
+              species(species) {
         for (auto& t : triangles)
             for (int c = 0; c < 3; c++)
                 apexes[{t[c], t[(c + 1) % 3]}] = t[(c + 2) % 3];
@@ -85,9 +86,15 @@ public:
         addEdges(p);
         Real two = 2;
         for (size_t i = 0; i < x.size(); i++)
-            if (p.has(Term::Bending))
-                energy(Term::Bending) += two * Real(p.moduli[Term::Bending]) * vertexCurvatures[i] *
-                                         vertexCurvatures[i] / vertexAreas[i];
+            if (p.has(Term::Bending)) {
+                double modulus = p.moduli[Term::Bending], spontaneous = p.spontaneousCurvature;
+                if (p.species) {
+                    modulus = (*p.species)[species[i]].bendingModulus;
+                    spontaneous += (*p.species)[species[i]].spontaneousCurvature;
+                }
+                Real excess = vertexCurvatures[i] - Real(spontaneous / 2) * vertexAreas[i];
+                energy(Term::Bending) += two * Real(modulus) * excess * excess / vertexAreas[i];
+            }
         for (size_t k = 0; k < surfaces.size(); k++) {
             auto add = [&](Term term, Real value, double commonTarget) {
                 auto own = p.surfaceTargets.find({term, (int) k});
@@ -105,6 +112,14 @@ public:
         energy(Term::Pressure) = Real(-p.moduli[Term::Pressure]) * volume;
         if (p.has(Term::Repulsion))
             addRepulsion(p);
+        if (p.has(Term::Gaussian))
+            addGaussian(p);
+        if (p.has(Term::Line))
+            addLines(p);
+        if (p.has(Term::Pair))
+            for (auto& edge : apexes)
+                energy(Term::Pair) +=
+                        Real(p.species->pairEnergies.get(species[edge.first.first], species[edge.first.second]) / 2);
     }
     Real operator[](Term term) const {
         return energies[int(term)];
@@ -228,8 +243,48 @@ private:
                                                pow(Real(p.repulsionLengthScale), p.repulsionExponent);
             }
     }
+    Real angle(int a, int b, int c) const {
+        using std::atan2;
+        Point u = subtract(x[b], x[a]), w = subtract(x[c], x[a]);
+        return atan2(length(cross(u, w)), dot(u, w));
+    }
+    void addGaussian(const HelfrichParameters& p) {
+        std::vector<Real> defects(x.size(), Real(2 * std::acos(-1.0L)));
+        for (auto& t : triangles)
+            for (int c = 0; c < 3; c++)
+                defects[t[c]] = defects[t[c]] - angle(t[c], t[(c + 1) % 3], t[(c + 2) % 3]);
+        for (size_t i = 0; i < x.size(); i++) {
+            double modulus = p.species ? (*p.species)[species[i]].gaussianModulus : p.moduli[Term::Gaussian];
+            energy(Term::Gaussian) += Real(modulus) * defects[i];
+        }
+    }
+    Point mean(const std::vector<int>& vertices) const {
+        Point sum = {0, 0, 0};
+        for (int i : vertices)
+            for (int c = 0; c < 3; c++)
+                sum[c] += x[i][c] / Real((double) vertices.size());
+        return sum;
+    }
+    void addLines(const HelfrichParameters& p) {
+        for (auto& t : triangles) {
+            std::vector<Point> middles;
+            std::vector<double> tensions;
+            for (int c = 0; c < 3; c++) {
+                int i = t[c], j = t[(c + 1) % 3];
+                if (species[i] == species[j])
+                    continue;
+                middles.push_back(mean({i, j}));
+                tensions.push_back(p.species->lineTensions.get(species[i], species[j]));
+            }
+            if (middles.size() == 2)
+                energy(Term::Line) += Real(tensions[0]) * length(subtract(middles[0], middles[1]));
+            for (size_t c = 0; c < middles.size() && middles.size() == 3; c++)
+                energy(Term::Line) += Real(tensions[c]) * length(subtract(middles[c], mean({t[0], t[1], t[2]})));
+        }
+    }
     const std::vector<std::array<int, 3>>& triangles;
     const std::vector<Point>& x;
+    const std::vector<int> species;
     std::vector<int> surfaceOf;
     std::map<std::pair<int, int>, int> apexes;
     std::array<Real, NUM_TERMS> energies = {};
@@ -242,7 +297,7 @@ inline HelfrichEquations<long double> computeExactly(const Membrane& membrane, c
     std::vector<std::array<long double, 3>> x;
     for (auto& point : membrane.positions)
         x.push_back({point[0], point[1], point[2]});
-    return HelfrichEquations<long double>(membrane.triangles, x, p);
+    return HelfrichEquations<long double>(membrane.triangles, x, p, getSpecies(membrane));
 }
 
 /**
@@ -258,7 +313,7 @@ inline std::vector<OpenMM::Vec3> computeForcesExactly(const Membrane& membrane, 
         OpenMM::Vec3 force;
         for (int i = 0; i < 3; i++) {
             x[vertex][i].slope = 1;
-            force[i] = -HelfrichEquations<Dual>(membrane.triangles, x, p).getTotal().slope;
+            force[i] = -HelfrichEquations<Dual>(membrane.triangles, x, p, getSpecies(membrane)).getTotal().slope;
             x[vertex][i].slope = 0;
         }
         forces.push_back(force);

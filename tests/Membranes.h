@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <random>
 #include <vector>
 
@@ -17,7 +18,21 @@ namespace HelfrichPlugin {
 struct Membrane {
     std::vector<OpenMM::Vec3> positions;
     std::vector<std::array<int, 3>> triangles;
+    /// of each vertex; without it, getSpecies() makes one up
+    std::vector<int> species;
 };
+
+const int NUM_SPECIES = 3;
+
+/**
+ * The species of the vertices, by default such that there are triangles of one, two and three.
+ */
+inline std::vector<int> getSpecies(const Membrane& membrane) {
+    std::vector<int> species = membrane.species;
+    for (int i = species.size(); i < (int) membrane.positions.size(); i++)
+        species.push_back(i / 4 % NUM_SPECIES);
+    return species;
+}
 
 /**
  * Random numbers that are the same everywhere, which those of std::uniform_real_distribution are not.
@@ -133,8 +148,11 @@ inline Membrane renumber(const Membrane& membrane, std::vector<int>& newIndex, i
     }
     Membrane result;
     result.positions.resize(n);
-    for (int i = 0; i < n; i++)
+    result.species.resize(n);
+    for (int i = 0; i < n; i++) {
         result.positions[newIndex[i]] = membrane.positions[i];
+        result.species[newIndex[i]] = getSpecies(membrane)[i];
+    }
     for (auto& t : membrane.triangles) {
         int shift = random.index(3);
         result.triangles.push_back({newIndex[t[shift]], newIndex[t[(shift + 1) % 3]], newIndex[t[(shift + 2) % 3]]});
@@ -150,7 +168,9 @@ inline Membrane join(const std::vector<Membrane>& membranes) {
     Membrane result;
     for (auto& membrane : membranes) {
         int first = result.positions.size();
+        std::vector<int> species = getSpecies(membrane);
         result.positions.insert(result.positions.end(), membrane.positions.begin(), membrane.positions.end());
+        result.species.insert(result.species.end(), species.begin(), species.end());
         for (auto& t : membrane.triangles)
             result.triangles.push_back({first + t[0], first + t[1], first + t[2]});
     }
@@ -168,7 +188,11 @@ inline Membrane place(Membrane membrane, const OpenMM::Vec3& shift, double scale
 
 constexpr TermMask Bending = Term::Bending, Area = Term::Area, Volume = Term::Volume,
                    AreaDifference = Term::AreaDifference, Tether = Term::Tether, Repulsion = Term::Repulsion,
-                   Tension = Term::Tension, Pressure = Term::Pressure, AllTerms = TermMask::ALL;
+                   Tension = Term::Tension, Pressure = Term::Pressure, Gaussian = Term::Gaussian, Line = Term::Line,
+                   Pair = Term::Pair, EveryTerm = TermMask::ALL;
+
+/// all terms of a membrane whose vertices are alike
+constexpr TermMask AllTerms = ~(Gaussian | Line | Pair);
 
 /**
  * The terms of the bits of a number, that of the lowest bit first.
@@ -195,8 +219,25 @@ inline double getMeanEdge(const Membrane& membrane) {
 }
 
 /**
+ * Species that differ in everything, of which only some have a boundary with a line tension.
+ */
+inline std::shared_ptr<HelfrichSpeciesTable> createSpecies() {
+    auto table = std::make_shared<HelfrichSpeciesTable>();
+    table->add({20, 1.1, -37});
+    table->add({7, -0.8, 12});
+    table->add({33, 0, -9});
+    table->lineTensions.set(0, 1, 11);
+    table->lineTensions.set(2, 1, 17);
+    table->pairEnergies.set(0, 1, 5);
+    table->pairEnergies.set(2, 1, -3);
+    table->pairEnergies.set(2, 2, 2.5);
+    return table;
+}
+
+/**
  * Parameters with which the given terms are far from their minima, some edges are too long and some too short, and some
- * vertices repel each other at every exclusion level, on a surface of about the area and volume of a blob.
+ * vertices repel each other at every exclusion level, on a surface of about the area and volume of a blob.  If terms of
+ * neighbors are among them, the vertices are of different species.
  */
 inline HelfrichParameters createParameters(const Membrane& membrane, TermMask terms, int exclusionLevel = 1) {
     HelfrichParameters p;
@@ -221,6 +262,14 @@ inline HelfrichParameters createParameters(const Membrane& membrane, TermMask te
     p.repulsionExclusionLevel = exclusionLevel;
     p.moduli[Term::Tension] = 9;
     p.moduli[Term::Pressure] = -30;
+    if (terms.contains(Term::Gaussian) || terms.contains(Term::Line) || terms.contains(Term::Pair)) {
+        p.species = createSpecies();
+        p.spontaneousCurvature = 0.3;
+        p.moduli[Term::Bending] = p.species->getGreatest().bendingModulus;
+        p.moduli[Term::Gaussian] = p.species->getGreatest().gaussianModulus;
+        p.moduli[Term::Line] = p.species->lineTensions.getGreatest();
+        p.moduli[Term::Pair] = p.species->pairEnergies.getGreatest();
+    }
     return p.only(terms);
 }
 
@@ -246,12 +295,43 @@ inline HelfrichParameters withSurfaceTargets(HelfrichParameters p) {
 }
 
 /**
+ * The same parameters with a spontaneous curvature of all vertices.
+ */
+inline HelfrichParameters withSpontaneousCurvature(HelfrichParameters p, double curvature = 1.3) {
+    p.spontaneousCurvature = curvature;
+    return p;
+}
+
+/**
+ * Give a force the species of parameters, with the moduli of those terms that are on.
+ */
+inline void setSpecies(HelfrichForce& force, const Membrane& membrane, const HelfrichParameters& p) {
+    for (int i = 0; i < p.species->getNumSpecies(); i++) {
+        HelfrichSpecies material = p.getMaterial(i);
+        force.addSpecies(material.bendingModulus, (*p.species)[i].spontaneousCurvature, material.gaussianModulus);
+    }
+    for (int i = 0; i < p.species->getNumSpecies(); i++)
+        for (int j = 0; j <= i; j++) {
+            if (i != j)
+                force.setLineTension(i, j, p.getLineTension(i, j));
+            force.setPairEnergy(i, j, p.getPairEnergy(i, j));
+        }
+    force.setVertexSpecies(getSpecies(membrane));
+}
+
+/**
  * A force with given parameters on the particles of a membrane.
  */
 inline HelfrichForce* createForce(const Membrane& membrane, const HelfrichParameters& p) {
     HelfrichForce* force = new HelfrichForce();
     force->setTriangles(membrane.triangles);
-    force->setBendingModulus(p.moduli[Term::Bending]);
+    if (p.species)
+        setSpecies(*force, membrane, p);
+    else {
+        force->setBendingModulus(p.moduli[Term::Bending]);
+        force->setGaussianModulus(p.moduli[Term::Gaussian]);
+    }
+    force->setSpontaneousCurvature(p.spontaneousCurvature);
     force->setAreaModulus(p.moduli[Term::Area]);
     force->setTargetArea(p.targetArea);
     force->setVolumeModulus(p.moduli[Term::Volume]);

@@ -92,16 +92,21 @@ void assertEqualRelative(double expected, double found, double tolerance) {
 }
 
 /**
- * Each term alone, repulsion at every exclusion level, and all terms together.
+ * Each term alone, repulsion at every exclusion level, and all terms together, of one material and of several.
+ * All of them have forces.
  */
 vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
     vector<HelfrichParameters> all;
     for (int i = 0; i < NUM_TERMS; i++)
-        if (Term(i) != Term::Repulsion)
+        if (Term(i) != Term::Repulsion && Term(i) != Term::Pair)
             all.push_back(createParameters(membrane, Term(i)));
-    for (TermMask terms : {Repulsion, AllTerms})
+    for (TermMask terms : {Repulsion, AllTerms, EveryTerm})
         for (int level = 0; level < 3; level++)
             all.push_back(createParameters(membrane, terms, level));
+    for (TermMask terms : {Bending, AllTerms})
+        all.push_back(withSpontaneousCurvature(createParameters(membrane, terms)));
+    for (TermMask terms : {Bending, Bending | Line, Bending | Gaussian, Gaussian | Line, Line | Tether})
+        all.push_back(createParameters(membrane, EveryTerm).only(terms));
     return all;
 }
 
@@ -123,9 +128,9 @@ void testEveryTermIsAtWork() {
     Membrane blob = createBlob(2);
     vector<double> repulsion;
     for (int level = 0; level < 3; level++) {
-        auto exact = computeExactly(blob, createParameters(blob, AllTerms, level));
+        auto exact = computeExactly(blob, createParameters(blob, EveryTerm, level));
         for (int i = 0; i < NUM_TERMS; i++)
-            ASSERT(exact[Term(i)] > 10);
+            ASSERT(fabsl(exact[Term(i)]) > 10);
         repulsion.push_back(exact[Term::Repulsion]);
     }
     ASSERT(repulsion[0] > 1.1 * repulsion[1]);
@@ -297,14 +302,14 @@ void testTermsAddUp() {
     double sum = 0;
     vector<Vec3> forces(blob.positions.size());
     for (int term = 0; term < NUM_TERMS; term++) {
-        MembraneContext context(blob, createParameters(blob, Term(term)));
+        MembraneContext context(blob, createParameters(blob, EveryTerm).only(Term(term)));
         sum += context.getEnergy();
         ASSERT_EQUAL(context.getEnergy(), context.getTerms().getTotal());
         vector<Vec3> part = context.getForces();
         for (size_t i = 0; i < forces.size(); i++)
             forces[i] += part[i];
     }
-    MembraneContext all(blob, createParameters(blob, AllTerms));
+    MembraneContext all(blob, createParameters(blob, EveryTerm));
     assertEqualRelative(sum, all.getEnergy(), 1e-12);
     assertEqualVectors(forces, all.getForces(), 1e-12);
     ASSERT_EQUAL(all.getEnergy(), all.getTerms().getTotal());
@@ -322,7 +327,7 @@ Vec3 rotate(const Vec3& x) {
 
 void testInvariance() {
     Membrane blob = createBlob(2);
-    HelfrichParameters p = createParameters(blob, AllTerms, 2);
+    HelfrichParameters p = createParameters(blob, EveryTerm, 2);
     MembraneContext context(blob, p);
     double energy = context.getEnergy();
     vector<Vec3> forces = context.getForces(), rotatedForces, rotated = blob.positions, shifted = blob.positions;
@@ -406,8 +411,10 @@ void testTwoMembranesAndOtherParticles() {
             a.triangles[t][c] = 3 * first.triangles[t][c] + 1;
             b.triangles[t][c] = 3 * (n - 1 - second.triangles[t][c]) + 2;
         }
-    HelfrichParameters p = createParameters(first, AllTerms, 1), q = createParameters(second, AllTerms, 2);
+    HelfrichParameters p = createParameters(first, EveryTerm, 1), q = createParameters(second, EveryTerm, 2);
     q.targetVolume *= 1.5;
+    a.species = second.species = getSpecies(first);
+    b.species.assign(second.species.rbegin(), second.species.rend());
     HelfrichForce *forceA = createForce(a, p), *forceB = createForce(b, q);
     forceB->setName("Other");
     forceB->setForceGroup(3);
@@ -461,7 +468,7 @@ void testSeveralSurfacesAgainstEquations() {
             found.push_back(forces[i]);
         assertEqualVectors(computeForcesExactly(several, p, some), found, 1e-11);
     }
-    HelfrichParameters p = createParameters(several, AllTerms);
+    HelfrichParameters p = createParameters(several, EveryTerm);
     MembraneContext context(several, p);
     HelfrichGeometry geometry = context.getGeometry();
     auto exact = computeExactly(several, p);
@@ -664,7 +671,7 @@ void testChangingTriangles() {
     }
     flipped.triangles = mesh.getTriangles();
     for (int level = 0; level < 3; level++) {
-        HelfrichParameters p = createParameters(blob, AllTerms, level);
+        HelfrichParameters p = createParameters(blob, EveryTerm, level);
         MembraneContext context(blob, p), fresh(flipped, p);
         double before = context.getEnergy();
         context.forces[0]->setTrianglesInContext(*context.context, flipped.triangles);
@@ -755,6 +762,7 @@ void testPositionsThatAreNotFinite() {
 }
 
 #include "HelfrichExtremes.h"
+#include "HelfrichSpeciesTests.h"
 
 int main() {
     try {
@@ -784,6 +792,7 @@ int main() {
         testRepulsionOfApproachingFaces();
         testRepulsionOfMovingVertices();
         testPositionsThatAreNotFinite();
+        testSpecies();
         runPlatformTests();
     }
     catch (const exception& e) {

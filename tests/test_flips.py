@@ -438,7 +438,9 @@ def pOf(counts, energies, kT):
     weights = np.exp((energies.min() - energies) / kT)
     expected = counts.sum() * weights / weights.sum()
     rare = expected < 10
-    bins = np.append(expected[~rare], expected[rare].sum()), np.append(counts[~rare], counts[rare].sum())
+    bins = expected[~rare], counts[~rare]
+    if rare.any():
+        bins = np.append(bins[0], expected[rare].sum()), np.append(bins[1], counts[rare].sum())
     return stats.chisquare(bins[1], bins[0]).pvalue
 
 

@@ -57,6 +57,7 @@ HELFRICH_LONG_CALL(*::step)
 HELFRICH_LONG_CALL(*::getEnergyTermsInContext)
 HELFRICH_LONG_CALL(*::getGeometryInContext)
 HELFRICH_LONG_CALL(*::setTrianglesInContext)
+HELFRICH_LONG_CALL(*::setVertexSpeciesInContext)
 
 // What an argument is called says what dimension it has, and what is got by a method has that of an argument.
 %define HELFRICH_UNIT(method, argument)
@@ -76,18 +77,28 @@ HELFRICH_UNIT(HelfrichForce::getTetherLengthScale, length)
 HELFRICH_UNIT(HelfrichForce::getRepulsionLengthScale, length)
 HELFRICH_UNIT(HelfrichForce::getTension, tension)
 HELFRICH_UNIT(HelfrichForce::getPressure, pressure)
+HELFRICH_UNIT(HelfrichForce::getSpontaneousCurvature, spontaneousCurvature)
+HELFRICH_UNIT(HelfrichForce::getGaussianModulus, modulus)
+HELFRICH_UNIT(HelfrichForce::getLineTension, lineTension)
+HELFRICH_UNIT(HelfrichForce::getPairEnergy, energy)
 HELFRICH_UNIT(MonteCarloMove::getTemperature, temperature)
 HELFRICH_UNIT(HamiltonianTrajectoryIntegrator::getLastEnergyChange, modulus)
 HELFRICH_UNIT(ShearWaveIntegrator::getAmplitude, amplitude)
 HELFRICH_UNIT(ShearWaveIntegrator::getMinWaveNumber, minWaveNumber)
 HELFRICH_UNIT(ShearWaveIntegrator::getMaxWaveNumber, maxWaveNumber)
+HELFRICH_UNIT(SpeciesExchangeIntegrator::getChemicalPotential, chemicalPotential)
 HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, stepSize)
+%ignore HelfrichPlugin::SpeciesExchangeIntegrator::getChemicalPotentials;
 
 %pythonappend HelfrichPlugin::HelfrichForce::getTether %{
         val[:3] = map(unit.Quantity, val[:3], (_UNITS[name] for name in ("modulus", "minLength", "maxLength")))
 %}
 %pythonappend HelfrichPlugin::HelfrichForce::getRepulsion %{
         val[:2] = map(unit.Quantity, val[:2], (_UNITS[name] for name in ("modulus", "onset")))
+%}
+%pythonappend HelfrichPlugin::HelfrichForce::getSpeciesParameters %{
+        names = ("bendingModulus", "spontaneousCurvature", "gaussianModulus")
+        val[:] = map(unit.Quantity, val, (_UNITS[name] for name in names))
 %}
 %pythonappend HelfrichPlugin::HelfrichForce::getEnergyTermsInContext %{
         val = {term: unit.Quantity(energy, unit.kilojoule_per_mole) for term, energy in val.items()}
@@ -100,14 +111,15 @@ HELFRICH_UNIT(HybridMonteCarloIntegrator::getStepSize, stepSize)
 // formulas, which it garbles.
 %typemap(doctype) OpenMM::Context& "openmm.Context"
 %typemap(doctype) const std::vector<std::array<int, 3> >& "array of integers, shape (T, 3)"
+%typemap(doctype) const std::vector<int>& "array of integers, shape (N,)"
 %feature("docstring") HelfrichPlugin::HelfrichForce "
 This class gives closed triangulated surfaces the elastic energy of a fluid lipid membrane (Helfrich, 1973).
-Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
-is not zero:
+Each vertex is a particle of the System.  The energy is the sum of eleven terms, each present only when its
+modulus is not zero:
 
- - bending, 2 kappa_B sum_i M_i^2/A_i, in Juelicher's discretization: a vertex has the mean curvature
-   M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l and dihedral angle phi, and as A_i a third of the area of its
-   triangles (Juelicher, J. Phys. II 6, 1797, 1996)
+ - bending, 2 kappa_B sum_i (M_i-C_0 A_i/2)^2/A_i, which is kappa_B/2 times the integral of (2H-C_0)^2 in
+   Juelicher's discretization: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l and dihedral angle phi, and as A_i a third of the
+   area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
  - area, kappa_A (A/A_0-1)^2
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
@@ -116,12 +128,20 @@ is not zero:
    other: see setRepulsion()
  - tension, sigma A, linear, beside the area term or instead of it
  - pressure, -pV, linear, beside the volume term or instead of it
+ - gaussian, sum_i kappabar_i (2 pi - sum theta), with theta the angles of the triangles at the vertex: the integral of
+   kappabar K.  Where the modulus is the same everywhere it is a constant of the topology, 4 pi (1-g) kappabar for a
+   surface of genus g, and there are no forces
+ - line, lambda_ab times the length of the boundary between the species a and b, summed over them.  In a triangle of
+   the species (a, a, b) the boundary joins the midpoints of its two mixed edges; in one of (a, b, c) it joins all
+   three midpoints to the centroid
+ - pair, J_ab summed over the edges, which bond vertices of the species a and b.  There are no forces: it acts on flips
+   and exchanges
 
 The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
-and add it to a System.  The three targets, the tension and the pressure are parameters of the Context: change
-them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are
+parameters of the Context: change them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
 
 The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
 their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
@@ -130,6 +150,17 @@ repel each other whichever surface they belong to.  A particle may be a vertex o
 
 The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or setTrianglesInContext(),
 changes those of a Context: getTrianglesInContext() returns the live ones.
+
+Curvature is positive where the surface is convex seen from outside: on a sphere of radius R, H = 1/R, and the bending
+energy is 8 pi kappa_B (1-C_0 R/2)^2.  So C_0 is the sum of the principal curvatures that the membrane would like, and
+kappa_B stands for kappa in kappa/2 times the integral.  A program that writes kappa/2 times the integral of (2H-c)^2
+with H = (c_1+c_2)/2 has the same modulus and c = C_0; one that writes 2 kappa times that of (H-H_0)^2, as many do, has
+the same modulus and H_0 = C_0/2; and one that writes kappa times that of (H-H_0)^2, as Surface Evolver and Mem3DG do,
+has twice the modulus and H_0 = C_0/2.
+
+A membrane of several materials has species, added with addSpecies(), and each vertex has one of them: see
+setVertexSpecies().  The moduli of bending and of the Gaussian curvature are then those of the species.  There may be as
+many species as vertices, so that a field that varies along the surface is one species a vertex.
 
 Edges that must not flip, those of a frame or a border between two materials for example, are marked with
 addFixedEdge().
@@ -224,6 +255,30 @@ Get the live triangles of a Context, which edge flips change.
 :param context: the Context to query
 :rtype: array of int32, shape (T, 3)
 :return: the particles of each triangle, a copy
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getSpeciesParameters "
+Get the moduli of a species.
+
+:type index: int
+:param index: the number of the species
+:rtype: list
+:return: the bending modulus (a Quantity, in kJ/mol), the spontaneous curvature (a Quantity, in 1/nm) and the Gaussian
+    modulus (a Quantity, in kJ/mol): the arguments of addSpecies()
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getVertexSpecies "
+Get the species that the vertices of a new Context have; none if they were not set.
+
+:rtype: array of int32, shape (N,)
+:return: the number of the species of each vertex, in ascending order of the particles' indices, a copy
+";
+%feature("docstring") HelfrichPlugin::HelfrichForce::getVertexSpeciesInContext "
+Get the live species of the vertices of a Context, which exchanges change.
+
+:type context: Context
+:param context: the Context to query
+:rtype: array of int32, shape (N,)
+:return: the number of the species of each vertex, in ascending order of the particles' indices, a copy; none if this
+    Force had no species when the Context was created
 ";
 %feature("docstring") HelfrichPlugin::HelfrichForce::getTermNames "
 Get the names of the terms of the energy, in the order in which they are added up.

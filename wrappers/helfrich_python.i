@@ -90,6 +90,12 @@ _UNITS = {
     "onset": unit.nanometer,
     "tension": unit.kilojoule_per_mole / unit.nanometer**2,
     "pressure": unit.kilojoule_per_mole / unit.nanometer**3,
+    "bendingModulus": unit.kilojoule_per_mole,
+    "spontaneousCurvature": unit.nanometer**-1,
+    "gaussianModulus": unit.kilojoule_per_mole,
+    "lineTension": unit.kilojoule_per_mole / unit.nanometer,
+    "energy": unit.kilojoule_per_mole,
+    "chemicalPotential": unit.kilojoule_per_mole,
     "temperature": unit.kelvin,
     "stepSize": unit.picosecond,
     "size": unit.picosecond,
@@ -103,6 +109,7 @@ _DIMENSIONS = {
     unit.nanometer**2: "an area, in nm^2",
     unit.nanometer**3: "a volume, in nm^3",
     unit.nanometer**-1: "an inverse length, in 1/nm",
+    unit.kilojoule_per_mole / unit.nanometer: "an energy per length, in kJ/mol/nm",
     unit.kilojoule_per_mole / unit.nanometer**2: "an energy per area, in kJ/mol/nm^2",
     unit.kilojoule_per_mole / unit.nanometer**3: "an energy per volume, in kJ/mol/nm^3",
     unit.kelvin: "a temperature, in K",
@@ -174,11 +181,14 @@ def _describeHelfrichForce(force):
         'repulsion': (force.getRepulsion()[0], energy),
         'tension': (force.getTension(), energy/length**2),
         'pressure': (force.getPressure(), energy/length**3),
+        'spontaneous curvature': (force.getSpontaneousCurvature(), length**-1),
+        'Gaussian': (force.getGaussianModulus(), energy),
     }
     terms = [
         f"{name} {_text(modulus, standard)}" for name, (modulus, standard) in moduli.items() if modulus._value != 0
     ]
-    return ', '.join([f"{force.getNumTriangles()} triangles", *terms])
+    species = [f"{force.getNumSpecies()} species"] if force.getNumSpecies() > 0 else []
+    return ', '.join([f"{force.getNumTriangles()} triangles", *species, *terms])
 
 
 def _describeTrajectories(integrator):
@@ -192,6 +202,11 @@ def _describeFlips(integrator):
 
 def _describeWaves(integrator):
     return f"{integrator.getMovesPerStep()} shear waves of {_text(integrator.getAmplitude(), unit.nanometer)}"
+
+
+def _describeExchanges(integrator):
+    kind = {'neighbors': 'exchanges of neighbors', 'anywhere': 'exchanges anywhere', 'mutation': 'mutations'}
+    return f"sweeps of {kind[integrator.getProposal()]} over {integrator.getFraction():.3g} of the edges"
 
 
 def _describeMixture(integrator):
@@ -211,6 +226,7 @@ _DESCRIPTIONS = {
     'HamiltonianTrajectoryIntegrator': _describeTrajectories,
     'HybridMonteCarloIntegrator': _describeMixture,
     'ShearWaveIntegrator': _describeWaves,
+    'SpeciesExchangeIntegrator': _describeExchanges,
 }
 
 
@@ -364,6 +380,7 @@ HELFRICH_MOVE(EdgeFlipIntegrator)
 HELFRICH_MOVE(HamiltonianTrajectoryIntegrator)
 HELFRICH_MOVE(HybridMonteCarloIntegrator)
 HELFRICH_MOVE(ShearWaveIntegrator)
+HELFRICH_MOVE(SpeciesExchangeIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):

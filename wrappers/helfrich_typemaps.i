@@ -118,9 +118,74 @@ const std::vector<std::array<int, 3> >& (std::vector<std::array<int, 3> > triang
 %typemap(argout) const std::vector<std::array<int, 3> >& triangles {
 }
 
+// Species of vertices are numpy arrays of shape (N,).
+%fragment("HelfrichIntegers", "header") {
+/**
+ * Convert an array, or a sequence of whole numbers, to integers.  If that is not possible, a Python error is set.
+ */
+static bool objectToIntegers(const char* caller, const char* argument, PyObject* object, std::vector<int>& integers) {
+    PyArrayObject* given = (PyArrayObject*) PyArray_FROM_O(object);
+    PyErr_Clear();
+    bool isEmpty = (given != NULL && PyArray_SIZE(given) == 0);
+    bool isRight = (given != NULL && PyArray_NDIM(given) == 1 && (isEmpty || PyArray_ISINTEGER(given)));
+    PyArrayObject* plain = NULL;
+    if (isRight)
+        plain = (PyArrayObject*) PyArray_FROM_OTF((PyObject*) given, NPY_INT64,
+                                                  NPY_ARRAY_CARRAY_RO | NPY_ARRAY_FORCECAST);
+    Py_XDECREF(given);
+    if (!isRight) {
+        PyErr_Format(PyExc_ValueError, "%s: %s must be an array of integers of shape (N,)", caller, argument);
+        return false;
+    }
+    if (plain == NULL)
+        return false;
+    const npy_int64* values = (const npy_int64*) PyArray_DATA(plain);
+    integers.resize(PyArray_SIZE(plain));
+    for (size_t i = 0; i < integers.size() && isRight; i++) {
+        integers[i] = (int) values[i];
+        isRight = (integers[i] == values[i]);
+        if (!isRight)
+            PyErr_Format(PyExc_ValueError, "%s: %s has the value %lld, which does not fit into 32 bits", caller,
+                         argument, (long long) values[i]);
+    }
+    Py_DECREF(plain);
+    return isRight;
+}
+
+/**
+ * Copy integers to a new array of type int32.
+ */
+static PyObject* integersToArray(const std::vector<int>& integers) {
+    npy_intp size = integers.size();
+    PyObject* array = PyArray_SimpleNew(1, &size, NPY_INT32);
+    if (array != NULL && size > 0)
+        memcpy(PyArray_DATA((PyArrayObject*) array), integers.data(), sizeof(npy_int32)*size);
+    return array;
+}
+}
+
+%typemap(in, fragment="HelfrichIntegers,HelfrichNumbers") const std::vector<int>& species (std::vector<int> species) {
+    if (!objectToIntegers(describeCaller("$symname").c_str(), "$1_name", $input, species))
+        SWIG_fail;
+    $1 = &species;
+}
+%typemap(out, fragment="HelfrichIntegers") const std::vector<int>& getVertexSpecies {
+    $result = integersToArray(*$1);
+}
+%typemap(in, numinputs=0) std::vector<int>& species (std::vector<int> found) {
+    $1 = &found;
+}
+%typemap(argout, fragment="HelfrichIntegers") std::vector<int>& species {
+    Py_XDECREF($result);
+    $result = integersToArray(*$1);
+}
+%typemap(argout) const std::vector<int>& species {
+}
+
 // Numbers that come back through references make a list, as in OpenMM.
 %apply int& OUTPUT { int& particle1, int& particle2, int& particle3, int& exponent, int& exclusionLevel };
-%apply double& OUTPUT { double& modulus, double& minLength, double& maxLength, double& onset };
+%apply double& OUTPUT { double& modulus, double& minLength, double& maxLength, double& onset, double& bendingModulus,
+                        double& spontaneousCurvature, double& gaussianModulus };
 
 namespace HelfrichPlugin {
 struct HelfrichEnergyTerms;

@@ -26,6 +26,7 @@ ARGUMENTS = {
     "bool": "bool",
     "std::string const &": "str",
     "std::vector< std::array< int,3 > > const &": "ArrayLike",
+    "std::vector< int > const &": "ArrayLike",
     "Integrator": "openmm.Integrator",
     "Force": "openmm.Force",
     "Context": "openmm.Context",
@@ -41,6 +42,8 @@ RESULTS = {
     "std::vector< std::string >": "tuple[str, ...]",
     "std::vector< std::array< int,3 > > const &": "NDArray[np.int32]",
     "std::vector< std::array< int,3 > > &": "NDArray[np.int32]",
+    "std::vector< int > const &": "NDArray[np.int32]",
+    "std::vector< int > &": "NDArray[np.int32]",
     "HelfrichPlugin::HelfrichEnergyTerms": "dict[str, unit.Quantity]",
 }
 # What methods that are written in Python take and return.

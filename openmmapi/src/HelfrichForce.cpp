@@ -102,9 +102,117 @@ double HelfrichForce::getTarget(const char* method, Term term, int surface) cons
     return parameters.getTarget(term, surface);
 }
 
+HelfrichSpeciesTable& HelfrichForce::changeSpecies() {
+    // A Context, or a copy of the parameters, may have the same table, and keeps it.
+
+    auto table = make_shared<HelfrichSpeciesTable>();
+    if (parameters.species && parameters.species.use_count() == 1)
+        return const_cast<HelfrichSpeciesTable&>(*parameters.species);
+    if (parameters.species)
+        *table = *parameters.species;
+    parameters.species = table;
+    return *table;
+}
+
+void HelfrichForce::takeModuliOfSpecies() {
+    const HelfrichSpeciesTable& table = *parameters.species;
+    parameters.moduli[Term::Bending] = table.getGreatest().bendingModulus;
+    parameters.moduli[Term::Gaussian] = table.getGreatest().gaussianModulus;
+    parameters.moduli[Term::Line] = table.lineTensions.getGreatest();
+    parameters.moduli[Term::Pair] = table.pairEnergies.getGreatest();
+}
+
+void HelfrichForce::requireOneMaterial(const char* method) const {
+    if (parameters.species)
+        throw OpenMMException(string(method) + ": there are " + to_string(getNumSpecies()) +
+                              " species, each with a modulus of its own; set that with setSpeciesParameters()");
+}
+
+static void checkSpecies(const string& method, double bendingModulus, double spontaneousCurvature,
+                         double gaussianModulus) {
+    requirePositive(method + ": the bending modulus", bendingModulus, true);
+    checkFinite(method + ": the spontaneous curvature", spontaneousCurvature);
+    checkFinite(method + ": the Gaussian modulus", gaussianModulus);
+}
+
+int HelfrichForce::addSpecies(double bendingModulus, double spontaneousCurvature, double gaussianModulus) {
+    checkSpecies("addSpecies", bendingModulus, spontaneousCurvature, gaussianModulus);
+    changeSpecies().add({bendingModulus, spontaneousCurvature, gaussianModulus});
+    takeModuliOfSpecies();
+    return getNumSpecies() - 1;
+}
+
+void HelfrichForce::getSpeciesParameters(int index, double& bendingModulus, double& spontaneousCurvature,
+                                         double& gaussianModulus) const {
+    checkIndex("getSpeciesParameters", "species", index, getNumSpecies());
+    const HelfrichSpecies& species = (*parameters.species)[index];
+    bendingModulus = species.bendingModulus;
+    spontaneousCurvature = species.spontaneousCurvature;
+    gaussianModulus = species.gaussianModulus;
+}
+
+void HelfrichForce::setSpeciesParameters(int index, double bendingModulus, double spontaneousCurvature,
+                                         double gaussianModulus) {
+    checkIndex("setSpeciesParameters", "species", index, getNumSpecies());
+    checkSpecies("setSpeciesParameters", bendingModulus, spontaneousCurvature, gaussianModulus);
+    changeSpecies().set(index, {bendingModulus, spontaneousCurvature, gaussianModulus});
+    takeModuliOfSpecies();
+}
+
+void HelfrichForce::setVertexSpecies(const vector<int>& species) {
+    for (size_t v = 0; v < species.size(); v++)
+        if (species[v] < 0)
+            fail("setVertexSpecies: the species of vertex " + to_string(v), species[v], "a number from 0");
+    vertexSpecies = species;
+}
+
+void HelfrichForce::checkSpeciesPair(const char* method, int species1, int species2) const {
+    checkIndex(method, "species", species1, getNumSpecies());
+    checkIndex(method, "species", species2, getNumSpecies());
+}
+
+double HelfrichForce::getLineTension(int species1, int species2) const {
+    checkSpeciesPair("getLineTension", species1, species2);
+    return parameters.species->lineTensions.get(species1, species2);
+}
+
+void HelfrichForce::setLineTension(int species1, int species2, double lineTension) {
+    checkSpeciesPair("setLineTension", species1, species2);
+    checkFinite("setLineTension: the line tension", lineTension);
+    if (species1 == species2)
+        throw OpenMMException("setLineTension: the species are " + to_string(species1) + " and " + to_string(species2) +
+                              "; a boundary is between two different ones");
+    changeSpecies().lineTensions.set(species1, species2, lineTension);
+    takeModuliOfSpecies();
+}
+
+double HelfrichForce::getPairEnergy(int species1, int species2) const {
+    checkSpeciesPair("getPairEnergy", species1, species2);
+    return parameters.species->pairEnergies.get(species1, species2);
+}
+
+void HelfrichForce::setPairEnergy(int species1, int species2, double energy) {
+    checkSpeciesPair("setPairEnergy", species1, species2);
+    checkFinite("setPairEnergy: the energy", energy);
+    changeSpecies().pairEnergies.set(species1, species2, energy);
+    takeModuliOfSpecies();
+}
+
 void HelfrichForce::setBendingModulus(double modulus) {
+    requireOneMaterial("setBendingModulus");
     requirePositive("setBendingModulus: the modulus", modulus, true);
     parameters.moduli[Term::Bending] = modulus;
+}
+
+void HelfrichForce::setSpontaneousCurvature(double spontaneousCurvature) {
+    checkFinite("setSpontaneousCurvature: the spontaneous curvature", spontaneousCurvature);
+    parameters.spontaneousCurvature = spontaneousCurvature;
+}
+
+void HelfrichForce::setGaussianModulus(double modulus) {
+    requireOneMaterial("setGaussianModulus");
+    checkFinite("setGaussianModulus: the modulus", modulus);
+    parameters.moduli[Term::Gaussian] = modulus;
 }
 
 void HelfrichForce::setAreaModulus(double modulus) {
@@ -248,6 +356,10 @@ string HelfrichForce::getPressureParameter() const {
     return getParameterName(*this, Term::Pressure);
 }
 
+string HelfrichForce::getSpontaneousCurvatureParameter() const {
+    return getParameterName(*this, Term::Bending);
+}
+
 vector<string> HelfrichForce::getTermNames() {
     return vector<string>(begin(TERM_NAMES), end(TERM_NAMES));
 }
@@ -277,6 +389,14 @@ void HelfrichForce::getTrianglesInContext(Context& context, vector<array<int, 3>
 
 void HelfrichForce::setTrianglesInContext(Context& context, const vector<array<int, 3>>& triangles) const {
     findImpl(getImplInContext(context)).setTriangles(getContextImpl(context), triangles);
+}
+
+void HelfrichForce::getVertexSpeciesInContext(Context& context, vector<int>& species) const {
+    species = findImpl(getImplInContext(context)).getMesh().getSpecies();
+}
+
+void HelfrichForce::setVertexSpeciesInContext(Context& context, const vector<int>& species) const {
+    findImpl(getImplInContext(context)).setSpecies(getContextImpl(context), species);
 }
 
 HelfrichEnergyTerms HelfrichForce::getEnergyTermsInContext(Context& context) const {

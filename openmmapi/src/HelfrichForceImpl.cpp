@@ -28,10 +28,29 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     mesh->setFixedEdges(copyFixedEdges(owner));
     checkOtherMembranes(system);
     parameters = owner.getParameters();
+    createSpecies();
     checkSurfaceTargets();
     checkContextParameters(parameters);
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, owner, *mesh);
+}
+
+void HelfrichForceImpl::createSpecies() {
+    if (owner.getNumSpecies() == 0 && owner.getVertexSpecies().empty())
+        return;
+    bool areSet = !owner.getVertexSpecies().empty();
+    mesh->setSpecies(areSet ? owner.getVertexSpecies() : vector<int>(mesh->getNumVertices(), 0), owner.getNumSpecies());
+}
+
+void HelfrichForceImpl::checkSpecies(const HelfrichForce& force) const {
+    const vector<int>& species = mesh->getSpecies();
+    int numNeeded = species.empty() ? 0 : *max_element(species.begin(), species.end()) + 1;
+    if (species.empty() && force.getNumSpecies() > 0)
+        throw OpenMMException(owner.getName() + ": there are " + to_string(force.getNumSpecies()) +
+                              " species, but there were none when the Context was created; create another one");
+    if (force.getNumSpecies() < numNeeded)
+        throw OpenMMException(owner.getName() + ": there are " + to_string(force.getNumSpecies()) +
+                              " species, but a vertex of the Context is of species " + to_string(numNeeded - 1));
 }
 
 void HelfrichForceImpl::checkOtherMembranes(const System& system) const {
@@ -90,11 +109,11 @@ void HelfrichForceImpl::checkContextParameters(HelfrichParameters& p) const {
 
 void HelfrichForceImpl::checkContextParameter(const HelfrichParameters& p, const HelfrichContextParameter& parameter,
                                               const string& name, double value) const {
-    if (!p.has(parameter.term) || (value != 0 && isfinite(value)))
+    if (!p.has(parameter.term) || (isfinite(value) && (value != 0 || parameter.mayBeZero)))
         return;
     stringstream message;
     message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but " << name << " is "
-            << value << "; set it to a finite value" << (parameter.isModulus() ? "" : " other than zero") << " with set"
+            << value << "; set it to a finite value" << (parameter.mayBeZero ? "" : " other than zero") << " with set"
             << parameter.name << "() or as a parameter of the Context";
     throw OpenMMException(message.str());
 }
@@ -121,9 +140,10 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
         double volume = geometry.surfaces[i].volume;
         if (volume <= 0) {
             stringstream message;
-            message << owner.getName() << ": the energy depends on the volume, but "
-                    << (mesh->getNumSurfaces() == 1 ? "the surface" : "surface " + to_string(i)) << " encloses one of "
-                    << volume
+            message << owner.getName() << ": the energy depends on "
+                    << (parameters.hasSpontaneousCurvature() ? "which side of the surface is outside" : "the volume")
+                    << ", but " << (mesh->getNumSurfaces() == 1 ? "the surface" : "surface " + to_string(i))
+                    << " encloses one of " << volume
                     << " nm^3: it is inside out or flat.  The triangles must be counter-clockwise seen from outside: "
                        "exchange two particles of each";
             throw OpenMMException(message.str());
@@ -176,9 +196,33 @@ HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includ
         parameters = kick->getParameters(parameters);
     HelfrichEnergyTerms terms;
     bool isFinite = kernel.getAs<CalcHelfrichForceKernel>().execute(context, parameters, includeForces, terms);
+    addTermsOfConnectivity(parameters, terms);
     if (!isFinite || !isfinite(terms.getTotal()))
         throwNonFinite(context, terms);
     return terms;
+}
+
+void HelfrichForceImpl::addTermsOfConnectivity(const HelfrichParameters& parameters, HelfrichEnergyTerms& terms) {
+    if (parameters.has(Term::Gaussian) && !parameters.hasGaussianForces())
+        terms[Term::Gaussian] = 2 * M_PI * parameters.getMaterial(0).gaussianModulus * mesh->getEulerCharacteristic();
+    if (!parameters.has(Term::Pair))
+        return;
+    if (tableOfPairs != parameters.species || revisionOfPairs != mesh->getRevision() ||
+        speciesRevisionOfPairs != mesh->getSpeciesRevision()) {
+        pairEnergy = computePairEnergy(parameters);
+        tableOfPairs = parameters.species;
+        revisionOfPairs = mesh->getRevision();
+        speciesRevisionOfPairs = mesh->getSpeciesRevision();
+    }
+    terms[Term::Pair] = pairEnergy;
+}
+
+double HelfrichForceImpl::computePairEnergy(const HelfrichParameters& parameters) const {
+    double energy = 0;
+    for (int h = 0; h < mesh->getNumHalfedges(); h++)
+        if (h < mesh->opposite(h))
+            energy += parameters.getPairEnergy(mesh->getSpecies(mesh->origin(h)), mesh->getSpecies(mesh->tip(h)));
+    return energy;
 }
 
 void HelfrichForceImpl::checkPositions(const vector<Vec3>& positions) const {
@@ -232,9 +276,10 @@ bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
 double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDriftSequence& sequence, bool mixed,
                                          IntegrateHamiltonianTrajectoryKernel* waves) {
     HelfrichEnergyTerms terms;
-    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, getParameters(context), sequence, mixed, waves,
-                                                                terms))
+    HelfrichParameters parameters = getParameters(context);
+    if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, parameters, sequence, mixed, waves, terms))
         throwNonFinite(context, terms);
+    addTermsOfConnectivity(parameters, terms);
     return terms.getTotal();
 }
 
@@ -262,6 +307,7 @@ vector<pair<int, int>> HelfrichForceImpl::getBondedParticles() const {
 }
 
 void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
+    checkSpecies(owner);
     auto surfaceTargets = parameters.surfaceTargets;
     parameters = owner.getParameters();
     parameters.surfaceTargets = surfaceTargets;
@@ -303,11 +349,20 @@ void HelfrichForceImpl::setTriangles(ContextImpl& context, const vector<array<in
     context.systemChanged();
 }
 
+void HelfrichForceImpl::setSpecies(ContextImpl& context, const vector<int>& species) {
+    if (mesh->getSpecies().empty())
+        throw OpenMMException(owner.getName() +
+                              ": there were no species when the Context was created; add them with addSpecies()");
+    mesh->setSpecies(species, getNumSpecies());
+    context.systemChanged();
+}
+
 void HelfrichForceImpl::createCheckpoint(ostream& stream) const {
     auto triangles = mesh->getTriangles();
     writeBinary(stream, (long long) triangles.size());
     stream.write((const char*) triangles.data(), sizeof(triangles[0]) * triangles.size());
     stream.write((const char*) mesh->getOrder().data(), sizeof(int) * mesh->getOrder().size());
+    stream.write((const char*) mesh->getSpecies().data(), sizeof(int) * mesh->getSpecies().size());
 }
 
 void HelfrichForceImpl::loadCheckpoint(ContextImpl& context, istream& stream) {
@@ -317,26 +372,34 @@ void HelfrichForceImpl::loadCheckpoint(ContextImpl& context, istream& stream) {
         throw OpenMMException("loadCheckpoint: the checkpoint is of a membrane with " + to_string(numTriangles) +
                               " triangles, and " + owner.getName() + " has " + to_string(mesh->getNumTriangles()));
     vector<array<int, 3>> triangles(numTriangles);
-    vector<int> order(mesh->getNumVertices());
+    vector<int> order(mesh->getNumVertices()), species(mesh->getSpecies().size());
     if (!stream.read((char*) triangles.data(), sizeof(triangles[0]) * triangles.size()) ||
-        !stream.read((char*) order.data(), sizeof(int) * order.size()))
+        !stream.read((char*) order.data(), sizeof(int) * order.size()) ||
+        !stream.read((char*) species.data(), sizeof(int) * species.size()))
         throw OpenMMException("loadCheckpoint: the checkpoint ends too early");
-    restore(context, triangles, order);
+    restore(context, triangles, order, species);
 }
 
 void HelfrichForceImpl::serializeState(SerializationNode& node) const {
     storeTriangles(mesh->getTriangles(), node);
     storeIntegers(mesh->getOrder(), "vertices", node.createChildNode("Order"));
+    if (!mesh->getSpecies().empty())
+        storeIntegers(mesh->getSpecies(), "vertices", node.createChildNode("Species"));
 }
 
 void HelfrichForceImpl::deserializeState(ContextImpl& context, const SerializationNode& node) {
-    restore(context, loadTriangles(node), loadIntegers("vertices", node.getChildNode("Order")));
+    vector<int> species;
+    if (!mesh->getSpecies().empty())
+        species = loadIntegers("vertices", node.getChildNode("Species"));
+    restore(context, loadTriangles(node), loadIntegers("vertices", node.getChildNode("Order")), species);
 }
 
-void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3>>& triangles,
-                                const vector<int>& order) {
+void HelfrichForceImpl::restore(ContextImpl& context, const vector<array<int, 3>>& triangles, const vector<int>& order,
+                                const vector<int>& species) {
     setTriangles(context, triangles);
     mesh->setOrder(order);
+    if (!mesh->getSpecies().empty())
+        setSpecies(context, species);
     isOrientationChecked = true;
 }
 
@@ -352,6 +415,27 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     EdgeFlipStatistics statistics;
     if (!flipKernel->getAs<SweepEdgeFlipsKernel>().execute(context, parameters, kT, numAttempts, random, sweep,
                                                            statistics)) {
+        HelfrichGeometry geometry;
+        calculation.computeGeometry(context, geometry);
+        throwNonFinite(context, geometry);
+    }
+    context.systemChanged();
+    return statistics;
+}
+
+SpeciesExchangeStatistics HelfrichForceImpl::exchangeSpecies(ContextImpl& context, const SpeciesProposal& proposal,
+                                                             double kT, long long numAttempts, const Philox& random,
+                                                             long long sweep) {
+    HelfrichParameters parameters = getParameters(context);
+    requirePositions(context);
+    CalcHelfrichForceKernel& calculation = kernel.getAs<CalcHelfrichForceKernel>();
+    if (!exchangeKernel) {
+        exchangeKernel = context.getPlatform().createKernel(ExchangeSpeciesKernel::Name(), context);
+        exchangeKernel->getAs<ExchangeSpeciesKernel>().initialize(context.getSystem(), owner, *mesh, calculation);
+    }
+    SpeciesExchangeStatistics statistics;
+    if (!exchangeKernel->getAs<ExchangeSpeciesKernel>().execute(context, parameters, proposal, kT, numAttempts, random,
+                                                                sweep, statistics)) {
         HelfrichGeometry geometry;
         calculation.computeGeometry(context, geometry);
         throwNonFinite(context, geometry);

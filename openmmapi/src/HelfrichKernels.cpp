@@ -12,7 +12,7 @@ void HelfrichPlugin::registerHelfrichKernels(const string& platform, KernelFacto
             continue;
         KernelFactory* factory = createFactory();
         for (const string& kernel : {CalcHelfrichForceKernel::Name(), SweepEdgeFlipsKernel::Name(),
-                                     IntegrateHamiltonianTrajectoryKernel::Name()})
+                                     ExchangeSpeciesKernel::Name(), IntegrateHamiltonianTrajectoryKernel::Name()})
             candidate.registerKernelFactory(kernel, factory);
     }
 }

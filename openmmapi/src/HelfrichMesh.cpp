@@ -250,7 +250,21 @@ void HelfrichMesh::setTriangles(const vector<array<int, 3>>& triangles) {
                               " as before; the surfaces must stay the same, in the same order");
     mesh.setFixedEdges(fixedEdges);
     mesh.revision = revision + 1;
+    mesh.species = species;
+    mesh.speciesRevision = speciesRevision;
     *this = mesh;
+}
+
+void HelfrichMesh::setSpecies(const vector<int>& species, int numSpecies) {
+    if (species.size() != particles.size())
+        throw OpenMMException("HelfrichForce: there are " + to_string(species.size()) + " species of vertices for " +
+                              to_string(particles.size()) + " vertices; each vertex has one");
+    for (size_t v = 0; v < species.size(); v++)
+        if (species[v] < 0 || species[v] >= numSpecies)
+            throw OpenMMException("HelfrichForce: vertex " + to_string(v) + " is of species " + to_string(species[v]) +
+                                  ", but there are " + to_string(numSpecies) + " species, numbered from 0");
+    this->species = species;
+    speciesRevision++;
 }
 
 int HelfrichMesh::findHalfedge(int particle1, int particle2) const {

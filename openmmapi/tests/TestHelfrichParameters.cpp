@@ -25,7 +25,7 @@ void testMasks() {
 void testTermsThatAreOn() {
     // Nothing but the moduli of other terms changes, and what a term needs is what any of those needs that are on.
 
-    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    const HelfrichParameters all = createParameters(createBlob(0), EveryTerm);
     ASSERT(all.getTerms() == TermMask::ALL);
     for (int bits = 0; bits < 1 << NUM_TERMS; bits++) {
         TermMask terms = getTermsOfBits(bits);
@@ -54,7 +54,7 @@ static double computeEnergy(const HelfrichParameters& p, const HelfrichTotals& t
 void testTermsOfTotals() {
     // Slopes and changes are those of the energy, of each term alone and of all together.
 
-    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    const HelfrichParameters all = createParameters(createBlob(0), EveryTerm);
     HelfrichTotals totals;
     totals.area = 7;
     totals.volume = 2.2;
@@ -87,7 +87,7 @@ void testTargetsOfSurfaces() {
     // A surface with a target of its own has the energy, slopes and changes of that target, and the others those of
     // the common one.
 
-    HelfrichParameters common = createParameters(createBlob(0), AllTerms), own = common, other = common;
+    HelfrichParameters common = createParameters(createBlob(0), EveryTerm), own = common, other = common;
     own.targetArea = 6.5;
     own.targetVolume = 2.7;
     own.targetAreaDifference = -1.2;
@@ -114,7 +114,7 @@ void testTargetsOfSurfaces() {
 }
 
 void testContextParameters() {
-    // Each sets a parameter of its own, and only a modulus turns its term on.
+    // Each sets a parameter of its own, and only a modulus turns its term on; a target may not be zero.
 
     HelfrichParameters p;
     set<string> names;
@@ -124,7 +124,8 @@ void testContextParameters() {
         places.insert(&parameter.valueIn(p));
         HelfrichParameters set;
         parameter.valueIn(set) = 1;
-        ASSERT_EQUAL(parameter.isModulus(), set.has(parameter.term));
+        ASSERT_EQUAL(parameter.term == Term::Tension || parameter.term == Term::Pressure, set.has(parameter.term));
+        ASSERT_EQUAL(parameter.mayBeZero, set.has(parameter.term) || parameter.term == Term::Bending);
     }
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
         ASSERT_EQUAL(&parameter, &getContextParameter(parameter.term));

@@ -20,6 +20,7 @@ _HOMES = {
         "HybridMonteCarloIntegrator",
         "MonteCarloIntegrator",
         "ShearWaveIntegrator",
+        "SpeciesExchangeIntegrator",
     ],
     "geometry.axisymmetric": ["axisymmetricMinimum"],
     "geometry.measures": ["reducedVolume"],

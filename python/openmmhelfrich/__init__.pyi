@@ -37,6 +37,7 @@ from .helfrich import (
     HybridMonteCarloIntegrator as HybridMonteCarloIntegrator,
     MonteCarloIntegrator as MonteCarloIntegrator,
     ShearWaveIntegrator as ShearWaveIntegrator,
+    SpeciesExchangeIntegrator as SpeciesExchangeIntegrator,
 )
 from .io.locks import InUseError as InUseError
 from .io.psf import writePSF as writePSF
@@ -94,6 +95,7 @@ __all__ = [
     "ReplicaExchange",
     "Scene",
     "ShearWaveIntegrator",
+    "SpeciesExchangeIntegrator",
     "StepSizeAdapter",
     "StepSizeTracker",
     "TableSchedule",

@@ -48,6 +48,7 @@ _DIMENSIONS = {
     "energy per length": (1, -1),
     "area": (0, 2),
     "volume": (0, 3),
+    "curvature": (0, -1),
     "energy per area": (1, -2),
     "energy per volume": (1, -3),
 }
@@ -72,6 +73,7 @@ _EXAMPLES = {
     "energy per length": "'0.1 kT/nm' or '0.2 pN'",
     "area": "'12 um^2'",
     "volume": "'90 um^3' or '90 fL'",
+    "curvature": "'0.02 1/nm' or '20 1/um'",
     "energy per area": "'0.1 mN/m', '2 kT/nm^2' or '5 kJ/mol/nm^2'",
     "energy per volume": "'10 Pa', '2 kT/um^3' or '5 kJ/mol/nm^3'",
     "time": "'1 fs'",
@@ -141,8 +143,8 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
     value : str, Quantity or anything else
         what to convert; a number is one of the scales' multiples, and anything else is returned as it is
     kind : str
-        "energy" (plain numbers are kT), "length", "area", "volume" (powers of the mesh's unit of length), "energy per
-        length", "energy per area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or
+        "energy" (plain numbers are kT), "length", "area", "volume", "curvature" (powers of the mesh's unit of length),
+        "energy per length", "energy per area", "energy per volume" (of kT and the unit of length), "time" (ps), "mass" (Da) or
         "temperature" (K)
     scales : Scales
         the units of plain numbers
@@ -160,7 +162,7 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         _, length = _DIMENSIONS.get(kind, (0, 0))
         isScaled = length and scales.multiple != 1 and isinstance(value, (int, float)) and not isinstance(value, bool)
         return value * scales.multiple**length if isScaled else value
-    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C)\s*", value)
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C|1/.*?)\s*", value)
     if match is None:
         raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
     number, name = float(match[1]), match[2]
@@ -186,6 +188,7 @@ def _openmmUnit(kind: str) -> Any:
         "energy per length": unit.kilojoules_per_mole / unit.nanometer,
         "area": unit.nanometer**2,
         "volume": unit.nanometer**3,
+        "curvature": unit.nanometer**-1,
         "energy per area": unit.kilojoules_per_mole / unit.nanometer**2,
         "energy per volume": unit.kilojoules_per_mole / unit.nanometer**3,
         "time": unit.picosecond,
@@ -202,6 +205,8 @@ def _units(kind: str, scales: Scales) -> dict[str, float]:
         return _ENERGIES
     power = abs(length)
     units = {name if power == 1 else f"{name}^{power}": size**power for name, size in _LENGTHS.items()}
+    if length < 0 and not energy:
+        return {f"1/{name}": 1 / size for name, size in units.items()}
     if energy:
         energies = {**_ENERGIES, **dict.fromkeys(_THERMAL_ENERGY, scales.kT)}
         units = {f"{a}/{b}": energies[a] / units[b] for a in energies for b in units}

@@ -10,10 +10,18 @@ using namespace std;
 
 /**
  * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and the pressure,
- * version 5 the length scale of the repulsion and the targets of single surfaces.  A force without these two is written
- * as version 4, which older releases read.
+ * version 5 the length scale of the repulsion and the targets of single surfaces, version 6 the spontaneous curvature,
+ * the Gaussian modulus and the species.  A force is written as the oldest version from 4 on that has all that it uses,
+ * which older releases read.
  */
-static const int VERSION = 5, VERSION_OF_OLDER_RELEASES = 4, OLDEST_VERSION = 1;
+static const int VERSION = 6, OLDEST_VERSION = 1;
+
+static int getVersion(const HelfrichForce& force) {
+    const HelfrichParameters& p = force.getParameters();
+    if (p.species || !force.getVertexSpecies().empty() || p.spontaneousCurvature != 0 || p.has(Term::Gaussian))
+        return 6;
+    return p.repulsionLengthScale != 1 || !p.surfaceTargets.empty() ? 5 : 4;
+}
 
 HelfrichForceProxy::HelfrichForceProxy() : SerializationProxy("HelfrichForce") {
 }
@@ -93,11 +101,53 @@ static void loadSurfaceTarget(HelfrichForce& force, const SerializationNode& nod
                               "'; only area, volume and areaDifference have targets");
 }
 
+static void storePairs(const HelfrichSpeciesPairs& pairs, const string& name, SerializationNode& node) {
+    pairs.forEach([&](int species1, int species2, double value) {
+        node.createChildNode(name)
+                .setIntProperty("species1", species1)
+                .setIntProperty("species2", species2)
+                .setDoubleProperty("value", value);
+    });
+}
+
+static void storeMaterial(const HelfrichForce& force, SerializationNode& node) {
+    const HelfrichParameters& p = force.getParameters();
+    node.setDoubleProperty("spontaneousCurvature", p.spontaneousCurvature);
+    node.setDoubleProperty("gaussianModulus", p.moduli[Term::Gaussian]);
+    SerializationNode& all = node.createChildNode("AllSpecies");
+    for (int i = 0; i < force.getNumSpecies(); i++)
+        all.createChildNode("Species")
+                .setDoubleProperty("bendingModulus", (*p.species)[i].bendingModulus)
+                .setDoubleProperty("spontaneousCurvature", (*p.species)[i].spontaneousCurvature)
+                .setDoubleProperty("gaussianModulus", (*p.species)[i].gaussianModulus);
+    if (p.species) {
+        storePairs(p.species->lineTensions, "LineTension", node.createChildNode("LineTensions"));
+        storePairs(p.species->pairEnergies, "PairEnergy", node.createChildNode("PairEnergies"));
+    }
+    storeIntegers(force.getVertexSpecies(), "vertices", node.createChildNode("VertexSpecies"));
+}
+
+static void loadMaterial(HelfrichForce& force, const SerializationNode& node) {
+    force.setSpontaneousCurvature(node.getDoubleProperty("spontaneousCurvature"));
+    force.setGaussianModulus(node.getDoubleProperty("gaussianModulus"));
+    for (auto& species : node.getChildNode("AllSpecies").getChildren())
+        force.addSpecies(species.getDoubleProperty("bendingModulus"), species.getDoubleProperty("spontaneousCurvature"),
+                         species.getDoubleProperty("gaussianModulus"));
+    if (force.getNumSpecies() > 0) {
+        for (auto& pair : node.getChildNode("LineTensions").getChildren())
+            force.setLineTension(pair.getIntProperty("species1"), pair.getIntProperty("species2"),
+                                 pair.getDoubleProperty("value"));
+        for (auto& pair : node.getChildNode("PairEnergies").getChildren())
+            force.setPairEnergy(pair.getIntProperty("species1"), pair.getIntProperty("species2"),
+                                pair.getDoubleProperty("value"));
+    }
+    force.setVertexSpecies(loadIntegers("vertices", node.getChildNode("VertexSpecies")));
+}
+
 void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) const {
     const HelfrichForce& force = *reinterpret_cast<const HelfrichForce*>(object);
     const HelfrichParameters& p = force.getParameters();
-    bool isNew = p.repulsionLengthScale != 1 || !p.surfaceTargets.empty();
-    int version = isNew ? VERSION : VERSION_OF_OLDER_RELEASES;
+    int version = getVersion(force);
     node.setIntProperty("version", version);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
@@ -117,6 +167,8 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
     storeFixedEdges(force, node.createChildNode("FixedEdges"));
     if (version > 4)
         storeSurfaceTargets(p, node.createChildNode("SurfaceTargets"));
+    if (version > 5)
+        storeMaterial(force, node.createChildNode("Material"));
 }
 
 void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
@@ -145,5 +197,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
     if (version > 4)
         for (auto& target : node.getChildNode("SurfaceTargets").getChildren())
             loadSurfaceTarget(*force, target);
+    if (version > 5)
+        loadMaterial(*force, node.getChildNode("Material"));
     return force.release();
 }

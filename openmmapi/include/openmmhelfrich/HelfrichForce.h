@@ -58,27 +58,36 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry : HelfrichSurfaceGeometry {
 
 /**
  * This class gives closed triangulated surfaces the elastic energy of a fluid lipid membrane (Helfrich, 1973).
- * Each vertex is a particle of the System.  The energy is the sum of eight terms, each present only when its modulus
- * is not zero.
+ * Each vertex is a particle of the System.  The energy is the sum of eleven terms, each present only when its
+ * modulus is not zero.
  *
  * <ul>
- * <li>bending, \f$2\kappa_B\sum_i \hat M_i^2/\hat A_i\f$, in Juelicher's discretization: a vertex has the
- * mean curvature \f$\hat M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and
- * a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li> <li>area,
+ * <li>bending, \f$2\kappa_B\sum_i (\hat M_i-\frac12C_0\hat A_i)^2/\hat A_i\f$, which is
+ * \f$\frac{\kappa_B}2\oint(2H-C_0)^2dA\f$ in Juelicher's discretization: a vertex has the mean curvature \f$\hat
+ * M_i=\frac14\sum_j l_{ij}\varphi_{ij}\f$ of its edges, of length l and dihedral angle phi, and a third of the area of
+ * its triangles (Juelicher, J. Phys. II 6, 1797, 1996)</li> <li>area,
  * \f$\kappa_A(A/A_0-1)^2\f$</li> <li>volume, \f$\kappa_V(V/V_0-1)^2\f$</li> <li>area difference, \f$\kappa_{\Delta
  * A}(\Delta A/\Delta A_0-1)^2\f$, with \f$\Delta A=2h\sum_i\hat M_i\f$</li> <li>tether, \f$\kappa_T\sum_e
  * T(l_e/l_0)\f$, which keeps every edge between a minimum and a maximum length</li> <li>repulsion,
  * \f$\kappa_R\sum_i\sum_{j\ne i} R(r_{ij})\f$, which keeps surfaces from crossing themselves and each other</li>
  * <li>tension, \f$\sigma A\f$, linear, beside the area term or instead of it</li>
  * <li>pressure, \f$-pV\f$, linear, beside the volume term or instead of it</li>
+ * <li>gaussian, \f$\sum_i\bar\kappa_i(2\pi-\sum\theta)\f$, with theta the angles of the triangles at the vertex: the
+ * integral of \f$\bar\kappa K\f$.  Where the modulus is the same everywhere it is a constant of the topology,
+ * \f$4\pi(1-g)\bar\kappa\f$ for a surface of genus g, and there are no forces</li>
+ * <li>line, \f$\sum\lambda_{ab}\f$ times the length of the boundary between the species a and b.  In a triangle of
+ * the species (a, a, b) the boundary joins the midpoints of its two mixed edges; in one of (a, b, c) it joins all three
+ * midpoints to the centroid</li>
+ * <li>pair, \f$\sum_e J_{ab}\f$ over the edges, which bond vertices of the species a and b.  There are no forces: it
+ * acts on flips and exchanges</li>
  * </ul>
  *
  * The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
  *
  * To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and
- * targets, and add it to a System.  The three targets, the tension and the pressure are parameters of the Context:
- * change them there with Context::setParameter(), using the names that getTargetAreaParameter() and its siblings
- * return.
+ * targets, and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are
+ * parameters of the Context: change them there with Context::setParameter(), using the names that
+ * getTargetAreaParameter() and its siblings return.
  *
  * The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
  * their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
@@ -87,6 +96,17 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry : HelfrichSurfaceGeometry {
  *
  * The triangles of a Force are those that a new Context starts with.  An EdgeFlipIntegrator, or
  * setTrianglesInContext(), changes those of a Context: getTrianglesInContext() returns the live ones.
+ *
+ * Curvature is positive where the surface is convex seen from outside: on a sphere of radius R, H = 1/R, and the
+ * bending energy is \f$8\pi\kappa_B(1-C_0R/2)^2\f$.  So C_0 is the sum of the principal curvatures that the membrane
+ * would like, and kappa_B stands for kappa in \f$\frac\kappa2\oint\f$.  A program that writes
+ * \f$\frac\kappa2\oint(2H-c)^2\f$ with H = (c_1+c_2)/2 has the same modulus and c = C_0; one that writes
+ * \f$2\kappa\oint(H-H_0)^2\f$, as many do, has the same modulus and H_0 = C_0/2; and one that writes
+ * \f$\kappa\oint(H-H_0)^2\f$, as Surface Evolver and Mem3DG do, has twice the modulus and H_0 = C_0/2.
+ *
+ * A membrane of several materials has species, added with addSpecies(), and each vertex has one of them: see
+ * setVertexSpecies().  The moduli of bending and of the Gaussian curvature are then those of the species.  There may be
+ * as many species as vertices, so that a field that varies along the surface is one species a vertex.
  *
  * Edges that must not flip, those of a frame or a border between two materials for example, are marked with
  * addFixedEdge().
@@ -176,15 +196,120 @@ public:
      */
     void setFixedEdgeParameters(int index, int particle1, int particle2);
     /**
-     * Get the bending modulus kappa_B, measured in kJ/mol.
+     * Get the number of species.
+     */
+    int getNumSpecies() const {
+        return parameters.species ? parameters.species->getNumSpecies() : 0;
+    }
+    /**
+     * Add a species of vertices.  Where there are species, their moduli take the place of those of setBendingModulus()
+     * and setGaussianModulus(), which throw an exception from then on.
+     *
+     * @param bendingModulus        kappa in kappa/2 times the integral of (2H-C_0)^2, measured in kJ/mol
+     * @param spontaneousCurvature  C_0, measured in 1/nm, positive where the membrane would be convex seen from
+     * outside; setSpontaneousCurvature() adds to it
+     * @param gaussianModulus       kappa-bar in kappa-bar times the integral of K, measured in kJ/mol
+     * @return the number of the species: they are numbered from 0
+     */
+    int addSpecies(double bendingModulus, double spontaneousCurvature, double gaussianModulus = 0);
+    /**
+     * Get the moduli of a species.
+     *
+     * @param index                      the number of the species
+     * @param[out] bendingModulus        kappa, measured in kJ/mol
+     * @param[out] spontaneousCurvature  C_0, measured in 1/nm
+     * @param[out] gaussianModulus       kappa-bar, measured in kJ/mol
+     */
+    void getSpeciesParameters(int index, double& bendingModulus, double& spontaneousCurvature,
+                              double& gaussianModulus) const;
+    /**
+     * Set the moduli of a species.  See addSpecies().
+     *
+     * @param index                 the number of the species
+     * @param bendingModulus        kappa, measured in kJ/mol
+     * @param spontaneousCurvature  C_0, measured in 1/nm
+     * @param gaussianModulus       kappa-bar, measured in kJ/mol
+     */
+    void setSpeciesParameters(int index, double bendingModulus, double spontaneousCurvature,
+                              double gaussianModulus = 0);
+    /**
+     * Get the species that the vertices of a new Context have; none if they were not set.
+     */
+    const std::vector<int>& getVertexSpecies() const {
+        return vertexSpecies;
+    }
+    /**
+     * Set the species that the vertices of a new Context have.  Without it all are of species 0.
+     *
+     * @param species  the number of the species of each vertex, in ascending order of the particles' indices
+     */
+    void setVertexSpecies(const std::vector<int>& species);
+    /**
+     * Get the line tension between two species, measured in kJ/mol/nm.
+     *
+     * @param species1  the number of one of them
+     * @param species2  the number of the other
+     */
+    double getLineTension(int species1, int species2) const;
+    /**
+     * Set the line tension between two species, measured in kJ/mol/nm: the energy of their boundary by its length.
+     * Where it is positive, boundaries shrink.  The default is 0.
+     *
+     * @param species1     the number of one of them
+     * @param species2     the number of another
+     * @param lineTension  the line tension
+     */
+    void setLineTension(int species1, int species2, double lineTension);
+    /**
+     * Get the energy of an edge between vertices of two species, measured in kJ/mol.
+     *
+     * @param species1  the number of one of them
+     * @param species2  the number of the other, or the same
+     */
+    double getPairEnergy(int species1, int species2) const;
+    /**
+     * Set the energy J of an edge between vertices of two species, measured in kJ/mol.  The default is 0.
+     *
+     * @param species1  the number of one of them
+     * @param species2  the number of the other, or the same
+     * @param energy    the energy; negative where the two would be neighbors
+     */
+    void setPairEnergy(int species1, int species2, double energy);
+    /**
+     * Get the bending modulus kappa_B, measured in kJ/mol: of several species, the greatest.
      */
     double getBendingModulus() const {
         return parameters.moduli[Term::Bending];
     }
     /**
-     * Set the bending modulus kappa_B, measured in kJ/mol.  The default, 0, turns the term off.
+     * Set the bending modulus kappa_B, measured in kJ/mol: kappa in kappa/2 times the integral of (2H-C_0)^2.  The
+     * default, 0, turns the term off.  Where there are species, each has its own: see addSpecies().
      */
     void setBendingModulus(double modulus);
+    /**
+     * Get the spontaneous curvature C_0, measured in 1/nm.
+     */
+    double getSpontaneousCurvature() const {
+        return parameters.spontaneousCurvature;
+    }
+    /**
+     * Set the spontaneous curvature C_0, measured in 1/nm: the default value of the Context's parameter.  It is the sum
+     * of the principal curvatures for which the membrane has no bending energy, positive where that is convex seen from
+     * outside.  Where there are species, it is added to that of each.
+     */
+    void setSpontaneousCurvature(double spontaneousCurvature);
+    /**
+     * Get the Gaussian modulus kappa-bar, measured in kJ/mol: of several species, that which is greatest in size.
+     */
+    double getGaussianModulus() const {
+        return parameters.moduli[Term::Gaussian];
+    }
+    /**
+     * Set the Gaussian modulus kappa-bar, measured in kJ/mol: kappa-bar in kappa-bar times the integral of K.  The same
+     * everywhere, it adds a constant of the topology to the energy, 4 pi (1-g) kappa-bar for a surface of genus g.  The
+     * default, 0, turns the term off.  Where there are species, each has its own: see addSpecies().
+     */
+    void setGaussianModulus(double modulus);
     /**
      * Get the modulus kappa_A of the area term, measured in kJ/mol.
      */
@@ -383,6 +508,11 @@ public:
      */
     std::string getPressureParameter() const;
     /**
+     * Get the name of the Context parameter that holds the spontaneous curvature: the Force's name followed by
+     * "SpontaneousCurvature".  It may be any finite number.
+     */
+    std::string getSpontaneousCurvatureParameter() const;
+    /**
      * Get the number of connected surfaces, which flips do not change.
      *
      * @param context  the Context to query
@@ -403,6 +533,21 @@ public:
      * @param triangles  the particles of each triangle
      */
     void setTrianglesInContext(OpenMM::Context& context, const std::vector<std::array<int, 3>>& triangles) const;
+    /**
+     * Get the live species of the vertices of a Context, which exchanges change.
+     *
+     * @param context       the Context to query
+     * @param[out] species  the number of the species of each vertex, in ascending order of the particles' indices; none
+     * if this Force had no species when the Context was created
+     */
+    void getVertexSpeciesInContext(OpenMM::Context& context, std::vector<int>& species) const;
+    /**
+     * Set the live species of the vertices of a Context.  This Force must have had species when it was created.
+     *
+     * @param context  the Context to change
+     * @param species  the number of the species of each vertex, in ascending order of the particles' indices
+     */
+    void setVertexSpeciesInContext(OpenMM::Context& context, const std::vector<int>& species) const;
     /**
      * Get all moduli and other parameters, with the default values of those that a Context has.
      */
@@ -433,9 +578,11 @@ public:
      */
     HelfrichGeometry getGeometryInContext(OpenMM::Context& context) const;
     /**
-     * Copy the moduli, the leaflet separation, and the tether's and repulsion's parameters, with their length scales,
-     * from this Force to a Context. The triangles, the fixed edges and the parameters of the Context, which are the
-     * targets, the tension and the pressure, do not change: see setTrianglesInContext() and Context::setParameter().
+     * Copy the moduli, those of species and between them included, the leaflet separation, and the tether's and
+     * repulsion's parameters, with their length scales, from this Force to a Context. The triangles, the species of the
+     * vertices, the fixed edges and the parameters of the Context, which are the targets, the tension, the pressure and
+     * the spontaneous curvature, do not change: see setTrianglesInContext(), setVertexSpeciesInContext() and
+     * Context::setParameter().
      *
      * @param context  the Context to change
      */
@@ -452,7 +599,12 @@ private:
     void setTarget(const char* method, Term term, double& targetOfAll, double value, int surface);
     double getTarget(const char* method, Term term, int surface) const;
     std::vector<std::array<int, 3>> triangles;
+    HelfrichSpeciesTable& changeSpecies();
+    void takeModuliOfSpecies();
+    void requireOneMaterial(const char* method) const;
+    void checkSpeciesPair(const char* method, int species1, int species2) const;
     std::vector<std::array<int, 2>> fixedEdges;
+    std::vector<int> vertexSpecies;
     HelfrichParameters parameters;
 };
 

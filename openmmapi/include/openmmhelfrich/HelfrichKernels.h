@@ -5,6 +5,7 @@
 #include "internal/HelfrichMesh.h"
 #include "internal/HelfrichParameters.h"
 #include "internal/Philox.h"
+#include "internal/SpeciesProposal.h"
 #include "internal/Splitting.h"
 #include "internal/windowsExportHelfrich.h"
 #include "openmm/KernelFactory.h"
@@ -161,6 +162,61 @@ public:
     virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, double kT,
                          long long numAttempts, const Philox& random, long long sweep,
                          EdgeFlipStatistics& statistics) = 0;
+};
+
+/**
+ * The outcome of attempted changes of species.
+ */
+struct SpeciesExchangeStatistics {
+    long long attempted = 0, accepted = 0, alike = 0;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of exchanges of species, which SpeciesExchangeIntegrator asks
+ * for.
+ */
+class ExchangeSpeciesKernel : public OpenMM::KernelImpl {
+public:
+    /**
+     * No number of attempts is greater than this.
+     */
+    static constexpr long long MAX_ATTEMPTS = 1LL << 33;
+    static std::string Name() {
+        return "ExchangeSpecies";
+    }
+    ExchangeSpeciesKernel(std::string name, const OpenMM::Platform& platform) : OpenMM::KernelImpl(name, platform) {
+    }
+    /**
+     * Initialize the kernel.
+     *
+     * @param system       the System this kernel will be applied to
+     * @param force        the HelfrichForce whose vertices exchange species
+     * @param mesh         the live connectivity and species, which last as long as the kernel
+     * @param calculation  the kernel of the same platform that computes the force, which lasts as long, too
+     */
+    virtual void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                            CalcHelfrichForceKernel& calculation) = 0;
+    /**
+     * Make a sweep: a sequential chain of attempts at the Context's positions and triangles.  SpeciesProposal::draw()
+     * has the random numbers of an attempt.  It counts as one of alike vertices where it would change nothing, and is
+     * otherwise accepted with probability min(1, exp(-dE/kT)), dE being the change of the whole energy of the force,
+     * less that of the sum of the vertices' chemical potentials.  The species are marked as changed if an attempt was
+     * accepted.  A sweep may throw StepInterrupted, and leaves the species changed then.
+     *
+     * @param context          the Context in which to execute the kernel
+     * @param parameters       the moduli
+     * @param proposal         what an attempt proposes
+     * @param kT               the temperature, measured in kJ/mol
+     * @param numAttempts      the number of changes to attempt, at most MAX_ATTEMPTS
+     * @param random           the source of random numbers
+     * @param sweep            the number of the sweep, which with that of the attempt is the counter of the random
+     * numbers
+     * @param[out] statistics  the outcome
+     * @return false, with the species as they were, if the geometry is not finite and the energy depends on it
+     */
+    virtual bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters,
+                         const SpeciesProposal& proposal, double kT, long long numAttempts, const Philox& random,
+                         long long sweep, SpeciesExchangeStatistics& statistics) = 0;
 };
 
 /**

@@ -27,6 +27,7 @@ struct alignas(64) CpuEdgeFlipVertex {
     Relaxed<int> numClose;
     /// as the mesh has it, too: there it is in another line, which in large membranes is in no near cache
     Relaxed<int> valence;
+    int species;
 };
 
 static_assert(offsetof(CpuEdgeFlipVertex, area) == 32, "what a sweep changes must not be loaded with the positions");

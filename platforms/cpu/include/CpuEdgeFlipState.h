@@ -108,7 +108,7 @@ private:
     Relaxed<int>* neighborsOf(int vertex) const {
         return neighborList->neighbors.data() + vertices[vertex].firstNeighbor;
     }
-    const std::vector<int>&particles, &surfaces;
+    const std::vector<int>&particles, &surfaces, &species;
     CpuHalfedges mesh;
     const CpuEdgeFlipEvaluation& evaluation;
     HelfrichParameters p;

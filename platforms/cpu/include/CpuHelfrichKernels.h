@@ -5,11 +5,13 @@
 #include "CpuCoarseMeshes.h"
 #include "CpuHelfrichLayout.h"
 #include "CpuHelfrichLoops.h"
+#include "CpuHelfrichMaterials.h"
 #include "CpuHelfrichRepulsion.h"
 #include "CpuInstructionSet.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
+#include "CpuSpeciesExchange.h"
 #include <memory>
 #include <vector>
 
@@ -22,7 +24,7 @@ struct CpuMembraneSums {
     explicit CpuMembraneSums(int numSurfaces) : totals(numSurfaces), slopes(numSurfaces) {
     }
     /// the area is finite if those of all surfaces are
-    double area = 0, bending = 0, tether = 0;
+    double area = 0, bending = 0, tether = 0, gaussian = 0, line = 0;
     /// of each surface, and the derivatives of the energy by them
     std::vector<HelfrichTotals> totals, slopes;
 };
@@ -115,6 +117,7 @@ private:
     CpuHelfrichLayout layout;
     std::vector<CpuHelfrichLayout::Part> chunks;
     CpuHelfrichRepulsion repulsion;
+    CpuHelfrichMaterials materials;
     Array positions, bendingSlopes, anglesPerLength;
     /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
     /// room for areas and curvatures
@@ -144,6 +147,26 @@ private:
     HelfrichMesh* mesh;
     CpuCalcHelfrichForceKernel* calculation;
     std::unique_ptr<CpuEdgeFlipSweep> edgeFlips;
+    HelfrichGeometry geometry;
+};
+
+/**
+ * This kernel is invoked by HelfrichForce to make sweeps of exchanges of species.
+ */
+class CpuExchangeSpeciesKernel : public ExchangeSpeciesKernel {
+public:
+    CpuExchangeSpeciesKernel(std::string name, const OpenMM::Platform& platform)
+            : ExchangeSpeciesKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const SpeciesProposal& proposal,
+                 double kT, long long numAttempts, const Philox& random, long long sweep,
+                 SpeciesExchangeStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
+    CpuCalcHelfrichForceKernel* calculation;
+    std::unique_ptr<CpuSpeciesExchange> exchange;
     HelfrichGeometry geometry;
 };
 

@@ -27,10 +27,17 @@ struct CpuHelfrichArrays {
     int* fixedPositions;
     /// the length of which fixedPositions are multiples
     float fixedUnit;
-    /// of each slot, where every vertex has a bending modulus of its own: that modulus, and the derivative of the
-    /// bending energy by the slot's area
+    /// of each slot, where moduli differ from vertex to vertex: those of bending, and the derivative of the bending
+    /// energy by the slot's area
     const Real* bendingModuli = nullptr;
+    const Real* spontaneousCurvatures = nullptr;
     Real* areaSlopes = nullptr;
+    /// of each slot, or NULL if it does not act
+    const Real* gaussianModuli = nullptr;
+    /// of each corner: the energy of the boundaries beside the edge over its length; or NULL if there is none
+    const Real* lineTensions = nullptr;
+    /// of each group: whether neighbors differ in what the last two arrays are of
+    const char* areMixed = nullptr;
 };
 
 /**
@@ -44,7 +51,7 @@ struct CpuHelfrichBox {
  * Sums over some of the vertices of a surface.
  */
 struct CpuHelfrichSums : HelfrichTotals {
-    double bending = 0, tether = 0, repulsion = 0;
+    double bending = 0, tether = 0, repulsion = 0, gaussian = 0, line = 0;
     /// of the components of the forces, which is finite if they are
     double force = 0;
     /// not 0 where the repulsion's list of pairs is
@@ -69,7 +76,7 @@ struct CpuHelfrichForceLoops {
     void (*computeGradient)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                             const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                             int lastGroup, double* gradients);
-    /// the same where the term of bending is on and every vertex has a modulus of its own
+    /// the same where moduli differ from vertex to vertex
     void (*computeEnergyOfMaterials)(const CpuHelfrichLayout& layout, const HelfrichParameters& parameters,
                                      const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup,
                                      CpuHelfrichSums& sums);

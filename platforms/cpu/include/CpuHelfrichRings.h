@@ -107,6 +107,10 @@ public:
     typename SimdOf<Real>::Integers has(int i) const {
         return loadIntegers<Real>(valences) > i;
     }
+    /// whether neighbors in the group differ in their species
+    bool isMixed() const {
+        return arrays.areMixed[firstSlot / stride];
+    }
     /// the first of the corners of a number
     int corner(int i) const {
         return firstCorner + i * stride;
@@ -180,9 +184,9 @@ inline Vector<Real> tetherEnergy(Vector<Real> length, typename SimdOf<Real>::Int
 
 /**
  * What of the ring the terms need: each is evaluated with what comes before it.  Materials are moduli that differ from
- * vertex to vertex.
+ * vertex to vertex, Mixtures the terms that act where they differ between neighbors.
  */
-enum Parts { Edges, Triangles, Angles, Materials };
+enum Parts { Edges, Triangles, Angles, Materials, Mixtures };
 
 /**
  * The sums over the rings of a group.
@@ -193,10 +197,40 @@ struct RingSums {
     Point<Real> normals;
 };
 
+/**
+ * The same with those over what acts between materials.  Loops that do without have no trace of them: what compilers
+ * inline depends on the size of everything, and so do the last bits.
+ */
+template <class Real>
+struct MaterialRingSums : RingSums<Real> {
+    Vector<Real> line, gaussian;
+};
+
+template <Parts parts, class Real>
+using RingSumsOf = std::conditional_t<parts >= Materials, MaterialRingSums<Real>, RingSums<Real>>;
+
+/**
+ * The angle of each vertex in a triangle, less that of an equilateral one, where the corners of the triangle differ in
+ * their Gaussian moduli.
+ *
+ * @param doubleArea  twice the area of the triangle
+ */
+template <class Real>
+inline Vector<Real> excessAngle(const Ring<Real>& ring, int i, Vector<Real> doubleArea, const Point<Real>& u,
+                                const Point<Real>& w, const CpuHelfrichArrays<Real>& arrays) {
+    Vector<Real> own = load(arrays.gaussianModuli + ring.firstSlot);
+    auto differ = (ring.ofNeighbor(arrays.gaussianModuli, i) != own) |
+                  (ring.ofNeighbor(arrays.gaussianModuli, i + 1 < ring.group.length ? i + 1 : 0) != own);
+    if (!any(differ))
+        return Vector<Real>{};
+    Vector<Real> angle = angleOf<SimdMath>(doubleArea, dot(u, w));
+    return choose(differ & ring.has(i), angle - Real(M_PI / 3), Vector<Real>{});
+}
+
 template <Parts parts, bool HasTether, class Real>
 inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, const Point<Real>& previousNormal,
                     const Point<Real>& toNeighbor, const Point<Real>& toPrevious, const Parameters<Real>& p,
-                    const CpuHelfrichArrays<Real>& arrays, RingSums<Real>& sums) {
+                    const CpuHelfrichArrays<Real>& arrays, RingSumsOf<parts, Real>& sums) {
     if (parts < Angles && !HasTether)
         return;
     Vector<Real> length2 = dot(toNeighbor, toNeighbor);
@@ -209,6 +243,9 @@ inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, co
         store(arrays.anglesPerLength + ring.corner(i), angle * inverse);
         sums.curvature += length * angle;
     }
+    if constexpr (parts == Mixtures)
+        if (arrays.lineTensions != nullptr)
+            sums.line += load(arrays.lineTensions + ring.corner(i)) * length;
     if (HasTether && any(isTetherTaut(length2, p))) {
         Vector<Real> slope;
         sums.tether += tetherEnergy(length, ring.has(i), p, slope);
@@ -216,9 +253,12 @@ inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, co
 }
 
 template <Parts parts, bool HasTether, class Real>
-inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
-                              const CpuHelfrichArrays<Real>& arrays) {
-    RingSums<Real> sums = {};
+inline RingSumsOf<parts, Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
+                                       const CpuHelfrichArrays<Real>& arrays) {
+    if constexpr (parts == Materials)
+        if (ring.isMixed())
+            return sumRing<Mixtures, HasTether>(ring, p, arrays);
+    RingSumsOf<parts, Real> sums = {};
     const CpuHelfrichLayout::Group& group = ring.group;
     if (parts == Edges) {
         const Point<Real> none = {};
@@ -234,6 +274,9 @@ inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
         Vector<Real> square = dot(normal, normal);
         sums.doubleAreas += square * inverseLength(square);
         sums.normals = sums.normals + normal;
+        if constexpr (parts == Mixtures)
+            if (arrays.gaussianModuli != nullptr)
+                sums.gaussian += excessAngle(ring, i, square * inverseLength(square), current, next, arrays);
         if (i == 0)
             firstNormal = normal;
         else
@@ -261,13 +304,14 @@ template <Parts parts, bool HasTether, class Real>
 void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays,
                    int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
     typename SimdOf<Real>::Doubles area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
+    std::conditional_t<parts == Materials, decltype(area), int> gaussian = {}, line = {};
     int origins[SimdOf<Real>::WIDTH];
     for (int& offset : origins)
         offset = 4 * layout.groups[firstGroup].origin;
     Coordinates<Real> origin = loadCoordinates(arrays, origins);
     for (int slot = firstGroup * layout.width; slot < lastGroup * layout.width; slot += SimdOf<Real>::WIDTH) {
         Ring<Real> ring(layout, arrays, slot);
-        RingSums<Real> ringSums = sumRing<parts, HasTether>(ring, p, arrays);
+        auto ringSums = sumRing<parts, HasTether>(ring, p, arrays);
         Point<Real> offset = displacement(origin, ring.center, arrays);
         // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
         Vector<Real> vertexArea =
@@ -283,10 +327,14 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
             if (arrays.curvatures != nullptr)
                 store(arrays.curvatures + slot, vertexCurvature);
             if (parts == Materials) {
-                Vector<Real> modulus = load(arrays.bendingModuli + slot);
-                bending += toDoubles(modulus * vertexCurvature * meanCurvature);
-                store(arrays.bendingSlopes + slot, Real(4) * modulus * meanCurvature);
-                store(arrays.areaSlopes + slot, Real(-2) * modulus * meanCurvature * meanCurvature);
+                // The energy is 2 kappa A e^2, with the excess e = M/A-C/2.
+                Vector<Real> modulus = load(arrays.bendingModuli + slot),
+                             spontaneous = load(arrays.spontaneousCurvatures + slot),
+                             excess = choose(vertexArea > Real(0), meanCurvature - Real(0.5) * spontaneous,
+                                             Vector<Real>{});
+                bending += toDoubles(modulus * vertexArea * excess * excess);
+                store(arrays.bendingSlopes + slot, Real(4) * modulus * excess);
+                store(arrays.areaSlopes + slot, Real(-2) * modulus * excess * (excess + spontaneous));
             }
             else {
                 bending += toDoubles(vertexCurvature * meanCurvature);
@@ -295,12 +343,21 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
         }
         if (HasTether)
             tether += toDoubles(ringSums.tether);
+        if constexpr (parts == Materials) {
+            line += toDoubles(ringSums.line);
+            if (arrays.gaussianModuli != nullptr)
+                gaussian -= toDoubles(load(arrays.gaussianModuli + slot) * ringSums.gaussian);
+        }
     }
     sums.area = sum(area);
     sums.volume = sum(volume) * (1.0 / 18.0);
     sums.curvature = sum(curvature);
     sums.bending = 2 * (parts == Materials ? Real(1) : p.bendingModulus) * sum(bending);
     sums.tether = 0.5 * sum(tether);
+    if constexpr (parts == Materials) {
+        sums.gaussian = sum(gaussian);
+        sums.line = 0.5 * sum(line);
+    }
 }
 
 /**
@@ -329,11 +386,16 @@ inline Point<Real> edgeGradient(const Ring<Real>& ring, const Parameters<Real>& 
  *     of the dihedrals,  sum_e C_e l_e dphi_e/da = -N ((C_bc-C_ca) d_c + (C_bc-C_ab) d_b)/|N|^2, this triangle's part.
  *
  * An edge's coefficient is C_e = (alpha_i+alpha_j)/4 with alpha = dE/dM_i, so that only differences of alpha are left
- * in the last.
+ * in the last.  And of the angles theta with Gaussian moduli k, since those of a triangle add up to pi,
+ *
+ *     -sum_v k_v dtheta_v/da = ((k_b-k_a)(w-u (u.w)/u^2) + (k_c-k_a)(u-w (u.w)/w^2))/|N|.
  */
 template <Parts parts, bool HasTether, class Real>
 inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& p, const HelfrichTotals& slopes,
                                 const CpuHelfrichArrays<Real>& arrays) {
+    if constexpr (parts == Materials)
+        if (ring.isMixed())
+            return ringGradient<Mixtures, HasTether>(ring, p, slopes, arrays);
     if (parts == Edges)
         return edgeGradient<HasTether>(ring, p);
     const Real byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1 / (24 * p.bendingModulus),
@@ -349,7 +411,7 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
         prefetch(arrays.anglesPerLength + ring.corner(CORNERS_AHEAD), group.length * ring.WIDTH);
         firstAlpha = alphaU = ring.ofNeighbor(arrays.bendingSlopes, 0);
     }
-    if (parts == Materials) {
+    if (parts >= Materials) {
         areaSlope = load(arrays.areaSlopes + ring.firstSlot);
         areaSlopeU = ring.ofNeighbor(arrays.areaSlopes, 0);
     }
@@ -362,7 +424,7 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
         Vector<Real> byNormal = broadcast(byVolume), byArea = broadcast(Real(slopes.area)), byEdge = {};
         if (parts >= Angles) {
             Vector<Real> alphaW = isLast ? firstAlpha : ring.ofNeighbor(arrays.bendingSlopes, i + 1);
-            if (parts == Materials) {
+            if (parts >= Materials) {
                 Vector<Real> areaSlopeW = ring.ofNeighbor(arrays.areaSlopes, isLast ? 0 : i + 1);
                 byArea += Real(1.0 / 3.0) * (areaSlope + areaSlopeU + areaSlopeW);
                 areaSlopeU = areaSlopeW;
@@ -378,6 +440,16 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
             Vector<Real> slope;
             tetherEnergy(u2 * inverseLength(u2), ring.has(i), p, slope);
             byEdge += slope;
+        }
+        if constexpr (parts == Mixtures) {
+            if (arrays.lineTensions != nullptr)
+                byEdge += load(arrays.lineTensions + ring.corner(i)) * inverseLength(u2);
+            if (arrays.gaussianModuli != nullptr) {
+                Vector<Real> own = load(arrays.gaussianModuli + ring.firstSlot);
+                Vector<Real> ofU = (ring.ofNeighbor(arrays.gaussianModuli, i) - own) * inverse;
+                Vector<Real> ofW = (ring.ofNeighbor(arrays.gaussianModuli, isLast ? 0 : i + 1) - own) * inverse;
+                gradient = gradient + u * (ofW - ofU * divide(uw, u2)) + w * (ofU - ofW * divide(uw, w2));
+            }
         }
         Vector<Real> byAreaHalf = Real(0.5) * byArea * inverse;
         gradient = gradient + normal * byNormal - u * (byAreaHalf * dc + byEdge) - w * (byAreaHalf * db);
@@ -399,7 +471,7 @@ void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p,
 
 } // namespace
 
-/* The loops over vertices whose bending moduli differ, in a source of their own: compilers limit by how much inlining
+/* The loops over vertices whose moduli differ, in a source of their own: compilers limit by how much inlining
    may make a source grow, and would inline less of the loops that everybody needs. */
 namespace HELFRICH_SIMD {
 

@@ -40,6 +40,10 @@ public:
             result[lane] = vertices[batch.vertex[n][first + lane]].curvature;
         return result;
     }
+    /// the species of vertices of a number
+    int species(int n, int lane) const {
+        return vertices[batch.vertex[n][first + lane]].species;
+    }
     void set(double (&results)[CpuEdgeFlipBatch::SIZE], Simd values) const {
         store(results + first, values);
     }
@@ -146,6 +150,104 @@ inline Simd bendingOf(Simd curvature, Simd area) {
     return choose(area > 0.0, divide(curvature * curvature, area), Simd{});
 }
 
+/**
+ * The moduli of the materials around vertices 0 to 3.
+ */
+struct Materials {
+    Simd bendingModulus[4], spontaneousCurvature[4], gaussianModulus[4];
+    Materials(const Attempts& attempts, const HelfrichParameters& p) {
+        const HelfrichSpeciesTable& table = *p.species;
+        for (int n = 0; n < 4; n++) {
+            for (int lane = 0; lane < WIDTH; lane++) {
+                const HelfrichSpecies& species = table[attempts.species(n, lane)];
+                bendingModulus[n][lane] = species.bendingModulus;
+                spontaneousCurvature[n][lane] = species.spontaneousCurvature;
+                gaussianModulus[n][lane] = species.gaussianModulus;
+            }
+            spontaneousCurvature[n] += p.spontaneousCurvature;
+        }
+    }
+};
+
+inline Simd bendingChange(const Attempts& attempts, const Materials& materials, const VertexChanges& changes) {
+    Simd change = {};
+    for (int n = 0; n < 4; n++) {
+        Simd area = attempts.area(n), curvature = attempts.curvature(n), half = 0.5 * materials.spontaneousCurvature[n];
+        Simd areaAfter = area + changes.area[n], curvatureAfter = curvature + changes.curvature[n];
+        change += materials.bendingModulus[n] *
+                  (bendingOf(curvatureAfter - half * areaAfter, areaAfter) - bendingOf(curvature - half * area, area));
+    }
+    return 2.0 * change;
+}
+
+/**
+ * The sum of a triangle's angles, each times the modulus of its corner.
+ */
+inline Simd weightedAngles(const Point& a, const Point& b, const Point& c, const Point& normal, Simd modulusA,
+                           Simd modulusB, Simd modulusC) {
+    Point u = b - a, w = c - a;
+    Simd doubleArea = rootOf(dot(normal, normal)), uw = dot(u, w);
+    return M_PI * modulusA + (modulusB - modulusA) * angleOf<SimdMath>(doubleArea, dot(u, u) - uw) +
+           (modulusC - modulusA) * angleOf<SimdMath>(doubleArea, dot(w, w) - uw);
+}
+
+inline Simd gaussianChange(const Diamond& diamond, const Materials& materials) {
+    const Simd* modulus = materials.gaussianModulus;
+    if (!any((modulus[0] != modulus[1]) | (modulus[0] != modulus[2]) | (modulus[0] != modulus[3])))
+        return Simd{};
+    auto angles = [&](int a, int b, int c, int triangle) {
+        return weightedAngles(diamond.corner[a], diamond.corner[b], diamond.corner[c], diamond.normal[triangle],
+                              modulus[a], modulus[b], modulus[c]);
+    };
+    return angles(0, 1, 2, 0) + angles(1, 0, 3, 1) - angles(3, 1, 2, 2) - angles(2, 0, 3, 3);
+}
+
+/**
+ * The energy of the boundaries in a triangle.
+ */
+inline double lineEnergy(const HelfrichParameters& p, const Vector3<double>& a, const Vector3<double>& b,
+                         const Vector3<double>& c, int speciesA, int speciesB, int speciesC) {
+    auto lengthOf = [](const Vector3<double>& d) { return std::sqrt(dot(d, d)); };
+    if (speciesA == speciesB)
+        return speciesB == speciesC ? 0 : 0.5 * p.getLineTension(speciesA, speciesC) * lengthOf(b - a);
+    if (speciesB == speciesC)
+        return 0.5 * p.getLineTension(speciesB, speciesA) * lengthOf(c - b);
+    if (speciesC == speciesA)
+        return 0.5 * p.getLineTension(speciesC, speciesB) * lengthOf(a - c);
+    return (p.getLineTension(speciesA, speciesB) * lengthOf((a - c) + (b - c)) +
+            p.getLineTension(speciesB, speciesC) * lengthOf((b - a) + (c - a)) +
+            p.getLineTension(speciesC, speciesA) * lengthOf((c - b) + (a - b))) /
+           6;
+}
+
+inline double lineChange(const Diamond& diamond, const HelfrichParameters& p, const int (&species)[4], int lane) {
+    Vector3<double> x[4];
+    for (int n = 0; n < 4; n++)
+        x[n] = {diamond.corner[n].x[lane], diamond.corner[n].y[lane], diamond.corner[n].z[lane]};
+    auto energy = [&](int a, int b, int c) {
+        return lineEnergy(p, x[a], x[b], x[c], species[a], species[b], species[c]);
+    };
+    return energy(3, 1, 2) + energy(2, 0, 3) - energy(0, 1, 2) - energy(1, 0, 3);
+}
+
+/**
+ * What depends on which species are neighbors: boundaries and pairs.
+ */
+inline Simd neighborChange(const Attempts& attempts, const Diamond& diamond, const HelfrichParameters& p) {
+    Simd change = {};
+    for (int lane = 0; lane < WIDTH; lane++) {
+        int species[4];
+        for (int n = 0; n < 4; n++)
+            species[n] = attempts.species(n, lane);
+        if (species[0] == species[1] && species[0] == species[2] && species[0] == species[3])
+            continue;
+        change[lane] = p.getPairEnergy(species[2], species[3]) - p.getPairEnergy(species[0], species[1]);
+        if (p.has(Term::Line))
+            change[lane] += lineChange(diamond, p, species, lane);
+    }
+    return change;
+}
+
 inline Simd bendingChange(const Attempts& attempts, const HelfrichParameters& p, const VertexChanges& changes) {
     Simd change = {};
     for (int n = 0; n < 4; n++) {
@@ -168,9 +270,10 @@ inline Simd tetherOf(const Point& edge, const HelfrichParameters& p) {
     return p.moduli[Term::Tether] * energy;
 }
 
-template <bool HasCurvature, bool HasTether>
+template <bool HasCurvature, bool HasTether, bool HasSpecies>
 void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
               int last) {
+    HelfrichTotals spontaneous = getSpontaneousSlopes(p);
     for (int group = first - first % WIDTH; group < last; group += WIDTH) {
         Attempts attempts(vertices, batch, group);
         Diamond diamond(attempts);
@@ -179,8 +282,18 @@ void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, Cp
         computeAreas(diamond, changes, area, energy);
         if (HasCurvature) {
             computeCurvatures(attempts, diamond, changes, curvature);
+            if (p.has(Term::Bending) && !HasSpecies)
+                energy += bendingChange(attempts, p, changes) + spontaneous.area * area +
+                          spontaneous.curvature * curvature;
+        }
+        if (HasSpecies) {
+            Materials materials(attempts, p);
             if (p.has(Term::Bending))
-                energy += bendingChange(attempts, p, changes);
+                energy += bendingChange(attempts, materials, changes);
+            if (p.hasGaussianForces())
+                energy += gaussianChange(diamond, materials);
+            if (p.has(Term::Line) || p.has(Term::Pair))
+                energy += neighborChange(attempts, diamond, p);
         }
         if (HasTether)
             energy += tetherOf(diamond.corner[3] - diamond.corner[2], p) - tetherOf(diamond.corner[1], p);
@@ -196,12 +309,18 @@ void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, Cp
     }
 }
 
+template <bool HasTether>
 void chooseEvaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
                     int last) {
-    bool hasTether = p.has(Term::Tether);
-    auto function = p.needsCurvature() ? (hasTether ? evaluate<true, true> : evaluate<true, false>)
-                                       : (hasTether ? evaluate<false, true> : evaluate<false, false>);
+    auto function =
+            p.species ? (p.needsCurvature() ? evaluate<true, HasTether, true> : evaluate<false, HasTether, true>)
+                      : (p.needsCurvature() ? evaluate<true, HasTether, false> : evaluate<false, HasTether, false>);
     function(p, vertices, batch, first, last);
+}
+
+void evaluateAny(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, CpuEdgeFlipBatch& batch, int first,
+                 int last) {
+    (p.has(Term::Tether) ? chooseEvaluate<true> : chooseEvaluate<false>) (p, vertices, batch, first, last);
 }
 
 void draw(const Philox& random, long long sweep, long long firstAttempt, int numDirectedEdges,
@@ -219,7 +338,7 @@ namespace HelfrichPlugin {
 
 template <>
 const CpuEdgeFlipEvaluation& getCompiledFor<CpuEdgeFlipEvaluation, CpuInstructionSet::HELFRICH_SIMD>() {
-    static const CpuEdgeFlipEvaluation functions = {draw, chooseEvaluate};
+    static const CpuEdgeFlipEvaluation functions = {draw, evaluateAny};
     return functions;
 }
 

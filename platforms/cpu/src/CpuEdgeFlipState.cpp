@@ -14,7 +14,7 @@ using namespace std;
 static const int GROUP = 8;
 
 CpuEdgeFlipState::CpuEdgeFlipState(HelfrichMesh& mesh)
-        : particles(mesh.getParticles()), surfaces(mesh.getSurfaces()), mesh(mesh),
+        : particles(mesh.getParticles()), surfaces(mesh.getSurfaces()), species(mesh.getSpecies()), mesh(mesh),
           evaluation(getForProcessor<CpuEdgeFlipEvaluation>()), vertices(mesh.getNumVertices()), neighborList(NULL) {
 }
 
@@ -22,9 +22,16 @@ void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const Helfric
                                     int last) {
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
-        vertices[v] = {
-                x[0], x[1],           x[2], 0, surfaces[v], geometry.vertexAreas[v], geometry.vertexMeanCurvatures[v],
-                0,    mesh.valence(v)};
+        vertices[v] = {x[0],
+                       x[1],
+                       x[2],
+                       0,
+                       surfaces[v],
+                       geometry.vertexAreas[v],
+                       geometry.vertexMeanCurvatures[v],
+                       0,
+                       mesh.valence(v),
+                       species.empty() ? 0 : species[v]};
     }
 }
 

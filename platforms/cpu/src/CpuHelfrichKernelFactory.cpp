@@ -24,6 +24,8 @@ KernelImpl* CpuHelfrichKernelFactory::createKernelImpl(string name, const Platfo
         return new CpuCalcHelfrichForceKernel(name, platform);
     if (name == SweepEdgeFlipsKernel::Name())
         return new CpuSweepEdgeFlipsKernel(name, platform);
+    if (name == ExchangeSpeciesKernel::Name())
+        return new CpuExchangeSpeciesKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new CpuIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");

@@ -70,13 +70,14 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
             particles[slot] = mesh->getParticles()[layout.vertices[slot]];
     });
     repulsion.followLayout(layout, numThreads);
+    materials.invalidate();
     revision = mesh->getRevision();
 }
 
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
-    if (parameters.needsCurvature()) {
+    if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
@@ -87,6 +88,10 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
         arrays.fixedPositions = fixedPositions.data();
+    }
+    if (parameters.hasForcesOfSpecies()) {
+        materials.update(*mesh, layout, chunks, parameters, is_same<Real, float>::value, numThreads);
+        materials.setArrays(arrays);
     }
     return arrays;
 }
@@ -158,14 +163,21 @@ static double addUp(const vector<CpuHelfrichSums>& sums, double CpuHelfrichSums:
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
+    bool hasMaterials = parameters.hasForcesOfSpecies();
+    auto compute = hasMaterials ? loops.in<Real>().computeEnergyOfMaterials : loops.in<Real>().computeEnergy;
     forEachChunk([&](int chunk) {
-        loops.in<Real>().computeEnergy(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk),
-                                       chunkSums[chunk]);
+        compute(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
+        if (hasMaterials)
+            chunkSums[chunk].line += materials.computeMeetings(arrays.positions, chunk);
         if (parameters.has(Term::Repulsion))
             chunkSums[chunk].outdated = repulsion.hasMoved(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk));
     });
     sums.bending = addUp(chunkSums, &CpuHelfrichSums::bending);
     sums.tether = addUp(chunkSums, &CpuHelfrichSums::tether);
+    if (hasMaterials) {
+        sums.gaussian = addUp(chunkSums, &CpuHelfrichSums::gaussian);
+        sums.line = addUp(chunkSums, &CpuHelfrichSums::line);
+    }
     addUpSurfaces(sums);
 }
 
@@ -184,8 +196,11 @@ void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
 }
 
 void CpuCalcHelfrichForceKernel::findSlopes(const HelfrichParameters& parameters, CpuMembraneSums& sums) {
-    for (size_t surface = 0; surface < sums.totals.size(); surface++)
+    HelfrichTotals spontaneous = getSpontaneousSlopes(parameters);
+    for (size_t surface = 0; surface < sums.totals.size(); surface++) {
         sums.slopes[surface] = getSlopesByTotals(parameters, surface, sums.totals[surface]);
+        sums.slopes[surface] += spontaneous;
+    }
 }
 
 void CpuCalcHelfrichForceKernel::updateRepulsion(const HelfrichParameters& parameters, const double* positions) {
@@ -202,8 +217,12 @@ void CpuCalcHelfrichForceKernel::computeRepulsion(const HelfrichParameters& para
 template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
-    loops.in<Real>().computeGradient(layout, parameters, sums.slopes[chunks[chunk].surface], arrays,
-                                     getFirstGroup(chunk), getLastGroup(chunk), gradients);
+    bool hasMaterials = parameters.hasForcesOfSpecies();
+    auto compute = hasMaterials ? loops.in<Real>().computeGradientOfMaterials : loops.in<Real>().computeGradient;
+    compute(layout, parameters, sums.slopes[chunks[chunk].surface], arrays, getFirstGroup(chunk), getLastGroup(chunk),
+            gradients);
+    if (hasMaterials)
+        materials.addGradientOfMeetings(arrays.positions, chunk, getFirstSlot(chunk), gradients);
     if (parameters.has(Term::Repulsion))
         computeRepulsion(parameters, arrays.positions, chunk, gradients);
 }
@@ -211,8 +230,14 @@ void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& param
 HelfrichEnergyTerms CpuCalcHelfrichForceKernel::getTerms(const HelfrichParameters& parameters,
                                                          const CpuMembraneSums& sums) const {
     HelfrichEnergyTerms terms;
+    HelfrichTotals spontaneous = getSpontaneousSlopes(parameters);
     terms[Term::Bending] = sums.bending;
+    for (auto& totals : sums.totals)
+        terms[Term::Bending] += spontaneous.area * totals.area + spontaneous.curvature * totals.curvature;
     terms[Term::Tether] = sums.tether;
+    terms[Term::Line] = sums.line;
+    if (parameters.hasGaussianForces())
+        terms[Term::Gaussian] = sums.gaussian + materials.getGaussianConstant();
     if (parameters.has(Term::Repulsion))
         terms[Term::Repulsion] = addUp(chunkSums, &CpuHelfrichSums::repulsion);
     for (size_t surface = 0; surface < sums.totals.size(); surface++)
@@ -507,6 +532,27 @@ bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParame
         neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
     edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
     statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
+    return true;
+}
+
+void CpuExchangeSpeciesKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                          CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+    this->calculation = &dynamic_cast<CpuCalcHelfrichForceKernel&>(calculation);
+}
+
+bool CpuExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
+                                       const SpeciesProposal& proposal, double kT, long long numAttempts,
+                                       const Philox& random, long long sweep, SpeciesExchangeStatistics& statistics) {
+    if (!exchange)
+        exchange.reset(new CpuSpeciesExchange(*mesh, getData(context).threads.getNumThreads()));
+    if (parameters.hasForcesOfSpecies()) {
+        calculation->computeGeometry(context, geometry);
+        if (!isFinite(geometry, parameters.needsCurvature()))
+            return false;
+    }
+    exchange->prepare(*getData(context).positions, geometry, parameters, proposal);
+    statistics = exchange->execute(kT, numAttempts, random, sweep);
     return true;
 }
 

@@ -16,7 +16,13 @@ using namespace OpenMM;
 using namespace std;
 
 long double getExactEnergy(const Membrane& membrane, const HelfrichMesh& mesh, const HelfrichParameters& p) {
-    return computeExactly({membrane.positions, mesh.getTriangles()}, p).getTotal();
+    return computeExactly({membrane.positions, mesh.getTriangles(), membrane.species}, p).getTotal();
+}
+
+HelfrichMesh createMesh(const Membrane& membrane) {
+    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    mesh.setSpecies(getSpecies(membrane), NUM_SPECIES);
+    return mesh;
 }
 
 HelfrichGeometry getGeometry(const Membrane& membrane) {
@@ -73,12 +79,17 @@ Membrane createFlatIcosphere(int subdivisions) {
 }
 
 /**
- * Parameters for each combination of terms, repulsion at each level of exclusions.
+ * Parameters for each combination of terms, repulsion at each level of exclusions.  Of those of neighboring species
+ * there are all, or none, but for few others.
  */
 vector<HelfrichParameters> createAllParameters(const Membrane& membrane) {
     vector<HelfrichParameters> all;
+    const int SPECIES = 7 << int(Term::Gaussian);
     for (int bits = 1; bits < 1 << NUM_TERMS; bits++) {
         TermMask terms = getTermsOfBits(bits);
+        int ofSpecies = bits & SPECIES, others = bits & ~SPECIES;
+        if (ofSpecies != 0 && ofSpecies != SPECIES && others != 0 && others != 1)
+            continue;
         for (int level = 0; level < (terms.contains(Term::Repulsion) ? 3 : 1); level++)
             all.push_back(createParameters(membrane, terms, level));
     }
@@ -89,11 +100,16 @@ void checkEnergyChanges(const Membrane& blob) {
     vector<HelfrichParameters> all;
     for (TermMask terms : {Bending, Area, Volume, AreaDifference, Tether, Tension, Pressure})
         all.push_back(withSurfaceTargets(createParameters(blob, terms)));
-    for (TermMask terms : {Repulsion, AllTerms})
+    for (int bits = 1; bits < 16; bits++)
+        all.push_back(createParameters(blob, EveryTerm)
+                              .only(getTermsOfBits((bits & 1) | (bits >> 1) << int(Term::Gaussian))));
+    for (TermMask terms : {Bending, AllTerms})
+        all.push_back(withSpontaneousCurvature(createParameters(blob, terms)));
+    for (TermMask terms : {Repulsion, AllTerms, EveryTerm})
         for (int level = 0; level < 3; level++)
             all.push_back(withSurfaceTargets(createParameters(blob, terms, level)));
     for (auto& p : all) {
-        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        HelfrichMesh mesh = createMesh(blob);
         Sweep sweep(blob, mesh, p);
         long double energy = getExactEnergy(blob, mesh, p), scale = fabsl(energy);
         int numAccepted = 0, numChanged = 0;
@@ -111,7 +127,7 @@ void checkEnergyChanges(const Membrane& blob) {
         }
         ASSERT(numAccepted > 100);
         // With repulsion alone and nothing excluded, no flip changes the energy.
-        bool isConstant = (!p.has(Term::Bending) && p.has(Term::Repulsion) && p.repulsionExclusionLevel == 0);
+        bool isConstant = (p.getTerms() == Repulsion && p.repulsionExclusionLevel == 0);
         ASSERT(isConstant ? numChanged == 0 : numChanged > 50);
     }
 }
@@ -145,7 +161,7 @@ const Philox FLIP_RANDOM(1, 2);
  */
 Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT,
              int numSweeps, int numAttempts, Threads threads) {
-    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    HelfrichMesh mesh = createMesh(membrane);
     Sweep sweep(membrane, geometry, mesh, p, threads);
     Outcome outcome;
     for (int i = 0; i < numSweeps; i++)
@@ -160,7 +176,7 @@ Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const H
  * membrane in extended precision.
  */
 Outcome flipOneByOne(const Membrane& membrane, const HelfrichParameters& p, double kT, int numAttempts) {
-    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    HelfrichMesh mesh = createMesh(membrane);
     EdgeFlipStatistics statistics;
     Outcome outcome;
     long double energy = getExactEnergy(membrane, mesh, p);
@@ -218,7 +234,8 @@ void testDefinition() {
                 checkDefinition(blob, p, kT, 40, {1, 2});
     }
     Membrane blob = createFlatIcosphere(3);
-    checkDefinition(blob, createParameters(blob, AllTerms, 2), HOT, 100, {1, 2, 4});
+    for (TermMask terms : {AllTerms, EveryTerm})
+        checkDefinition(blob, createParameters(blob, terms, 2), HOT, 100, {1, 2, 4});
     blob = createFlatIcosphere(4);
     checkDefinition(blob, createParameters(blob, ~Repulsion), HOT, 160, {1, 2, 4, sharing(2)});
     Membrane several = createSeveralSurfaces();
@@ -260,6 +277,7 @@ void testThreads() {
         vector<HelfrichParameters> some = {createParameters(blob, Bending | Area | Volume)};
         for (int level = 0; level < 3; level++)
             some.push_back(createParameters(blob, AllTerms, level));
+        some.push_back(createParameters(blob, EveryTerm, 1));
         for (auto& p : some)
             for (double kT : {COLD, HOT})
                 checkThreads(blob, geometry, p, kT, 2, 10001);
@@ -279,7 +297,7 @@ void testThreadsAfterInterruptions() {
     HelfrichGeometry geometry = getGeometry(blob);
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume);
     auto run = [&](Threads threads) {
-        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        HelfrichMesh mesh = createMesh(blob);
         Sweep sweep(blob, geometry, mesh, p, threads);
         Outcome outcome;
         int countdown = 100;
@@ -318,15 +336,14 @@ void testRunningTotals() {
     bool isLong = (getenv("OPENMM_HELFRICH_LARGE_TESTS") != NULL);
     long long numAttempts = isLong ? 1000000000 : 4000000;
     Membrane blob = join({createBlob(3), place(createBlob(2), Vec3(3, 0, 0))});
-    HelfrichParameters p =
-            withSurfaceTargets(createParameters(blob, Bending | Area | Volume | AreaDifference | Tether));
-    HelfrichMesh mesh(blob.triangles, blob.positions.size());
+    HelfrichParameters p = withSurfaceTargets(createParameters(blob, ~(Repulsion | Tension | Pressure)));
+    HelfrichMesh mesh = createMesh(blob);
     Sweep sweep(blob, mesh, p);
     long double before = getExactEnergy(blob, mesh, p), sum = 0;
     EdgeFlipStatistics statistics =
             sweep.execute(p, HOT, numAttempts, Philox(1, 2), 3, [&](double change) { sum += change; });
     ASSERT(statistics.accepted > numAttempts / 4);
-    auto exact = computeExactly({blob.positions, mesh.getTriangles()}, p);
+    auto exact = computeExactly({blob.positions, mesh.getTriangles(), blob.species}, p);
     long double after = exact.getTotal();
     double drift = (after - before - sum) / max(fabsl(after), fabsl(before));
     if (isLong)
@@ -348,7 +365,7 @@ void testStatisticsAndRandomNumbers() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
     auto flip = [&](int seed, int sweepIndex, double kT, EdgeFlipStatistics& statistics) {
-        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        HelfrichMesh mesh = createMesh(blob);
         Sweep sweep(blob, mesh, p);
         int numObserved = 0;
         statistics = sweep.execute(p, kT, 500, Philox(seed, 2), sweepIndex, [&](double change) {
@@ -390,7 +407,7 @@ void testFixedEdges() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, AllTerms, 1);
     const double hot = 1e6;
-    HelfrichMesh all(blob.triangles, blob.positions.size());
+    HelfrichMesh all = createMesh(blob);
     vector<array<int, 2>> edges;
     int open = 0, numAttempts = 20000;
     while (!all.canFlip(open))
@@ -412,7 +429,7 @@ void testFixedEdges() {
     vector<vector<array<int, 3>>> results;
     long long forbidden = -1;
     for (int numThreads : {1, 2, 3}) {
-        HelfrichMesh mesh(blob.triangles, blob.positions.size());
+        HelfrichMesh mesh = createMesh(blob);
         mesh.setFixedEdges(path);
         Sweep sweep(blob, mesh, p, numThreads);
         statistics = sweep.execute(p, hot, numAttempts, Philox(1, 2), 0);
@@ -484,7 +501,7 @@ public:
     vector<int> sample(const HelfrichParameters& p, double kT, int numSamples, int attemptsPerSample, int seed,
                        int numCopies = 1, Threads threads = 1) const {
         Membrane copies = createCopies(numCopies);
-        HelfrichMesh mesh(copies.triangles, copies.positions.size());
+        HelfrichMesh mesh = createMesh(copies);
         mesh.setFixedEdges(copyFixedEdges(numCopies));
         Sweep sweep(copies, mesh, p, threads);
         vector<int> counts(triangulations.size(), 0);
@@ -499,7 +516,7 @@ public:
     vector<double> getEnergies(const HelfrichParameters& p) const {
         vector<double> energies;
         for (auto& triangles : triangulations)
-            energies.push_back(computeExactly({membrane.positions, triangles}, p).getTotal());
+            energies.push_back(computeExactly({membrane.positions, triangles, membrane.species}, p).getTotal());
         return energies;
     }
 private:

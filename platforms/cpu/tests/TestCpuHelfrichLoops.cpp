@@ -43,8 +43,9 @@ private:
         int numSlots = layout.getNumSlots();
         positions.resize(4 * numSlots);
         fixedPositions.resize(4 * numSlots, -1);
-        for (Array* array : {&bendingSlopes, &areaSlopes, &bendingModuli})
+        for (Array* array : {&bendingSlopes, &areaSlopes, &bendingModuli, &spontaneousCurvatures})
             array->resize(numSlots);
+        areMixed.resize(layout.getNumGroups(), 0);
         anglesPerLength.resize(layout.neighbors.size());
         for (int slot = 0; slot < numSlots; slot++)
             for (int i = 0; i < 3; i++)
@@ -54,16 +55,27 @@ private:
         const double corner[] = {-4, -4, -4}, unit = ldexp(1, -28);
         getForProcessor<CpuHelfrichLoops>().roundPositions(positions.data(), 0, mesh.getNumVertices(), corner, 1 / unit,
                                                            fixedPositions.data());
-        arrays = {positions.data(),       bendingSlopes.data(),  NULL,        NULL,
-                  anglesPerLength.data(), fixedPositions.data(), float(unit), bendingModuli.data(),
-                  areaSlopes.data()};
+        arrays = {positions.data(),
+                  bendingSlopes.data(),
+                  NULL,
+                  NULL,
+                  anglesPerLength.data(),
+                  fixedPositions.data(),
+                  float(unit),
+                  bendingModuli.data(),
+                  spontaneousCurvatures.data(),
+                  areaSlopes.data(),
+                  NULL,
+                  NULL,
+                  areMixed.data()};
     }
     HelfrichMesh mesh;
     CpuHelfrichLayout layout;
     CpuHelfrichSums sums;
     vector<double, CacheLineAllocator<double>> positions;
     vector<int, CacheLineAllocator<int>> fixedPositions;
-    Array bendingSlopes, areaSlopes, bendingModuli, anglesPerLength;
+    vector<char> areMixed;
+    Array bendingSlopes, areaSlopes, bendingModuli, spontaneousCurvatures, anglesPerLength;
     CpuHelfrichArrays<Real> arrays;
 };
 
@@ -72,7 +84,7 @@ private:
  */
 static vector<HelfrichParameters> createSomeParameters(const Membrane& membrane) {
     return {createParameters(membrane, Bending), createParameters(membrane, Bending | Area | Volume | AreaDifference),
-            createParameters(membrane, ~Repulsion)};
+            createParameters(membrane, AllTerms).only(~Repulsion)};
 }
 
 static void assertEqualEnergies(const HelfrichEnergyTerms& expected, const HelfrichEnergyTerms& found,

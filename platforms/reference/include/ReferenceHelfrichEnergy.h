@@ -20,6 +20,9 @@ namespace HelfrichPlugin {
  *     dphi/dk = -n_f/h_f,  dphi/dl = -n_g/h_g,  dphi/dj = s_f n_f/h_f + s_g n_g/h_g,  dphi/di = (1-s_f) n_f/h_f +
  * (1-s_g) n_g/h_g.
  *
+ * For the angle theta of a triangle at the vertex a, with u = b-a and w = c-a, dtheta/db = -n x u/u^2 and
+ * dtheta/dc = n x w/w^2.
+ *
  * The normal of a triangle without area is zero, and so is what depends on it.
  *
  * Everything is computed in extended precision and rounded once, at the end, so that a comparison with another platform
@@ -62,6 +65,8 @@ private:
                                   const std::vector<HelfrichTotalsOf<Real>>& slopes, Vectors& gradient) const;
     void addCurvatureGradient(const std::vector<Real>& byVertexCurvature, Vectors& gradient) const;
     void addTurnOfTriangle(int halfedge, Real factor, Vectors& gradient) const;
+    void addLineGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
+    void addGaussianGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     void addTetherGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     void addRepulsionGradient(const HelfrichParameters& parameters, Vectors& gradient) const;
     std::vector<HelfrichTotalsOf<Real>> totals;

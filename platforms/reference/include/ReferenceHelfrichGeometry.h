@@ -2,6 +2,7 @@
 #define OPENMM_REFERENCEHELFRICHGEOMETRY_H_
 
 #include "openmmhelfrich/internal/HelfrichMesh.h"
+#include "openmmhelfrich/internal/HelfrichParameters.h"
 #include <Eigen/Dense>
 #include <cmath>
 #include <vector>
@@ -76,6 +77,55 @@ public:
         // what is folded flat has the angle pi, and not -pi.
         bool isFlat = (length(h) != 0 && (nf.isZero(0) || ng.isZero(0)));
         return isFlat ? Real(0) : std::atan2(nf.cross(ng).dot(edge(h)) / length(h) + Real(0), nf.dot(ng));
+    }
+    /**
+     * Get the angle of a halfedge's triangle at the vertex that the halfedge starts from.
+     */
+    Real angle(int h) const {
+        Vector u = edge(h), w = displacement(mesh.origin(h), mesh.apex(h));
+        return std::atan2(u.cross(w).norm(), u.dot(w));
+    }
+    /**
+     * Get the vector from the middle of a halfedge's edge to the apex of its triangle.
+     */
+    Vector median(int h) const {
+        return (displacement(mesh.origin(h), mesh.apex(h)) + displacement(mesh.tip(h), mesh.apex(h))) / 2;
+    }
+    HelfrichSpecies material(const HelfrichParameters& p, int vertex) const {
+        return p.getMaterial(mesh.getSpecies(vertex));
+    }
+    /**
+     * Get the bending energy of a vertex, and 0 if it has no area.
+     */
+    Real bendingEnergy(const HelfrichSpecies& material, Real area, Real curvature) const {
+        Real excess = curvature - material.spontaneousCurvature * area / 2;
+        return area == 0 ? Real(0) : 2 * material.bendingModulus * excess * (excess / area);
+    }
+    /**
+     * Call a function with each piece of the boundaries between species in a triangle: a halfedge h, the line tension,
+     * and whether the piece joins the middle of the edge to the centroid, and so is a third of the median long; else it
+     * is parallel to the edge, and half as long.
+     */
+    template <class Visitor>
+    void forEachLine(const HelfrichParameters& p, int t, Visitor visit) const {
+        for (int h = 3 * t; h < 3 * t + 3; h++) {
+            int i = mesh.getSpecies(mesh.origin(h)), j = mesh.getSpecies(mesh.tip(h)),
+                k = mesh.getSpecies(mesh.apex(h));
+            if (i == j && j != k)
+                visit(h, p.getLineTension(i, k), false);
+            if (i != j && j != k && k != i)
+                visit(h, p.getLineTension(i, j), true);
+        }
+    }
+    /**
+     * Get the energy of the boundaries between species in a triangle.
+     */
+    Real lineEnergy(const HelfrichParameters& p, int t) const {
+        Real energy = 0;
+        forEachLine(p, t, [&](int h, double tension, bool isMedian) {
+            energy += tension * (isMedian ? median(h).norm() / 3 : length(h) / 2);
+        });
+        return energy;
     }
 protected:
     const HelfrichMesh& mesh;

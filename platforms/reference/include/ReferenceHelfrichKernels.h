@@ -42,6 +42,23 @@ private:
 };
 
 /**
+ * This kernel is invoked by HelfrichForce to make sweeps of exchanges of species.
+ */
+class ReferenceExchangeSpeciesKernel : public ExchangeSpeciesKernel {
+public:
+    ReferenceExchangeSpeciesKernel(std::string name, const OpenMM::Platform& platform)
+            : ExchangeSpeciesKernel(name, platform) {
+    }
+    void initialize(const OpenMM::System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                    CalcHelfrichForceKernel& calculation);
+    bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, const SpeciesProposal& proposal,
+                 double kT, long long numAttempts, const Philox& random, long long sweep,
+                 SpeciesExchangeStatistics& statistics);
+private:
+    HelfrichMesh* mesh;
+};
+
+/**
  * This kernel is invoked by HamiltonianTrajectoryIntegrator to move the particles.
  */
 class ReferenceIntegrateHamiltonianTrajectoryKernel : public IntegrateHamiltonianTrajectoryKernel {

@@ -85,6 +85,13 @@ ReferenceEdgeFlips::Part ReferenceEdgeFlips::compute(int h, const Corners& corne
     }
     if (p.has(Term::Repulsion))
         part.energy += repulsion(corners);
+    if (p.has(Term::Line))
+        for (int t : {h / 3, o / 3})
+            part.energy += lineEnergy(p, t);
+    if (p.hasGaussianForces())
+        for (int corner : {h, mesh.next(h), mesh.previous(h), o, mesh.next(o), mesh.previous(o)})
+            part.energy -= material(p, mesh.origin(corner)).gaussianModulus * angle(corner);
+    part.energy += p.getPairEnergy(mesh.getSpecies(mesh.origin(h)), mesh.getSpecies(mesh.tip(h)));
     return part;
 }
 
@@ -98,7 +105,7 @@ Real ReferenceEdgeFlips::bending(int vertex) const {
         vertexArea += area(h / 3) / 3;
         vertexCurvature += edgeCurvature(h) / 2;
     }
-    return vertexArea == 0 ? Real(0) : 2 * p.moduli[Term::Bending] * vertexCurvature * vertexCurvature / vertexArea;
+    return bendingEnergy(material(p, vertex), vertexArea, vertexCurvature);
 }
 
 Real ReferenceEdgeFlips::repulsion(const Corners& corners) const {

@@ -7,6 +7,8 @@ using namespace std;
 typedef ReferenceHelfrichEnergy::Real Real;
 typedef ReferenceHelfrichEnergy::Vector Vector;
 
+static const Real PI = 3.14159265358979323846264338327950288L;
+
 ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x)
         : ReferenceHelfrichGeometry(mesh, x), totals(mesh.getNumSurfaces()), triangleAreas(mesh.getNumTriangles()),
           dihedralAngles(mesh.getNumHalfedges()), vertexAreas(mesh.getNumVertices(), Real(0)),
@@ -71,10 +73,19 @@ void ReferenceHelfrichEnergy::forEachRepellingPair(const HelfrichParameters& p, 
 
 HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParameters& p) const {
     HelfrichEnergyTerms terms;
-    Real bending = 0, tether = 0, repulsion = 0, slope;
+    Real bending = 0, tether = 0, repulsion = 0, gaussian = 0, line = 0, slope;
     if (p.has(Term::Bending))
         for (int i = 0; i < mesh.getNumVertices(); i++)
-            bending += 2 * p.moduli[Term::Bending] * vertexCurvatures[i] * getMeanCurvature(i);
+            bending += bendingEnergy(material(p, i), vertexAreas[i], vertexCurvatures[i]);
+    if (p.hasGaussianForces()) {
+        for (int i = 0; i < mesh.getNumVertices(); i++)
+            gaussian += material(p, i).gaussianModulus * 2 * PI;
+        for (int h = 0; h < mesh.getNumHalfedges(); h++)
+            gaussian -= material(p, mesh.origin(h)).gaussianModulus * angle(h);
+    }
+    if (p.has(Term::Line))
+        for (int t = 0; t < mesh.getNumTriangles(); t++)
+            line += lineEnergy(p, t);
     if (p.has(Term::Tether))
         forEachEdge(
                 [&](int h, int i, int j) { tether += p.moduli[Term::Tether] * tetherPotential(p, length(h), slope); });
@@ -84,6 +95,8 @@ HelfrichEnergyTerms ReferenceHelfrichEnergy::computeEnergy(const HelfrichParamet
     terms[Term::Bending] = bending;
     terms[Term::Tether] = tether;
     terms[Term::Repulsion] = repulsion;
+    terms[Term::Gaussian] = gaussian;
+    terms[Term::Line] = line;
     for (int surface = 0; surface < mesh.getNumSurfaces(); surface++)
         addTermsOfTotals(p, surface, totals[surface], terms);
     return terms;
@@ -100,9 +113,11 @@ ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const 
     }
     if (p.has(Term::Bending))
         for (int i = 0; i < mesh.getNumVertices(); i++) {
-            Real meanCurvature = getMeanCurvature(i);
-            byVertexArea[i] -= 2 * p.moduli[Term::Bending] * meanCurvature * meanCurvature;
-            byVertexCurvature[i] += 4 * p.moduli[Term::Bending] * meanCurvature;
+            // The energy is 2 kappa (M-CA/2)^2/A.
+            HelfrichSpecies ofVertex = material(p, i);
+            Real meanCurvature = getMeanCurvature(i), half = ofVertex.spontaneousCurvature / 2;
+            byVertexArea[i] -= 2 * ofVertex.bendingModulus * (meanCurvature - half) * (meanCurvature + half);
+            byVertexCurvature[i] += 4 * ofVertex.bendingModulus * (meanCurvature - half);
         }
     Vectors gradient(mesh.getNumVertices(), Vector::Zero());
     addAreaAndVolumeGradient(byVertexArea, slopes, gradient);
@@ -110,6 +125,10 @@ ReferenceHelfrichEnergy::Vectors ReferenceHelfrichEnergy::computeGradient(const 
         addCurvatureGradient(byVertexCurvature, gradient);
     addTetherGradient(p, gradient);
     addRepulsionGradient(p, gradient);
+    if (p.has(Term::Line))
+        addLineGradient(p, gradient);
+    if (p.hasGaussianForces())
+        addGaussianGradient(p, gradient);
     return gradient;
 }
 
@@ -172,4 +191,33 @@ void ReferenceHelfrichEnergy::addRepulsionGradient(const HelfrichParameters& p, 
         gradient[j] += push;
         gradient[i] -= push;
     });
+}
+
+void ReferenceHelfrichEnergy::addLineGradient(const HelfrichParameters& p, Vectors& gradient) const {
+    for (int t = 0; t < mesh.getNumTriangles(); t++)
+        forEachLine(p, t, [&](int h, double tension, bool isMedian) {
+            Vector along = tension * (isMedian ? median(h).normalized() / 3 : edge(h).normalized() / 2);
+            int i = mesh.origin(h), j = mesh.tip(h);
+            if (isMedian) {
+                gradient[mesh.apex(h)] += along;
+                gradient[i] -= along / 2;
+                gradient[j] -= along / 2;
+            }
+            else {
+                gradient[j] += along;
+                gradient[i] -= along;
+            }
+        });
+}
+
+void ReferenceHelfrichEnergy::addGaussianGradient(const HelfrichParameters& p, Vectors& gradient) const {
+    for (int h = 0; h < mesh.getNumHalfedges(); h++) {
+        int a = mesh.origin(h), b = mesh.tip(h), c = mesh.apex(h);
+        Real modulus = material(p, a).gaussianModulus;
+        Vector u = edge(h), w = displacement(a, c), n = normals[h / 3];
+        Vector byB = -n.cross(u) / u.squaredNorm(), byC = n.cross(w) / w.squaredNorm();
+        gradient[b] -= modulus * byB;
+        gradient[c] -= modulus * byC;
+        gradient[a] += modulus * (byB + byC);
+    }
 }

@@ -23,6 +23,8 @@ KernelImpl* ReferenceHelfrichKernelFactory::createKernelImpl(std::string name, c
         return new ReferenceCalcHelfrichForceKernel(name, platform);
     if (name == SweepEdgeFlipsKernel::Name())
         return new ReferenceSweepEdgeFlipsKernel(name, platform);
+    if (name == ExchangeSpeciesKernel::Name())
+        return new ReferenceExchangeSpeciesKernel(name, platform);
     if (name == IntegrateHamiltonianTrajectoryKernel::Name())
         return new ReferenceIntegrateHamiltonianTrajectoryKernel(name, platform);
     throw OpenMMException("Tried to create kernel with illegal kernel name '" + name + "'");

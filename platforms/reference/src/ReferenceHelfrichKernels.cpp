@@ -1,5 +1,6 @@
 #include "ReferenceHelfrichKernels.h"
 #include "ReferenceEdgeFlips.h"
+#include "ReferenceSpeciesExchange.h"
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
@@ -66,6 +67,24 @@ bool ReferenceSweepEdgeFlipsKernel::execute(ContextImpl& context, const Helfrich
     if (!isFinite(geometry, parameters.needsCurvature()))
         return false;
     statistics = ReferenceEdgeFlips(*mesh, x, parameters, energy.getTotals()).sweep(kT, numAttempts, random, sweep);
+    return true;
+}
+
+void ReferenceExchangeSpeciesKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
+                                                CalcHelfrichForceKernel& calculation) {
+    this->mesh = &mesh;
+}
+
+bool ReferenceExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
+                                             const SpeciesProposal& proposal, double kT, long long numAttempts,
+                                             const Philox& random, long long sweep,
+                                             SpeciesExchangeStatistics& statistics) {
+    auto x = getVertexPositions(context, *mesh);
+    HelfrichGeometry geometry;
+    ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
+    if (parameters.hasForcesOfSpecies() && !isFinite(geometry, parameters.needsCurvature()))
+        return false;
+    statistics = ReferenceSpeciesExchange(*mesh, x, parameters, proposal).sweep(kT, numAttempts, random, sweep);
     return true;
 }
 

@@ -148,7 +148,11 @@ class Evidence:
     mesh : Mesh or None
         the surface at the end
     moduli : dict of float
-        the modulus of each term, in kT
+        the modulus of each term, in kT; the greatest where it is not the same everywhere
+    flatEnergy : float
+        the bending energy, in kT, that the surface would have if it were flat: 0 without spontaneous curvature
+    isUniform : bool
+        whether its material is the same everywhere
     heat : float
         the temperature of the averages over the one whose kT is the unit of energies; 0 of a minimum
     acceptance, divergence, flipAcceptance : float or None
@@ -172,6 +176,8 @@ class Evidence:
     rows: Table = field(default_factory=Table)
     mesh: Mesh | None = None
     moduli: dict[str, float] = field(default_factory=dict)
+    flatEnergy: float = 0.0
+    isUniform: bool = True
     heat: float = 1.0
     acceptance: float | None = None
     divergence: float | None = None
@@ -217,7 +223,7 @@ class Evidence:
         pull = abs(self.moduli.get("tension", 0)) * rows["area"].mean()
         pull += abs(self.moduli.get("pressure", 0)) * rows["volume"].mean()
         if self.bending is not None:
-            pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.undulation)
+            pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.flatEnergy + self.undulation)
         volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
         if volumes and self.mesh is not None:
             roundest = 1 - 0.95 * len(volumes) / len(self.mesh.vertices)  # the reduced volume of an icosphere
@@ -445,7 +451,8 @@ def _moved(e: Evidence) -> Iterator[Measured]:
 
 def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
     if e.bending is not None:
-        expected, unit = e.energyOf(greatestEnergy) + _GREATEST_UNDULATION * e.undulation, e.energyOf(lambda _: 1)
+        smooth = (math.sqrt(e.energyOf(greatestEnergy)) + math.sqrt(e.flatEnergy)) ** 2  # by Cauchy and Schwarz
+        expected, unit = smooth + _GREATEST_UNDULATION * e.undulation, e.energyOf(lambda _: 1)
         what = (
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, where smooth shapes and thermal "
             f"undulations have at most {expected / unit:.3g}: the membrane is crumpled"
@@ -454,7 +461,7 @@ def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
 
 
 def _continuum(e: Evidence) -> Iterator[Measured]:
-    if e.bending is not None:
+    if e.bending is not None and e.isUniform and e.flatEnergy == 0:
         least, unit = e.energyOf(leastEnergy), e.energyOf(lambda _: 1)
         what = (
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, less than any smooth surface of "

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, PrivateAttr, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
@@ -24,8 +24,10 @@ from .sections import (
     RepulsionSection,
     SamplingSection,
     Section,
+    SpeciesSection,
     SystemSection,
     TetherSection,
+    checkSpecies,
 )
 from .stagesettings import STAGES, AnyStage, SampleStage
 
@@ -35,6 +37,8 @@ else:
     import tomli as tomllib
 
 
+# What is left out where there is nothing in it.
+_EMPTY: dict[str, Any] = {"system": {}, "species": []}
 # Keys whose default is a length of 1, and the key that brings them into use.
 _DEFAULT_LENGTHS = (
     ("membrane", "leaflet_separation", None),
@@ -56,6 +60,7 @@ class Config(Section):
 
     mesh: MeshSection
     membrane: MembraneSection = MembraneSection()
+    species: list[SpeciesSection] = Field(default_factory=list)
     tether: TetherSection = TetherSection()
     repulsion: RepulsionSection = RepulsionSection()
     system: SystemSection = SystemSection()
@@ -67,6 +72,11 @@ class Config(Section):
     @property
     def source(self) -> str:
         return self._source
+
+    @model_validator(mode="after")
+    def _material(self) -> "Config":
+        checkSpecies(self.species, self.membrane, self.sampling)
+        return self
 
 
 def valueOf(config: Config, name: str) -> Any:
@@ -179,7 +189,7 @@ def asDict(config: Config, onlyGiven: bool = False) -> dict[str, Any]:
     """Return the nested dict of a Config, which :func:`parseConfig` takes back, if asked for only of what was given."""
     exclude = {"sampling": {"steps"}} if config.stages else None  # stages have steps of their own
     data = config.model_dump(mode="json", exclude_none=True, exclude_unset=onlyGiven, exclude=exclude)
-    return {name: values for name, values in data.items() if values != {} or name != "system"}
+    return {name: values for name, values in data.items() if values != _EMPTY.get(name, ...)}
 
 
 def sections() -> dict[str, type[Section]]:
@@ -281,6 +291,9 @@ def _placeName(place: Sequence[Any]) -> str:
         kind = f" ({place[2]})" if len(place) > 2 else ""
         stage = f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages"
         return " ".join([stage, *(shortened(str(part)) for part in place[3:])])
+    if place[0] == "species":
+        number = f" {place[1] + 1}" if len(place) > 1 else ""
+        return " ".join([f"[[species]]{number}", *(shortened(str(part)) for part in place[2:])])
     return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
 
 
@@ -288,7 +301,8 @@ def _explainUnknown(place: Sequence[Any]) -> str:
     *home, key = place
     if not home:
         return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"
-    known = (STAGES[home[2]] if home[0] == "stages" else sections()[home[0]]).model_fields
+    model = STAGES[home[2]] if home[0] == "stages" else SpeciesSection if home[0] == "species" else sections()[home[0]]
+    known = model.model_fields
     homes = [name for name, model in sections().items() if key in model.model_fields]
     where = f"{_placeName(home)} has no key {quoted(key)}"
     return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)

@@ -13,18 +13,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import openmm as mm
+from numpy.typing import NDArray
 from openmm import app
 
 from ..files import PathLike
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
-from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator
+from ..helfrich import (
+    HelfrichForce,
+    HybridMonteCarloIntegrator,
+    ShearWaveIntegrator,
+    SpeciesExchangeIntegrator,
+)
 from ..messages import shortened
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import TARGET_FACTORS, withApproaches
 from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
+from .material import bendingModulusOf, gaussianStepOf, placeSpecies, setMaterial, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
@@ -74,6 +81,8 @@ class Scene:
         the areas and volumes of the mesh, by the same names
     tether : Tether
         the bounds of edges
+    vertexSpecies : array of int
+        the number of the species of each vertex at the beginning; of none if there are no species
     repulsionOnset : float
         the distance below which vertices repel each other, in nm
     stepSize, waveAmplitude : float
@@ -101,6 +110,7 @@ class Scene:
     targets: dict[str, float]
     ownMeasures: dict[str, float]
     tether: Tether
+    vertexSpecies: NDArray[np.intc]
     repulsionOnset: float
     stepSize: float
     adaptsStepSize: bool
@@ -152,6 +162,7 @@ class Scene:
             config = resolve(config, mesh)
             ownMeasures = measuresOf(mesh)
             checkSizes(config, mesh, ownMeasures)
+            vertexSpecies = placeSpecies(config.species, mesh, config.sampling.seed or 0)
             platform, properties = platformOf(config)
         sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
         surfaces = _surfaces(config, mesh)
@@ -163,10 +174,12 @@ class Scene:
             lengthUnit=config.mesh.length_unit,
             temperature=sampling.temperature,
             kT=kT,
-            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()},
+            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()}
+            | {"bending": bendingModulusOf(config) * kT},
             targets=_targets(surfaces),
             ownMeasures=ownMeasures,
             tether=tether,
+            vertexSpecies=vertexSpecies,
             repulsionOnset=config.repulsion.onset or tether.minLength,
             stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
             adaptsStepSize=adaptsStepSize,
@@ -186,7 +199,7 @@ class Scene:
         membrane, tether, repulsion, moduli = self.config.membrane, self.tether, self.config.repulsion, self.moduli
         force = HelfrichForce()
         force.setTriangles(self.mesh.triangles)
-        force.setBendingModulus(moduli["bending"])
+        setMaterial(force, self.config, self.vertexSpecies, self.kT)
         force.setAreaModulus(moduli["area"])
         force.setVolumeModulus(moduli["volume"])
         force.setAreaDifferenceModulus(moduli["areaDifference"])
@@ -216,6 +229,8 @@ class Scene:
         integrator.setTrajectoryJitter(sampling.trajectory_jitter)
         integrator.setMomentumRefreshment(sampling.momentum_refreshment)
         integrator.setMultilevelWeight(sampling.multilevel_weight)
+        if sampling.exchange_probability > 0:
+            integrator.addMove(self._createExchanges(), sampling.exchange_probability)
         if sampling.shear_wave_probability > 0:
             integrator.addShearWaves(self._createShearWaves(), sampling.shear_wave_probability)
         integrator.setForcePrecision(self.config.platform.precision)
@@ -242,6 +257,14 @@ class Scene:
         positions = None if self.setup is None else self.setup(system, self)
         beads = beadPositions(positions, system.getNumParticles() - len(self.mesh.vertices))
         return system, Mesh(self.mesh.vertices, self.mesh.triangles, beads=beads)
+
+    def _createExchanges(self) -> SpeciesExchangeIntegrator:
+        """Create the integrator of exchanges of species."""
+        exchanges = SpeciesExchangeIntegrator(self.temperature, self.config.sampling.exchange_fraction)
+        exchanges.setProposal(self.config.sampling.exchange_proposal)
+        for i, species in enumerate(self.config.species):
+            exchanges.setChemicalPotential(i, species.chemical_potential * self.kT)
+        return exchanges
 
     def _createShearWaves(self) -> ShearWaveIntegrator:
         """Create the integrator of shear waves; the longest has the wave number 1/R of a sphere of the target area, of
@@ -383,11 +406,11 @@ def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
 
 def requireTrajectories(sampling: SamplingSection) -> None:
     """Raise a ValueError if there are no trajectories by which a step size could be found."""
-    others = sampling.flip_probability + sampling.shear_wave_probability
+    others = sampling.flip_probability + sampling.shear_wave_probability + sampling.exchange_probability
     if others >= 1:
         raise ValueError(
-            f"step_size is 'auto', and [sampling] flip_probability and shear_wave_probability add up to {others:g}; "
-            "they must leave trajectories by which it is found"
+            "step_size is 'auto', and the probabilities of [sampling] of moves other than trajectories add up to "
+            f"{others:g}; they must leave trajectories by which it is found"
         )
 
 
@@ -569,7 +592,9 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     exponential branch holds 1 kT, and for a vertex some of whose edges are as much too long.
     """
     membrane, length = config.membrane, mesh.edgeLengths.mean()
-    local = 100 * membrane.bending_modulus / length**2 + 3.5 * abs(membrane.tension)
+    bending, curvature = bendingModulusOf(config), spontaneousCurvatureOf(config)
+    tension = abs(membrane.tension) + bending * curvature**2 / 2
+    local = (100 * bending + 10 * gaussianStepOf(config)) / length**2 + 3.5 * tension
     constraints = max(
         0.7 * membrane.area_modulus / (surface.numVertices * length**2)
         + 2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)

@@ -94,6 +94,7 @@ Volume: TypeAlias = Annotated[float, _quantity("volume")]
 Tension: TypeAlias = Annotated[float, _quantity("energy per area")]
 Force: TypeAlias = Annotated[float, _quantity("energy per length")]
 Pressure: TypeAlias = Annotated[float, _quantity("energy per volume")]
+Curvature: TypeAlias = Annotated[float, _quantity("curvature")]
 Time: TypeAlias = Annotated[float, _quantity("time")]
 Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
@@ -156,7 +157,29 @@ MODULI = {
     "repulsion": "repulsion.modulus",
     "tension": "membrane.tension",
     "pressure": "membrane.pressure",
+    "gaussian": "membrane.gaussian_modulus",
 }
+
+
+def _separated(value: Any) -> Any:
+    """Return a table of pairs of species with each pair written in one way."""
+    if not isinstance(value, dict):
+        return value
+    pairs: dict[str, Any] = {}
+    for pair, number in value.items():
+        names = [name.strip() for name in str(pair).split(",")]
+        if len(names) != 2 or not all(names):
+            raise ValueError("each key must be the names of two species, separated by a comma, like 'lo, ld'")
+        key = ", ".join(sorted(names))
+        if key in pairs:
+            raise ValueError(f"the pair {key} is given twice; give it once")
+        pairs[key] = number
+    return pairs
+
+
+# By the names of two species.
+LineTensions: TypeAlias = Annotated[Force | dict[str, Force], BeforeValidator(_separated)]
+PairEnergies: TypeAlias = Annotated[dict[str, Energy], BeforeValidator(_separated)]
 
 
 class MeshSection(Section):
@@ -250,6 +273,27 @@ class MembraneSection(Targets):
     """Elasticity.  A term with modulus 0 is not computed."""
 
     bending_modulus: Energy = Field(20.0, ge=0, description="kappa_B in kT; 20 is typical of a lipid bilayer")
+    spontaneous_curvature: Curvature = Field(
+        0.0,
+        description="C_0 per length unit, in kappa_B/2 times the integral of (2H-C_0)^2: positive where the membrane "
+        "would be convex seen from outside, 2/R for a sphere of radius R; of several species it is added to that of "
+        "each",
+    )
+    gaussian_modulus: Energy = Field(
+        0.0,
+        description="kappa_G in kT times the integral of the Gaussian curvature: the same everywhere it adds a constant "
+        "of the topology, 4 pi (1-g) kappa_G, and moves nothing",
+    )
+    line_tension: LineTensions = Field(
+        0.0,
+        description="lambda in kT per length unit, of the boundaries between species: a number for all, or a table of "
+        "pairs, like {'lo, ld' = 2}",
+    )
+    pair_energies: PairEnergies = Field(
+        {},
+        description="J in kT of each edge between vertices of two species, or of the same: a table of pairs, like "
+        "{'lo, ld' = 0.5}",
+    )
     area_modulus: Energy = Field(1e6, ge=0, description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%")
     volume_modulus: Energy = Field(1e6, ge=0, description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%")
     area_difference_modulus: Energy = Field(
@@ -268,6 +312,57 @@ class MembraneSection(Targets):
         description="p in kT per cubed length unit, inside less outside, which adds -pV to the energy: positive, it "
         "blows the surface up; a pressure of its own wants a volume_modulus of 0",
     )
+
+
+class SpeciesSection(Section):
+    """One of the materials that the membrane is made of, and which vertices it has at the start: a list, a share of
+    them at random or in one place, or, of one species, all that are left.
+    """
+
+    name: str = Field(min_length=1, description="what the species is called")
+    bending_modulus: Energy | None = Field(None, ge=0, description="kappa_B in kT; that of [membrane] by default")
+    spontaneous_curvature: Curvature = Field(0.0, description="C_0 per length unit, added to that of [membrane]")
+    gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT; that of [membrane] by default")
+    chemical_potential: Energy = Field(
+        0.0, description="mu in kT, for exchange_proposal = 'mutation': the greater, the more vertices are of it"
+    )
+    fraction: float | None = Field(
+        None, ge=0, le=1, description="the share of all vertices that are of the species at the start"
+    )
+    region: Literal["random", "cap", "patch", "stripe"] = Field(
+        "random",
+        description="where they are: anywhere; furthest along the direction; nearest to the point of the surface that "
+        "is furthest along it; or nearest to the plane through the middle that is normal to it",
+    )
+    direction: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        [0.0, 0.0, 1.0], description="of a cap, a patch or a stripe"
+    )
+    vertices: list[Annotated[int, Field(ge=0)]] | None = Field(
+        None, description="instead of a fraction: the indices, from 0, of its vertices"
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _plainName(cls, name: str) -> str:
+        if "," in name or name != name.strip():
+            raise ValueError("it must have no comma, and no blank at its ends")
+        return name
+
+    @model_validator(mode="after")
+    def _onePlace(self) -> "SpeciesSection":
+        if self.fraction is not None and self.vertices is not None:
+            raise ValueError("fraction and vertices are both given; give one of them")
+        if self.region != "random":
+            if self.fraction is None:
+                raise ValueError(f"region is '{self.region}', and there is no fraction; give the share of all vertices")
+            if not any(self.direction):
+                raise ValueError("direction is [0, 0, 0]; it must not be")
+        return self
+
+    @property
+    def isRest(self) -> bool:
+        """Whether it has the vertices that no other species has."""
+        return self.fraction is None and self.vertices is None
 
 
 class TetherSection(Section):
@@ -387,6 +482,20 @@ class SamplingSection(Section):
     flip_probability: float = Field(
         0.5, ge=0, le=1, description="probability that a step is a sweep; 0 gives a membrane that does not flow"
     )
+    exchange_probability: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="probability that a step is a sweep of exchanges of species; 0 leaves them where they are",
+    )
+    exchange_fraction: float = Field(
+        0.3, ge=0, description="attempts in a sweep of exchanges, as a fraction of the number of edges"
+    )
+    exchange_proposal: Literal["neighbors", "anywhere", "mutation"] = Field(
+        "neighbors",
+        description="what exchanges: the two ends of an edge; two vertices wherever they are; or a vertex gets another "
+        "species, by the chemical potentials",
+    )
     shear_wave_probability: float = Field(
         0.0,
         ge=0,
@@ -418,11 +527,14 @@ class SamplingSection(Section):
 
     @model_validator(mode="after")
     def _probabilities(self) -> "SamplingSection":
-        if self.flip_probability + self.shear_wave_probability > 1:
-            raise ValueError(
-                f"flip_probability is {self.flip_probability:g} and shear_wave_probability "
-                f"{self.shear_wave_probability:g}; they must not add up to more than 1"
-            )
+        others = {
+            name: getattr(self, name)
+            for name in ("flip_probability", "exchange_probability", "shear_wave_probability")
+            if getattr(self, name) > 0
+        }
+        if sum(others.values()) > 1:
+            named = [f"{name} {'is ' if i == 0 else ''}{value:g}" for i, (name, value) in enumerate(others.items())]
+            raise ValueError(f"{' and '.join(named)}; they must not add up to more than 1")
         return self
 
 
@@ -507,3 +619,48 @@ class OutputSection(Section):
         "ply", description="of the final mesh; PLY holds double precision and opens everywhere"
     )
     overwrite: bool = Field(False, description="replace the files of an earlier run")
+
+
+def checkSpecies(species: list[SpeciesSection], membrane: MembraneSection, sampling: SamplingSection) -> None:
+    """Raise a ValueError if species do not go with each other, or with what names them."""
+    names = [each.name for each in species]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"there are {names.count(name)} species called '{name}'; each must have a name of its own")
+    pairs = {
+        "line_tension": membrane.line_tension if isinstance(membrane.line_tension, dict) else {},
+        "pair_energies": membrane.pair_energies,
+    }
+    for key, values in pairs.items():
+        for pair in values:
+            for name in pair.split(", "):
+                if name not in names:
+                    known = f"the species are {', '.join(names)}" if names else "there are no [[species]]"
+                    raise ValueError(
+                        f"[membrane] {key} has the pair '{pair}', and no species is called '{name}'; {known}"
+                    )
+            if key == "line_tension" and len(set(pair.split(", "))) == 1:
+                raise ValueError(f"[membrane] line_tension has the pair '{pair}'; it must be of two different species")
+    if not species:
+        if membrane.line_tension:
+            raise ValueError("[membrane] line_tension has no effect without [[species]], whose boundaries it is of")
+        if sampling.exchange_probability > 0:
+            raise ValueError("[sampling] exchange_probability has no effect without [[species]], which exchange places")
+        return
+    _checkShares(species)
+
+
+def _checkShares(species: list[SpeciesSection]) -> None:
+    rest, total = [each.name for each in species if each.isRest], sum(each.fraction or 0 for each in species)
+    if len(rest) > 1:
+        raise ValueError(
+            f"the species {', '.join(rest)} have neither fraction nor vertices; one of them has what is left, and the "
+            "others need one"
+        )
+    if total > 1 + 1e-9:
+        raise ValueError(f"the fractions of the species add up to {total:g}; they must not add up to more than 1")
+    if not rest and all(each.fraction is not None for each in species) and total < 1 - 1e-9:
+        raise ValueError(
+            f"the fractions of the species add up to {total:g}; they must add up to 1, or one species, which has what "
+            "is left, must have none"
+        )

@@ -43,6 +43,7 @@ from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
 from .readiness import beyondBounds, evenness, remeshFirst
+from .material import flatEnergy
 from .scene import (
     Scene,
     currentMesh,
@@ -180,6 +181,8 @@ class Stage(ABC):
             rows=rows,
             mesh=mesh,
             moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
+            flatEnergy=flatEnergy(scene.config, mesh, self._force.getVertexSpeciesInContext(self._simulation.context)),
+            isUniform=not scene.config.species,
             heat=self._heat(rows),
             **ratesOf(Counters(*counters.tolist()), integrator),
             stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),

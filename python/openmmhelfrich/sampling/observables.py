@@ -16,7 +16,7 @@ from openmm import app, unit
 
 from ..files import PathLike
 from ..geometry.measures import reducedAreaDifference, reducedVolume
-from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator, SpeciesExchangeIntegrator
 from ..tables import Table, headOf, readHeads, unitsOf
 from ..units import valueIn
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
@@ -418,6 +418,16 @@ OBSERVABLES = (
         onPage="last",
         inSweep="last",
     ),
+    Observable(
+        "exchangeAcceptance",
+        _move(SpeciesExchangeIntegrator, _acceptance, isPart=True),
+        title="exchanges accepted",
+        label="exchanges",
+        isAveraged=False,
+        panel="accepted so far",
+        onPage="last",
+        inSweep="last",
+    ),
     Observable("waveAcceptance", _move(ShearWaveIntegrator, _acceptance, isPart=True)),
     Observable(
         "waveAmplitude",
@@ -428,6 +438,11 @@ OBSERVABLES = (
     Observable(
         "flipsForbidden",
         _move(EdgeFlipIntegrator, lambda flips: flips.getNumForbidden() / max(1, flips.getNumAttempted())),
+        isAveraged=False,
+    ),
+    Observable(
+        "exchangesAlike",
+        _move(SpeciesExchangeIntegrator, lambda move: move.getNumAlike() / max(1, move.getNumAttempted())),
         isAveraged=False,
     ),
     Observable("diverged", _mixture(numDiverged), inSweep="last"),

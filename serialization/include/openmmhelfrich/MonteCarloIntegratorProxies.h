@@ -7,6 +7,7 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/SpeciesExchangeIntegrator.h"
 #include "openmmhelfrich/internal/HelfrichSerialization.h"
 #include "openmm/serialization/SerializationNode.h"
 #include "openmm/serialization/SerializationProxy.h"
@@ -156,6 +157,33 @@ protected:
 };
 
 /**
+ * This is a proxy for serializing SpeciesExchangeIntegrator objects.
+ */
+class SpeciesExchangeIntegratorProxy : public MonteCarloIntegratorProxy<SpeciesExchangeIntegrator> {
+public:
+    SpeciesExchangeIntegratorProxy() : MonteCarloIntegratorProxy("SpeciesExchangeIntegrator") {
+    }
+protected:
+    void storeSettings(const SpeciesExchangeIntegrator& move, OpenMM::SerializationNode& node) const {
+        node.setDoubleProperty("fraction", move.getFraction());
+        node.setStringProperty("proposal", move.getProposal());
+        OpenMM::SerializationNode& potentials = node.createChildNode("ChemicalPotentials");
+        for (auto& potential : move.getChemicalPotentials())
+            potentials.createChildNode("ChemicalPotential")
+                    .setIntProperty("species", potential.first)
+                    .setDoubleProperty("mu", potential.second);
+    }
+    SpeciesExchangeIntegrator* create(double temperature, const OpenMM::SerializationNode& node) const {
+        std::unique_ptr<SpeciesExchangeIntegrator> move(
+                new SpeciesExchangeIntegrator(temperature, node.getDoubleProperty("fraction")));
+        move->setProposal(node.getStringProperty("proposal"));
+        for (auto& potential : node.getChildNode("ChemicalPotentials").getChildren())
+            move->setChemicalPotential(potential.getIntProperty("species"), potential.getDoubleProperty("mu"));
+        return move.release();
+    }
+};
+
+/**
  * Register the proxies of single moves.
  */
 inline void registerMonteCarloIntegratorProxies() {
@@ -165,6 +193,7 @@ inline void registerMonteCarloIntegratorProxies() {
     OpenMM::SerializationProxy::registerProxy(typeid(HamiltonianTrajectoryIntegrator),
                                               new HamiltonianTrajectoryIntegratorProxy());
     OpenMM::SerializationProxy::registerProxy(typeid(ShearWaveIntegrator), new ShearWaveIntegratorProxy());
+    OpenMM::SerializationProxy::registerProxy(typeid(SpeciesExchangeIntegrator), new SpeciesExchangeIntegratorProxy());
 }
 
 } // namespace HelfrichPlugin

@@ -63,8 +63,9 @@ public:
         return *mesh;
     }
     void setTriangles(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles);
+    void setSpecies(OpenMM::ContextImpl& context, const std::vector<int>& species);
     /**
-     * Write the live state, which is the triangles and the order of the vertices, to a checkpoint.
+     * Write the live state, which is the triangles, the order of the vertices and their species, to a checkpoint.
      */
     void createCheckpoint(std::ostream& stream) const;
     /**
@@ -85,6 +86,17 @@ public:
     EdgeFlipStatistics flipEdges(OpenMM::ContextImpl& context, double kT, long long numAttempts, const Philox& random,
                                  long long sweep);
     /**
+     * Make a sweep of exchanges of species.  See ExchangeSpeciesKernel::execute() for the parameters.
+     */
+    SpeciesExchangeStatistics exchangeSpecies(OpenMM::ContextImpl& context, const SpeciesProposal& proposal, double kT,
+                                              long long numAttempts, const Philox& random, long long sweep);
+    /**
+     * Get the number of species that there are in the Context.
+     */
+    int getNumSpecies() const {
+        return parameters.species ? parameters.species->getNumSpecies() : 0;
+    }
+    /**
      * Get the moduli and other parameters, with the present values of those that are the Context's.
      */
     HelfrichParameters getParameters(OpenMM::ContextImpl& context) const;
@@ -93,6 +105,8 @@ private:
     void checkName(const HelfrichForce& other) const;
     void checkParticles(const HelfrichForce& other, const std::vector<char>& isVertex) const;
     void checkSurfaceTargets() const;
+    void createSpecies();
+    void checkSpecies(const HelfrichForce& force) const;
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkBox(OpenMM::ContextImpl& context);
     std::string getParameterName(const std::pair<Term, int>& surfaceTarget) const;
@@ -100,8 +114,10 @@ private:
     void checkContextParameter(const HelfrichParameters& parameters, const HelfrichContextParameter& parameter,
                                const std::string& name, double value) const;
     HelfrichEnergyTerms execute(OpenMM::ContextImpl& context, bool includeForces);
+    void addTermsOfConnectivity(const HelfrichParameters& parameters, HelfrichEnergyTerms& terms);
+    double computePairEnergy(const HelfrichParameters& parameters) const;
     void restore(OpenMM::ContextImpl& context, const std::vector<std::array<int, 3>>& triangles,
-                 const std::vector<int>& order);
+                 const std::vector<int>& order, const std::vector<int>& species);
     void requirePositions(OpenMM::ContextImpl& context);
     void checkPositions(const std::vector<OpenMM::Vec3>& positions) const;
     void throwNonFinite(OpenMM::ContextImpl& context, const HelfrichGeometry& geometry) const;
@@ -113,9 +129,13 @@ private:
     const KickAndDrift* kick = NULL;
     bool isOrientationChecked = false, isBoxChecked = false, arePositionsSet = false;
     std::unique_ptr<HelfrichMesh> mesh;
+    /// the energy of pairs of species, and what it is of
+    double pairEnergy = 0;
+    std::shared_ptr<const HelfrichSpeciesTable> tableOfPairs;
+    long long revisionOfPairs = 0, speciesRevisionOfPairs = 0;
     OpenMM::Kernel kernel;
-    /// created when it is first needed
-    std::optional<OpenMM::Kernel> flipKernel;
+    /// created when they are first needed
+    std::optional<OpenMM::Kernel> flipKernel, exchangeKernel;
 };
 
 } // namespace HelfrichPlugin

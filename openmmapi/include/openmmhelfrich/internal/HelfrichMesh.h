@@ -5,6 +5,7 @@
 #include "windowsExportHelfrich.h"
 #include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -13,8 +14,8 @@ namespace HelfrichPlugin {
  * The connectivity of closed, oriented, triangulated surfaces, which edge flips change in place.
  *
  * Vertices are numbered from 0 in ascending order of their particles, connected surfaces in the order of their first
- * triangles.  The ordered triangles are the complete state: everything else here derives from them.  Flips change
- * neither which surface a vertex belongs to nor which one a triangle is a part of.
+ * triangles.  The ordered triangles and the species of the vertices are the complete state: everything else here
+ * derives from them.  Flips change neither which surface a vertex belongs to nor which one a triangle is a part of.
  */
 class OPENMM_EXPORT_HELFRICH HelfrichMesh : public HalfedgeConnectivity<PlainAccess> {
 public:
@@ -55,6 +56,51 @@ public:
      */
     const std::vector<int>& getSurfaceSizes() const {
         return surfaceSizes;
+    }
+    /**
+     * Get the species of each vertex; none if all vertices are alike.
+     */
+    const std::vector<int>& getSpecies() const {
+        return species;
+    }
+    /**
+     * Get the species of a vertex, 0 if all are alike.
+     */
+    int getSpecies(int vertex) const {
+        return species.empty() ? 0 : species[vertex];
+    }
+    /**
+     * Set the species of each vertex.  Throws an OpenMMException, and leaves the mesh as it was, unless there is one
+     * for each, from 0 to numSpecies-1.
+     */
+    void setSpecies(const std::vector<int>& species, int numSpecies);
+    /**
+     * Exchange the species of two vertices.  markSpeciesChanged() makes it known, so that a sweep of exchanges counts
+     * as one change.
+     */
+    void exchangeSpecies(int vertex1, int vertex2) {
+        std::swap(species[vertex1], species[vertex2]);
+    }
+    /**
+     * Change the species of a vertex, likewise.
+     */
+    void changeSpecies(int vertex, int newSpecies) {
+        species[vertex] = newSpecies;
+    }
+    void markSpeciesChanged() {
+        speciesRevision++;
+    }
+    /**
+     * Get the number of times that the species of vertices have changed.
+     */
+    long long getSpeciesRevision() const {
+        return speciesRevision;
+    }
+    /**
+     * Get the Euler characteristic V-E+F of all surfaces together: 2 for each sphere, less 2 for each handle.
+     */
+    int getEulerCharacteristic() const {
+        return getNumVertices() - getNumEdges() + getNumTriangles();
     }
     /**
      * Get the number of times that the connectivity has changed.
@@ -133,8 +179,10 @@ private:
     std::vector<int> particles, order;
     /// the surface of each vertex, and the number of vertices of each surface
     std::vector<int> surfaces, surfaceSizes;
+    /// empty if all vertices are alike
+    std::vector<int> species;
     std::vector<std::array<int, 2>> fixedEdges;
-    long long revision = 0;
+    long long revision = 0, speciesRevision = 0;
 };
 
 } // namespace HelfrichPlugin

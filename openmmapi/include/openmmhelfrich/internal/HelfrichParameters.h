@@ -1,8 +1,10 @@
 #ifndef OPENMM_HELFRICHPARAMETERS_H_
 #define OPENMM_HELFRICHPARAMETERS_H_
 
+#include "HelfrichSpecies.h"
 #include <iterator>
 #include <map>
+#include <memory>
 #include <utility>
 
 /* The home of the terms of the energy: their names, their parameters and what sets these in a Context.  A term that
@@ -13,15 +15,28 @@ namespace HelfrichPlugin {
 /**
  * The terms of the energy, in the order in which they are added up.
  */
-enum class Term { Bending, Area, Volume, AreaDifference, Tether, Repulsion, Tension, Pressure, Count };
+enum class Term {
+    Bending,
+    Area,
+    Volume,
+    AreaDifference,
+    Tether,
+    Repulsion,
+    Tension,
+    Pressure,
+    Gaussian,
+    Line,
+    Pair,
+    Count
+};
 
 inline constexpr int NUM_TERMS = int(Term::Count);
 
 /**
  * The names of the terms.
  */
-inline constexpr const char* TERM_NAMES[] = {"bending", "area",      "volume",  "areaDifference",
-                                             "tether",  "repulsion", "tension", "pressure"};
+inline constexpr const char* TERM_NAMES[] = {"bending", "area",     "volume",   "areaDifference", "tether", "repulsion",
+                                             "tension", "pressure", "gaussian", "line",           "pair"};
 
 static_assert(std::size(TERM_NAMES) == NUM_TERMS, "every term has a name");
 
@@ -95,8 +110,12 @@ inline constexpr TermMask TermMask::ALL = ~TermMask();
  * take the place of some: see HelfrichContextParameter.
  */
 struct HelfrichParameters {
-    /// a term whose modulus is 0 is off
+    /// a term whose modulus is 0 is off; of what depends on the species, this is the greatest of their moduli
     TermValues moduli;
+    /// of all vertices, beside that of their species
+    double spontaneousCurvature = 0;
+    /// NULL if all vertices are alike
+    std::shared_ptr<const HelfrichSpeciesTable> species;
     double targetArea = 0, targetVolume = 0;
     double targetAreaDifference = 0, leafletSeparation = 1;
     /// the targets of surfaces that have one of their own, by the term and the number of the surface
@@ -110,6 +129,46 @@ struct HelfrichParameters {
      */
     bool has(Term term) const {
         return moduli[term] != 0;
+    }
+    /**
+     * Get the material around a vertex.  Its moduli are 0 if their terms are off.
+     *
+     * @param index  the vertex's species; any number if all vertices are alike
+     */
+    HelfrichSpecies getMaterial(int index) const {
+        HelfrichSpecies material = {moduli[Term::Bending], 0, moduli[Term::Gaussian]};
+        if (species) {
+            material = (*species)[index];
+            material.bendingModulus *= has(Term::Bending);
+            material.gaussianModulus *= has(Term::Gaussian);
+        }
+        material.spontaneousCurvature += spontaneousCurvature;
+        return material;
+    }
+    /**
+     * Get the line tension between two species, which is 0 if the term is off, or if they are the same.
+     */
+    double getLineTension(int species1, int species2) const {
+        return has(Term::Line) ? species->lineTensions.get(species1, species2) : 0;
+    }
+    /**
+     * Get the energy of an edge between vertices of two species.
+     */
+    double getPairEnergy(int species1, int species2) const {
+        return has(Term::Pair) ? species->pairEnergies.get(species1, species2) : 0;
+    }
+    /**
+     * Get whether the Gaussian curvature acts on the vertices.  Where its modulus is the same everywhere, its energy is
+     * a constant of the topology.
+     */
+    bool hasGaussianForces() const {
+        return has(Term::Gaussian) && species && species->hasDifferentGaussianModuli();
+    }
+    /**
+     * Get whether a term acts on the vertices whose moduli depend on the species.
+     */
+    bool hasForcesOfSpecies() const {
+        return species && (has(Term::Bending) || has(Term::Line) || hasGaussianForces());
     }
     /**
      * Get what the area, the volume or the area difference of a surface is held to.
@@ -150,7 +209,7 @@ struct HelfrichParameters {
         return has(Term::Bending) || has(Term::AreaDifference);
     }
     /**
-     * Get whether a term depends on the triangles.
+     * Get whether a term depends on the triangles, whatever their species.
      */
     bool needsTriangles() const {
         return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || has(Term::Pressure) || needsCurvature();
@@ -159,14 +218,21 @@ struct HelfrichParameters {
      * Get whether a term has a meaning only where the surface encloses a positive volume.
      */
     bool needsOrientation() const {
-        return has(Term::Volume) || has(Term::Pressure);
+        return has(Term::Volume) || has(Term::Pressure) || hasSpontaneousCurvature();
+    }
+    /**
+     * Get whether vertices have a spontaneous curvature.
+     */
+    bool hasSpontaneousCurvature() const {
+        return has(Term::Bending) &&
+               (spontaneousCurvature != 0 || (species && species->getGreatest().spontaneousCurvature != 0));
     }
 };
 
 /**
- * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite and not zero if its term is on,
- * which for a modulus means that it must be finite: one of zero turns its term off.  A surface's own target is another
- * parameter, whose name has the surface's number at its end.
+ * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite if its term is on, and a target
+ * may not be zero; a modulus of zero turns its term off.  A surface's own target is another parameter, whose name has
+ * the surface's number at its end.
  */
 struct HelfrichContextParameter {
     Term term;
@@ -174,11 +240,7 @@ struct HelfrichContextParameter {
     const char* name;
     /// what it sets
     double& (*valueIn)(HelfrichParameters& parameters);
-    /// get whether this is the modulus of the term
-    bool isModulus() const {
-        HelfrichParameters parameters;
-        return &valueIn(parameters) == &parameters.moduli[term];
-    }
+    bool mayBeZero = false;
 };
 
 /**
@@ -189,8 +251,10 @@ inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
         {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; }},
         {Term::AreaDifference, "TargetAreaDifference",
          [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }},
-        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }},
-        {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; }}};
+        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }, true},
+        {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; }, true},
+        {Term::Bending, "SpontaneousCurvature", [](HelfrichParameters& p) -> double& { return p.spontaneousCurvature; },
+         true}};
 
 /**
  * Get the parameter of the Context of a term that has one.
@@ -321,7 +385,21 @@ inline HelfrichTotalsOf<Real> getSlopesByTotals(const HelfrichParameters& p, int
 }
 
 /**
- * The change of the same terms with the totals of a surface.
+ * Get the derivatives by a surface's area and curvature of what a spontaneous curvature C adds to the bending energy
+ * where it and the modulus are the same everywhere: 2 kappa sum_i (M_i-CA_i/2)^2/A_i is 2 kappa sum_i M_i^2/A_i, and
+ * kappa C^2 A/2 - 2 kappa C M.  Loops over vertices have nothing to do with it then.
+ */
+inline HelfrichTotals getSpontaneousSlopes(const HelfrichParameters& p) {
+    HelfrichTotals slopes;
+    if (!p.species && p.hasSpontaneousCurvature()) {
+        slopes.area = 0.5 * p.moduli[Term::Bending] * p.spontaneousCurvature * p.spontaneousCurvature;
+        slopes.curvature = -2 * p.moduli[Term::Bending] * p.spontaneousCurvature;
+    }
+    return slopes;
+}
+
+/**
+ * The change of the terms that depend on totals alone with those of a surface.
  */
 class ChangeByTotals {
 public:

@@ -52,7 +52,8 @@ private:
 };
 
 /**
- * The streams of random numbers that one seed gives.  The flips of the System's n'th HelfrichForce use EdgeFlips+n.
+ * The streams of random numbers that one seed gives.  The flips of the System's n'th HelfrichForce use EdgeFlips+n, and
+ * its exchanges of species three from SpeciesExchanges+3n on, one for each kind of proposal.
  */
 namespace RandomStream {
 enum : uint32_t {
@@ -62,7 +63,8 @@ enum : uint32_t {
     ShearWaves = 3,
     ShearWaveTest = 4,
     TrajectoryLength = 5,
-    EdgeFlips = 16
+    EdgeFlips = 16,
+    SpeciesExchanges = 1 << 24
 };
 }
 

@@ -1,0 +1,129 @@
+#ifndef OPENMM_HELFRICHSPECIES_H_
+#define OPENMM_HELFRICHSPECIES_H_
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace HelfrichPlugin {
+
+/**
+ * The material around a vertex, in OpenMM's units: what the vertices of a species have in common.
+ */
+struct HelfrichSpecies {
+    double bendingModulus = 0, spontaneousCurvature = 0, gaussianModulus = 0;
+};
+
+/**
+ * A symmetric table of numbers of pairs of species, which are 0 until they are set.  It takes room for those species
+ * only that a number was set for, so that there may be as many species as vertices.
+ */
+class HelfrichSpeciesPairs {
+public:
+    double get(int species1, int species2) const {
+        return values[getRow(species1) * stride + getRow(species2)];
+    }
+    void set(int species1, int species2, double value) {
+        if (value == 0 && get(species1, species2) == 0)
+            return;
+        int row1 = addRow(species1), row2 = addRow(species2);
+        values[row1 * stride + row2] = values[row2 * stride + row1] = value;
+    }
+    /**
+     * Get the number that is greatest in size, and 0 if none was set.
+     */
+    double getGreatest() const {
+        double greatest = 0;
+        for (double value : values)
+            if (std::fabs(value) > std::fabs(greatest))
+                greatest = value;
+        return greatest;
+    }
+    /**
+     * Call a function with every pair whose number is not 0, the lower species first, and the number.
+     */
+    template <class Visitor>
+    void forEach(Visitor visit) const {
+        for (int a = 0; a < (int) rows.size(); a++)
+            for (int b = a; b < (int) rows.size() && rows[a] != 0; b++)
+                if (get(a, b) != 0)
+                    visit(a, b, get(a, b));
+    }
+private:
+    int getRow(int species) const {
+        return species < (int) rows.size() ? rows[species] : 0;
+    }
+    int addRow(int species) {
+        if (species >= (int) rows.size())
+            rows.resize(species + 1, 0);
+        if (rows[species] == 0)
+            rows[species] = numRows++;
+        if (numRows > stride)
+            widen();
+        return rows[species];
+    }
+    void widen() {
+        std::vector<double> wider(4 * stride * stride, 0.0);
+        for (size_t i = 0; i < stride; i++)
+            std::copy_n(&values[i * stride], stride, &wider[i * 2 * stride]);
+        values.swap(wider);
+        stride *= 2;
+    }
+    /// of each species its row; row 0 is of those without numbers
+    std::vector<int> rows;
+    std::vector<double> values = {0.0};
+    size_t stride = 1, numRows = 1;
+};
+
+/**
+ * All species, and what acts between those of neighbors.
+ */
+class HelfrichSpeciesTable {
+public:
+    int getNumSpecies() const {
+        return species.size();
+    }
+    const HelfrichSpecies& operator[](int index) const {
+        return species[index];
+    }
+    void add(const HelfrichSpecies& added) {
+        species.push_back(added);
+        include(added);
+    }
+    void set(int index, const HelfrichSpecies& changed) {
+        species[index] = changed;
+        greatest = HelfrichSpecies();
+        differsInGaussianModulus = false;
+        for (auto& each : species)
+            include(each);
+    }
+    /**
+     * Get of each of the moduli that which is greatest in size.
+     */
+    const HelfrichSpecies& getGreatest() const {
+        return greatest;
+    }
+    /**
+     * Get whether there are two species of different Gaussian moduli: only then do they act on the vertices.
+     */
+    bool hasDifferentGaussianModuli() const {
+        return differsInGaussianModulus;
+    }
+    /// the line tension and the energy of an edge, by the species on both sides
+    HelfrichSpeciesPairs lineTensions, pairEnergies;
+private:
+    void include(const HelfrichSpecies& each) {
+        auto takeGreater = [](double& a, double b) { a = (std::fabs(b) > std::fabs(a) ? b : a); };
+        takeGreater(greatest.bendingModulus, each.bendingModulus);
+        takeGreater(greatest.spontaneousCurvature, each.spontaneousCurvature);
+        takeGreater(greatest.gaussianModulus, each.gaussianModulus);
+        differsInGaussianModulus = differsInGaussianModulus || each.gaussianModulus != species[0].gaussianModulus;
+    }
+    std::vector<HelfrichSpecies> species;
+    HelfrichSpecies greatest;
+    bool differsInGaussianModulus = false;
+};
+
+} // namespace HelfrichPlugin
+
+#endif /*OPENMM_HELFRICHSPECIES_H_*/

@@ -1,0 +1,154 @@
+"""The species of a configuration: which vertices each has at the start, and what a HelfrichForce is told of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
+
+from ..geometry.mesh import Mesh
+from ..helfrich import HelfrichForce
+from .config import Config
+from .sections import SpeciesSection
+
+
+def placeSpecies(species: Sequence[SpeciesSection], mesh: Mesh, seed: int) -> NDArray[np.intc]:
+    """Return the number of the species of each vertex.
+
+    Lists of vertices come first, then places, and then what is at random, each in the order of the species; the rest is
+    that of the species that has no place.
+
+    Raises
+    ------
+    ValueError
+        if there is no such vertex, two species have the same, or vertices are left over
+    """
+    count = len(mesh.vertices)
+    if not species:
+        return np.zeros(0, dtype=np.intc)
+    result = np.full(count, -1, dtype=np.intc)
+    for i, each in enumerate(species):
+        if each.vertices is not None:
+            _take(result, i, species, np.asarray(each.vertices, dtype=np.int64))
+    ranked = sorted(
+        (i for i, each in enumerate(species) if each.fraction is not None), key=lambda i: species[i].region == "random"
+    )
+    counts, random = _counts([species[i].fraction or 0.0 for i in ranked], count), np.random.default_rng(seed)
+    for i, number in zip(ranked, counts):
+        free = np.flatnonzero(result < 0)
+        if number > len(free):
+            raise ValueError(
+                f"the species {species[i].name} asks for {number} of {count} vertices, and {len(free)} are left"
+            )
+        result[free[np.argsort(_distances(species[i], mesh, random)[free], kind="stable")[:number]]] = i
+    rest = [i for i, each in enumerate(species) if each.isRest]
+    left = np.count_nonzero(result < 0)
+    if left and not rest:
+        raise ValueError(
+            f"{left} of {count} vertices are of no species; let one species have neither fraction nor vertices"
+        )
+    result[result < 0] = rest[0] if rest else -1
+    return result
+
+
+def setMaterial(force: HelfrichForce, config: Config, vertexSpecies: NDArray[np.intc], kT: float) -> None:
+    """Give a HelfrichForce the moduli of a resolved Config, which are those of species where there are some."""
+    membrane, names = config.membrane, [each.name for each in config.species]
+    force.setSpontaneousCurvature(membrane.spontaneous_curvature)
+    if not names:
+        force.setBendingModulus(membrane.bending_modulus * kT)
+        force.setGaussianModulus(membrane.gaussian_modulus * kT)
+        return
+    for each in config.species:
+        bending = modulusOf(each.bending_modulus, membrane.bending_modulus)
+        gaussian = modulusOf(each.gaussian_modulus, membrane.gaussian_modulus)
+        force.addSpecies(bending * kT, each.spontaneous_curvature, gaussian * kT)
+    force.setVertexSpecies(vertexSpecies)
+    for (a, b), value in lineTensionsOf(config).items():
+        force.setLineTension(a, b, value * kT)
+    for pair, value in membrane.pair_energies.items():
+        a, b = map(names.index, pair.split(", "))
+        force.setPairEnergy(a, b, value * kT)
+
+
+def modulusOf(own: float | None, membranes: float) -> float:
+    """Return a modulus of a species, which is the membrane's where it has none of its own."""
+    return membranes if own is None else own
+
+
+def bendingModulusOf(config: Config) -> float:
+    """Return the greatest bending modulus, in kT."""
+    membrane = config.membrane.bending_modulus
+    return max((modulusOf(each.bending_modulus, membrane) for each in config.species), default=membrane)
+
+
+def spontaneousCurvatureOf(config: Config) -> float:
+    """Return the spontaneous curvature that is greatest in size, without sign."""
+    own = config.membrane.spontaneous_curvature
+    return max((abs(own + each.spontaneous_curvature) for each in config.species), default=abs(own))
+
+
+def gaussianStepOf(config: Config) -> float:
+    """Return by how much the Gaussian moduli of species differ at most, in kT."""
+    moduli = [modulusOf(each.gaussian_modulus, config.membrane.gaussian_modulus) for each in config.species]
+    return max(moduli) - min(moduli) if moduli else 0.0
+
+
+def flatEnergy(config: Config, mesh: Mesh, vertexSpecies: NDArray[np.intc]) -> float:
+    """Return the bending energy, in kT, of a mesh that is flat everywhere: that of its spontaneous curvature."""
+    membrane = config.membrane
+    own = [(modulusOf(s.bending_modulus, membrane.bending_modulus), s.spontaneous_curvature) for s in config.species]
+    moduli, curvatures = np.transpose(own or [(membrane.bending_modulus, 0.0)])
+    energies = moduli * (membrane.spontaneous_curvature + curvatures) ** 2 / 2
+    return float(energies[vertexSpecies] @ mesh.vertexAreas if own else energies[0] * mesh.area)
+
+
+def lineTensionsOf(config: Config) -> dict[tuple[int, int], float]:
+    """Return the line tensions, in kT per length unit, by the numbers of two species."""
+    names, tension = [each.name for each in config.species], config.membrane.line_tension
+    if isinstance(tension, dict):
+        return {(names.index(a), names.index(b)): value for (a, b), value in _pairs(tension)}
+    return {(a, b): tension for b in range(len(names)) for a in range(b)} if tension else {}
+
+
+def _pairs(values: dict[str, float]) -> list[tuple[list[str], float]]:
+    return [(pair.split(", "), value) for pair, value in values.items()]
+
+
+def _take(result: NDArray[np.intc], i: int, species: Sequence[SpeciesSection], vertices: NDArray[np.int64]) -> None:
+    """Give a species vertices by their indices."""
+    count = len(result)
+    beyond = vertices[vertices >= count]
+    if len(beyond):
+        raise ValueError(
+            f"the species {species[i].name} has the vertex {beyond[0]}; the mesh has {count}, from 0 to {count - 1}"
+        )
+    taken = vertices[(result[vertices] >= 0) & (result[vertices] != i)]
+    if len(taken):
+        raise ValueError(
+            f"the vertex {taken[0]} is of the species {species[result[taken[0]]].name} and of {species[i].name}; it "
+            "must be of one"
+        )
+    result[vertices] = i
+
+
+def _counts(fractions: Sequence[float], count: int) -> list[int]:
+    """Return whole numbers of vertices whose sums are those of the fractions, rounded."""
+    ends = np.rint(np.cumsum([0.0, *fractions]) * count).astype(int)
+    return np.diff(ends).tolist()
+
+
+def _distances(species: SpeciesSection, mesh: Mesh, random: np.random.Generator) -> NDArray[np.float64]:
+    """Return of each vertex how far it is from where a species is."""
+    if species.region == "random":
+        return random.random(len(mesh.vertices))
+    direction = np.asarray(species.direction, dtype=float)
+    heights = mesh.vertices @ (direction / np.linalg.norm(direction))
+    if species.region == "cap":
+        return -heights
+    if species.region == "stripe":
+        return np.abs(heights - heights.mean())
+    edges = mesh.edges
+    graph = sparse.coo_matrix((mesh.edgeLengths, (edges[:, 0], edges[:, 1])), shape=(len(heights), len(heights)))
+    return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=int(np.argmax(heights))))

@@ -1,0 +1,129 @@
+"""Species and spontaneous curvature in a configuration: which vertices have them, and what a run makes of them."""
+
+import numpy as np
+import pytest
+
+import openmmhelfrich as mh
+from openmmhelfrich.runs.config import asDict, parseConfig
+from openmmhelfrich.runs.material import flatEnergy, placeSpecies
+from openmmhelfrich.runs.sections import SpeciesSection
+
+MESH = mh.Mesh.icosphere(2, 2.0)
+LO_LD = [{"name": "lo", "fraction": 0.25, "bending_modulus": 40}, {"name": "ld", "spontaneous_curvature": 0.3}]
+
+
+def place(species, seed=1):
+    return placeSpecies([SpeciesSection(**each) for each in species], MESH, seed)
+
+
+def configOf(**sections):
+    return {"mesh": {"icosphere": 2}, "sampling": {"seed": 1, "steps": 4}, "platform": {"threads": 1}, **sections}
+
+
+@pytest.mark.parametrize("region", ["random", "cap", "patch", "stripe"])
+def test_fractions_are_met_and_the_rest_is_the_others(region):
+    species = place([{"name": "a", "fraction": 0.3, "region": region}, {"name": "b"}])
+    assert np.count_nonzero(species == 0) == round(0.3 * len(MESH.vertices)) and set(species) == {0, 1}
+
+
+def test_fractions_that_add_up_to_one_leave_no_vertex():
+    species = place([{"name": str(i), "fraction": 1 / 7} for i in range(7)])
+    counts = np.bincount(species)
+    assert counts.sum() == len(MESH.vertices) and np.ptp(counts) <= 1
+
+
+def test_regions_are_where_they_are_said_to_be():
+    x, direction = MESH.vertices, [1.0, 0.0, 0.0]
+    cap = place([{"name": "a", "fraction": 0.2, "region": "cap", "direction": direction}, {"name": "b"}])
+    assert x[cap == 0, 0].min() >= x[cap == 1, 0].max()
+    stripe = place([{"name": "a", "fraction": 0.2, "region": "stripe", "direction": direction}, {"name": "b"}])
+    assert abs(x[stripe == 0, 0]).max() <= abs(x[stripe == 1, 0]).min() + 1e-12
+    patch = place([{"name": "a", "fraction": 0.2, "region": "patch", "direction": direction}, {"name": "b"}])
+    assert x[patch == 0, 0].min() > 0.5 and patch[np.argmax(x[:, 0])] == 0
+
+
+def test_vertices_come_before_places_and_places_before_chance():
+    species = place(
+        [
+            {"name": "random", "fraction": 0.5},
+            {"name": "cap", "fraction": 0.2, "region": "cap"},
+            {"name": "own", "vertices": [int(np.argmax(MESH.vertices[:, 2]))]},
+            {"name": "rest"},
+        ]
+    )
+    top = np.argsort(-MESH.vertices[:, 2], kind="stable")
+    assert species[top[0]] == 2 and np.all(species[top[1:20]] == 1)
+
+
+def test_chance_follows_the_seed():
+    assert np.array_equal(place(LO_LD, 1), place(LO_LD, 1)) and not np.array_equal(place(LO_LD, 1), place(LO_LD, 2))
+
+
+def test_a_scene_gives_the_force_its_species():
+    scene = mh.Scene.of(
+        configOf(
+            species=LO_LD,
+            membrane={"bending_modulus": 20, "line_tension": 1.5, "pair_energies": {"ld,lo": 2.0, "lo, lo": -1.0}},
+        )
+    )
+    force, kT = scene.createForce(), scene.kT
+    plain = [[value._value for value in force.getSpeciesParameters(i)] for i in range(2)]
+    np.testing.assert_allclose(plain, [[40 * kT, 0, 0], [20 * kT, 0.3, 0]])
+    assert force.getLineTension(0, 1)._value == 1.5 * kT and force.getPairEnergy(1, 0)._value == 2 * kT
+    assert force.getPairEnergy(0, 0)._value == -kT and force.getPairEnergy(1, 1)._value == 0
+    assert force.getVertexSpecies().tolist() == scene.vertexSpecies.tolist()
+    assert parseConfig(asDict(scene.config)).species == scene.config.species
+
+
+def test_spontaneous_curvature_without_species():
+    scene = mh.Scene.of(configOf(membrane={"spontaneous_curvature": "0.5 1/nm", "gaussian_modulus": -10}))
+    force = scene.createForce()
+    assert force.getSpontaneousCurvature()._value == 0.5 and force.getNumSpecies() == 0
+    assert force.getGaussianModulus()._value == -10 * scene.kT
+    assert flatEnergy(scene.config, MESH, np.zeros(0, int)) == pytest.approx(20 * 0.5**2 / 2 * MESH.area)
+
+
+def test_a_run_with_exchanges_goes_on_to_the_same_bits(tmp_path):
+    sampling = {"seed": 5, "steps": 12, "exchange_probability": 0.4, "steps_per_trajectory": 5}
+    config = configOf(species=LO_LD, membrane={"line_tension": 1.0}, sampling=sampling)
+    whole = mh.run({**config, "output": {"prefix": str(tmp_path / "whole"), "observables_interval": 1}})
+    part = {
+        **config,
+        "sampling": {**sampling, "steps": 7},
+        "output": {"prefix": str(tmp_path / "part"), "observables_interval": 1},
+    }
+    mh.run(part)
+    resumed = mh.resume(tmp_path / "part", steps=5)
+    assert whole.table["E_line"][-1] == resumed.table["E_line"][-1] != 0
+    assert whole.table["exchangeAcceptance"][-1] == resumed.table["exchangeAcceptance"][-1] > 0
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"species": [{"name": "a"}, {"name": "b"}]}, "the species a, b have neither fraction nor vertices"),
+        ({"species": [{"name": "a"}, {"name": "a", "fraction": 0.1}]}, "there are 2 species called 'a'"),
+        ({"species": [{"name": "a", "fraction": 0.7}, {"name": "b", "fraction": 0.7}]}, "add up to 1.4"),
+        ({"species": [{"name": "a", "fraction": 0.7}]}, "the fractions of the species add up to 0.7"),
+        ({"species": [{"name": "a", "vertices": [1]}]}, "161 of 162 vertices are of no species"),
+        ({"species": [{"name": "a", "vertices": [162]}, {"name": "b"}]}, "the species a has the vertex 162"),
+        (
+            {"species": [{"name": "a", "vertices": [1]}, {"name": "b", "vertices": [1]}, {"name": "c"}]},
+            "the vertex 1 is of the species a and of b",
+        ),
+        ({"species": [{"name": "a", "fraction": 2}]}, "species.* 1 fraction is 2"),
+        ({"species": [{"name": "a", "region": "cap"}]}, "there is no fraction"),
+        ({"species": [{"name": "a", "bending": 3}]}, "has no key 'bending'; did you mean 'bending_modulus'"),
+        ({"species": [{"name": "a", "bending_modulus": -3}]}, "bending_modulus is -3"),
+        ({"membrane": {"line_tension": 2}}, "line_tension has no effect without"),
+        ({"species": LO_LD, "membrane": {"line_tension": {"lo, le": 2}}}, "no species is called 'le'"),
+        ({"species": LO_LD, "membrane": {"pair_energies": {"lo": 2}}}, "separated by a comma"),
+        ({"species": LO_LD, "membrane": {"line_tension": {"lo, lo": 2}}}, "two different species"),
+        ({"sampling": {"exchange_probability": 0.2}}, "exchange_probability has no effect without"),
+        ({"sampling": {"exchange_probability": 0.7}, "species": LO_LD}, "must not add up to more than 1"),
+        ({"membrane": {"spontaneous_curvature": "3 nm"}}, "is not a unit of curvature"),
+    ],
+)
+def test_mistakes_are_named(sections, message):
+    with pytest.raises(ValueError, match=message):
+        mh.Scene.of(configOf(**sections))
