@@ -113,6 +113,43 @@ void testSurfaceTargets() {
     ASSERT(toXml(*copy).find("version=\"4\"") != string::npos);
 }
 
+void testMaterial() {
+    // Only a force that has species, a spontaneous curvature or a Gaussian modulus is written as version 6.
+
+    for (int change = 0; change < 3; change++) {
+        HelfrichForce force;
+        makeForce(force);
+        if (change == 0)
+            force.setSpontaneousCurvature(1.0 / 3);
+        if (change == 1)
+            force.setGaussianModulus(-0.1);
+        if (change == 2)
+            force.setVertexSpecies({0, 3, 1});
+        ASSERT(toXml(force).find("version=\"6\"") != string::npos);
+        ASSERT_EQUAL(toXml(force), toXml(*fromXml(toXml(force))));
+    }
+    HelfrichForce force;
+    makeForce(force);
+    force.addSpecies(0.1, -1.0 / 3, 1e-300);
+    force.addSpecies(1e300, 0.7);
+    force.addSpecies(0, 0);
+    force.setLineTension(2, 0, -0.3);
+    force.setPairEnergy(1, 1, 0.9);
+    force.setVertexSpecies({2, 0, 1, 1});
+    unique_ptr<HelfrichForce> copy = fromXml(toXml(force));
+    ASSERT_EQUAL(toXml(force), toXml(*copy));
+    ASSERT_EQUAL(3, copy->getNumSpecies());
+    double bendingModulus, spontaneousCurvature, gaussianModulus;
+    copy->getSpeciesParameters(0, bendingModulus, spontaneousCurvature, gaussianModulus);
+    ASSERT_EQUAL(0.1, bendingModulus);
+    ASSERT_EQUAL(-1.0 / 3, spontaneousCurvature);
+    ASSERT_EQUAL(1e-300, gaussianModulus);
+    ASSERT_EQUAL(-0.3, copy->getLineTension(0, 2));
+    ASSERT_EQUAL(0.0, copy->getLineTension(0, 1));
+    ASSERT_EQUAL(0.9, copy->getPairEnergy(1, 1));
+    ASSERT(force.getVertexSpecies() == copy->getVertexSpecies());
+}
+
 static string replaced(string text, const string& old, const string& with) {
     size_t position = text.find(old);
     ASSERT(position != string::npos);
@@ -214,6 +251,7 @@ int main() {
         testRoundTrip();
         testDefaults();
         testSurfaceTargets();
+        testMaterial();
         testVersionWithoutLengthScaleOfRepulsion();
         testVersionWithoutTensionAndPressure();
         testVersionWithoutLengthScale();

@@ -107,6 +107,10 @@ public:
     typename SimdOf<Real>::Integers has(int i) const {
         return loadIntegers<Real>(valences) > i;
     }
+    /// whether neighbors in the group differ in their species
+    bool isMixed() const {
+        return arrays.areMixed[firstSlot / stride];
+    }
     /// the first of the corners of a number
     int corner(int i) const {
         return firstCorner + i * stride;
@@ -189,9 +193,21 @@ enum Parts { Edges, Triangles, Angles, Materials, Mixtures };
  */
 template <class Real>
 struct RingSums {
-    Vector<Real> doubleAreas, curvature, tether, line, gaussian;
+    Vector<Real> doubleAreas, curvature, tether;
     Point<Real> normals;
 };
+
+/**
+ * The same with those over what acts between materials.  Loops that do without have no trace of them: what compilers
+ * inline depends on the size of everything, and so do the last bits.
+ */
+template <class Real>
+struct MaterialRingSums : RingSums<Real> {
+    Vector<Real> line, gaussian;
+};
+
+template <Parts parts, class Real>
+using RingSumsOf = std::conditional_t<parts >= Materials, MaterialRingSums<Real>, RingSums<Real>>;
 
 /**
  * The angle of each vertex in a triangle, less that of an equilateral one, where the corners of the triangle differ in
@@ -214,7 +230,7 @@ inline Vector<Real> excessAngle(const Ring<Real>& ring, int i, Vector<Real> doub
 template <Parts parts, bool HasTether, class Real>
 inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, const Point<Real>& previousNormal,
                     const Point<Real>& toNeighbor, const Point<Real>& toPrevious, const Parameters<Real>& p,
-                    const CpuHelfrichArrays<Real>& arrays, RingSums<Real>& sums) {
+                    const CpuHelfrichArrays<Real>& arrays, RingSumsOf<parts, Real>& sums) {
     if (parts < Angles && !HasTether)
         return;
     Vector<Real> length2 = dot(toNeighbor, toNeighbor);
@@ -227,8 +243,9 @@ inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, co
         store(arrays.anglesPerLength + ring.corner(i), angle * inverse);
         sums.curvature += length * angle;
     }
-    if (parts >= Mixtures && arrays.lineTensions != nullptr)
-        sums.line += load(arrays.lineTensions + ring.corner(i)) * length;
+    if constexpr (parts == Mixtures)
+        if (arrays.lineTensions != nullptr)
+            sums.line += load(arrays.lineTensions + ring.corner(i)) * length;
     if (HasTether && any(isTetherTaut(length2, p))) {
         Vector<Real> slope;
         sums.tether += tetherEnergy(length, ring.has(i), p, slope);
@@ -236,9 +253,12 @@ inline void addEdge(const Ring<Real>& ring, int i, const Point<Real>& normal, co
 }
 
 template <Parts parts, bool HasTether, class Real>
-inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
-                              const CpuHelfrichArrays<Real>& arrays) {
-    RingSums<Real> sums = {};
+inline RingSumsOf<parts, Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
+                                       const CpuHelfrichArrays<Real>& arrays) {
+    if constexpr (parts == Materials)
+        if (ring.isMixed())
+            return sumRing<Mixtures, HasTether>(ring, p, arrays);
+    RingSumsOf<parts, Real> sums = {};
     const CpuHelfrichLayout::Group& group = ring.group;
     if (parts == Edges) {
         const Point<Real> none = {};
@@ -252,11 +272,11 @@ inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
         Point<Real> next = i + 1 < group.length ? ring.toNeighbor(i + 1) : first;
         Point<Real> normal = ring.normal(i, current, next);
         Vector<Real> square = dot(normal, normal);
-        Vector<Real> doubleArea = square * inverseLength(square);
-        sums.doubleAreas += doubleArea;
+        sums.doubleAreas += square * inverseLength(square);
         sums.normals = sums.normals + normal;
-        if (parts >= Mixtures && arrays.gaussianModuli != nullptr)
-            sums.gaussian += excessAngle(ring, i, doubleArea, current, next, arrays);
+        if constexpr (parts == Mixtures)
+            if (arrays.gaussianModuli != nullptr)
+                sums.gaussian += excessAngle(ring, i, square * inverseLength(square), current, next, arrays);
         if (i == 0)
             firstNormal = normal;
         else
@@ -280,31 +300,18 @@ inline RingSums<Real> sumRing(const Ring<Real>& ring, const Parameters<Real>& p,
     return sums;
 }
 
-/**
- * The same with what acts between materials, where neighbors differ.
- */
-template <Parts parts, bool HasTether, class Real>
-inline RingSums<Real> sumRingOf(bool isMixed, const Ring<Real>& ring, const Parameters<Real>& p,
-                                const CpuHelfrichArrays<Real>& arrays) {
-    if constexpr (parts == Materials)
-        if (isMixed)
-            return sumRing<Mixtures, HasTether>(ring, p, arrays);
-    return sumRing<parts, HasTether>(ring, p, arrays);
-}
-
 template <Parts parts, bool HasTether, class Real>
 void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const CpuHelfrichArrays<Real>& arrays,
                    int firstGroup, int lastGroup, CpuHelfrichSums& sums) {
-    typename SimdOf<Real>::Doubles area = {}, volume = {}, curvature = {}, bending = {}, tether = {}, gaussian = {},
-                                   line = {};
+    typename SimdOf<Real>::Doubles area = {}, volume = {}, curvature = {}, bending = {}, tether = {};
+    std::conditional_t<parts == Materials, decltype(area), int> gaussian = {}, line = {};
     int origins[SimdOf<Real>::WIDTH];
     for (int& offset : origins)
         offset = 4 * layout.groups[firstGroup].origin;
     Coordinates<Real> origin = loadCoordinates(arrays, origins);
     for (int slot = firstGroup * layout.width; slot < lastGroup * layout.width; slot += SimdOf<Real>::WIDTH) {
         Ring<Real> ring(layout, arrays, slot);
-        bool isMixed = (parts == Materials && arrays.areMixed[slot / layout.width]);
-        RingSums<Real> ringSums = sumRingOf<parts, HasTether>(isMixed, ring, p, arrays);
+        auto ringSums = sumRing<parts, HasTether>(ring, p, arrays);
         Point<Real> offset = displacement(origin, ring.center, arrays);
         // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
         Vector<Real> vertexArea =
@@ -336,7 +343,7 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
         }
         if (HasTether)
             tether += toDoubles(ringSums.tether);
-        if (isMixed) {
+        if constexpr (parts == Materials) {
             line += toDoubles(ringSums.line);
             if (arrays.gaussianModuli != nullptr)
                 gaussian -= toDoubles(load(arrays.gaussianModuli + slot) * ringSums.gaussian);
@@ -347,7 +354,7 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
     sums.curvature = sum(curvature);
     sums.bending = 2 * (parts == Materials ? Real(1) : p.bendingModulus) * sum(bending);
     sums.tether = 0.5 * sum(tether);
-    if (parts >= Materials) {
+    if constexpr (parts == Materials) {
         sums.gaussian = sum(gaussian);
         sums.line = 0.5 * sum(line);
     }
@@ -386,6 +393,9 @@ inline Point<Real> edgeGradient(const Ring<Real>& ring, const Parameters<Real>& 
 template <Parts parts, bool HasTether, class Real>
 inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& p, const HelfrichTotals& slopes,
                                 const CpuHelfrichArrays<Real>& arrays) {
+    if constexpr (parts == Materials)
+        if (ring.isMixed())
+            return ringGradient<Mixtures, HasTether>(ring, p, slopes, arrays);
     if (parts == Edges)
         return edgeGradient<HasTether>(ring, p);
     const Real byBendingSlope2 = p.bendingModulus == 0 ? 0 : -1 / (24 * p.bendingModulus),
@@ -431,13 +441,15 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
             tetherEnergy(u2 * inverseLength(u2), ring.has(i), p, slope);
             byEdge += slope;
         }
-        if (parts >= Mixtures && arrays.lineTensions != nullptr)
-            byEdge += load(arrays.lineTensions + ring.corner(i)) * inverseLength(u2);
-        if (parts >= Mixtures && arrays.gaussianModuli != nullptr) {
-            Vector<Real> own = load(arrays.gaussianModuli + ring.firstSlot);
-            Vector<Real> ofU = (ring.ofNeighbor(arrays.gaussianModuli, i) - own) * inverse;
-            Vector<Real> ofW = (ring.ofNeighbor(arrays.gaussianModuli, isLast ? 0 : i + 1) - own) * inverse;
-            gradient = gradient + u * (ofW - ofU * divide(uw, u2)) + w * (ofU - ofW * divide(uw, w2));
+        if constexpr (parts == Mixtures) {
+            if (arrays.lineTensions != nullptr)
+                byEdge += load(arrays.lineTensions + ring.corner(i)) * inverseLength(u2);
+            if (arrays.gaussianModuli != nullptr) {
+                Vector<Real> own = load(arrays.gaussianModuli + ring.firstSlot);
+                Vector<Real> ofU = (ring.ofNeighbor(arrays.gaussianModuli, i) - own) * inverse;
+                Vector<Real> ofW = (ring.ofNeighbor(arrays.gaussianModuli, isLast ? 0 : i + 1) - own) * inverse;
+                gradient = gradient + u * (ofW - ofU * divide(uw, u2)) + w * (ofU - ofW * divide(uw, w2));
+            }
         }
         Vector<Real> byAreaHalf = Real(0.5) * byArea * inverse;
         gradient = gradient + normal * byNormal - u * (byAreaHalf * dc + byEdge) - w * (byAreaHalf * db);
@@ -448,21 +460,10 @@ inline Point<Real> ringGradient(const Ring<Real>& ring, const Parameters<Real>& 
 }
 
 template <Parts parts, bool HasTether, class Real>
-inline Point<Real> ringGradientOf(bool isMixed, const Ring<Real>& ring, const Parameters<Real>& p,
-                                  const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays) {
-    if constexpr (parts == Materials)
-        if (isMixed)
-            return ringGradient<Mixtures, HasTether>(ring, p, slopes, arrays);
-    return ringGradient<parts, HasTether>(ring, p, slopes, arrays);
-}
-
-template <Parts parts, bool HasTether, class Real>
 void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p, const HelfrichTotals& slopes,
                      const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup, double* gradients) {
     for (int slot = firstGroup * layout.width; slot < lastGroup * layout.width; slot += SimdOf<Real>::WIDTH) {
-        Ring<Real> ring(layout, arrays, slot);
-        bool isMixed = (parts == Materials && arrays.areMixed[slot / layout.width]);
-        Point<Real> gradient = ringGradientOf<parts, HasTether>(isMixed, ring, p, slopes, arrays);
+        Point<Real> gradient = ringGradient<parts, HasTether>(Ring<Real>(layout, arrays, slot), p, slopes, arrays);
         storePoints(gradients, gradient.x, gradient.y, gradient.z);
         gradients += 4 * SimdOf<Real>::WIDTH;
     }

@@ -209,11 +209,10 @@ struct HelfrichParameters {
         return has(Term::Bending) || has(Term::AreaDifference);
     }
     /**
-     * Get whether a term depends on the triangles.
+     * Get whether a term depends on the triangles, whatever their species.
      */
     bool needsTriangles() const {
-        return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || has(Term::Pressure) || needsCurvature() ||
-               hasForcesOfSpecies();
+        return has(Term::Area) || has(Term::Volume) || has(Term::Tension) || has(Term::Pressure) || needsCurvature();
     }
     /**
      * Get whether a term has a meaning only where the surface encloses a positive volume.
