@@ -11,20 +11,21 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from conftest import together
 from membranes import PLATFORMS, createBlob, createContext, energyOf, kelvin, positionsOf, termsOf
-from test_flips import enumerateStates, flipped, octahedron, pOf, stateOf
+from test_flips import enumerateStates, octahedron, pOf, stateOf
 
 PROPOSALS = ["neighbors", "anywhere", "mutation"]
-# What acts on species: two or three of them that differ in everything.
+# Species that differ in everything: bending modulus, spontaneous curvature and Gaussian modulus.
 MATERIALS = [(20.0, 0.3, -9.0), (12.0, -0.6, 5.0), (27.0, 1.1, -3.0)]
 
 
 ALL = ("bending", "gaussian", "line", "pair")
+PLENTY = dict.fromkeys(ALL, 1.0)
 # With so much of each term, energies differ by a few kJ/mol among placements on six vertices, or also triangulations.
 FROZEN = {"bending": 0.02, "gaussian": 0.05, "line": 0.04, "pair": 0.04}
 FLUID = {"bending": 0.004, "gaussian": 0.05, "line": 0.1, "pair": 0.1}
 
 
-def addSpecies(force, numSpecies=2, terms=ALL, scales=dict.fromkeys(ALL, 1.0)):
+def addSpecies(force, numSpecies=2, terms=ALL, scales=PLENTY):
     """Give a force species that differ in some terms, and return it."""
     bending, gaussian, line, pair = (scales[term] * (term in terms) for term in ALL)
     for modulus, curvature, gaussianModulus in MATERIALS[:numSpecies]:
@@ -229,7 +230,7 @@ def test_contexts_that_are_refused():
             createContext(mesh, forces, integrator=createExchange())
     variable = mm.CustomCVForce("x")
     variable.addCollectiveVariable("x", createForce(mesh))
-    with pytest.raises(mm.OpenMMException, match="'HelfrichForce' is inside another Force.*keep the species"):
+    with pytest.raises(mm.OpenMMException, match=r"'HelfrichForce' is inside another Force.*keep the species"):
         createContext(mesh, variable, integrator=createExchange())
     exchange = createExchange()
     context = createContext(mesh, createForce(mesh), integrator=exchange)
@@ -238,11 +239,11 @@ def test_contexts_that_are_refused():
         exchange.step(1)
     exchange = createExchange(fraction=1e12)
     context = createContext(mesh, createForce(mesh), integrator=exchange)
-    with pytest.raises(mm.OpenMMException, match="the number of attempts in a sweep is 1.2e.14; it must be at most"):
+    with pytest.raises(mm.OpenMMException, match=r"the number of attempts in a sweep is 1.2e.14; it must be at most"):
         exchange.step(1)
     exchange.setFraction(1)
     context.setPositions(np.full_like(mesh.vertices, np.nan))
-    with pytest.raises(mm.OpenMMException, match="the position of particle 0 is .nan, nan, nan.; positions must be"):
+    with pytest.raises(mm.OpenMMException, match=r"the position of particle 0 is .nan, nan, nan.; positions must be"):
         exchange.step(1)
 
 
