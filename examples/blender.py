@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from segmentation import picture
+from segmentation import picture, simulate
 
 import openmmhelfrich as mh
 
@@ -56,16 +56,7 @@ def main() -> None:
     even = found.remeshed(numVertices=options.vertices)
     print(*even.notes, sep="\n")
     even.write(options.output / "sphere_even.ply")
-    summary = mh.run(
-        {
-            "mesh": {"file": str(options.output / "sphere_even.ply")},
-            "membrane": {"reduced_volume": 0.9},
-            "sampling": {"steps": options.steps, "step_size": "auto", "seed": 1},
-            "output": {"prefix": str(options.output / "sphere"), "trajectory_interval": 100, "overwrite": True},
-        }
-    )
-    print(*(f"{label}: {text}" for label, text in summary.lines()), sep="\n")
-    final = mh.Mesh.read(summary.outputs.mesh)
+    final = simulate(options.output / "sphere_even.ply", options.output / "sphere", options.steps, reduced_volume=0.9)
     shown = {"as Blender has it": found, "remeshed": even, f"after {options.steps} steps": final}
     picture(shown, options.output / "blender.png")
 

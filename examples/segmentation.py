@@ -46,6 +46,20 @@ def surfaceOf(labels: np.ndarray, voxelSize: float, file: Path) -> None:
     image.contour([0.5], scalars="label", method="marching_cubes", compute_normals=False).save(file)
 
 
+def simulate(file: Path, prefix: Path, steps: int, **membrane: float) -> mh.Mesh:
+    """Run a mesh, print what came of it, with the verdict, and return the mesh at the end."""
+    summary = mh.run(
+        {
+            "mesh": {"file": str(file)},
+            "membrane": membrane,
+            "sampling": {"steps": steps, "step_size": "auto", "seed": 1},
+            "output": {"prefix": str(prefix), "trajectory_interval": 100, "overwrite": True},
+        }
+    )
+    print(*(f"{label}: {text}" for label, text in summary.lines()), sep="\n")
+    return mh.Mesh.read(summary.outputs.mesh)
+
+
 def picture(meshes: dict[str, mh.Mesh], file: Path) -> None:
     """Draw meshes beside each other, with their edges, in few colors, which makes a small file."""
     plotter = pyvista.Plotter(shape=(1, len(meshes)), off_screen=True, window_size=[380 * len(meshes), 400])
@@ -81,16 +95,7 @@ def main() -> None:
     remeshed = mended.remeshed(numVertices=options.vertices)
     print(*remeshed.notes[len(mended.notes) :], sep="\n")
     remeshed.write(even)
-    summary = mh.run(
-        {
-            "mesh": {"file": str(even)},
-            "membrane": {"bending_modulus": 20.0},
-            "sampling": {"steps": options.steps, "step_size": "auto", "seed": 1},
-            "output": {"prefix": str(options.output / "cell"), "trajectory_interval": 100, "overwrite": True},
-        }
-    )
-    print(*(f"{label}: {text}" for label, text in summary.lines()), sep="\n")
-    final = mh.Mesh.read(summary.outputs.mesh)
+    final = simulate(even, options.output / "cell", options.steps)
     shown = {"marching cubes": found, "remeshed": remeshed, f"after {options.steps} steps": final}
     picture(shown, options.output / "segmentation.png")
 

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -114,6 +115,11 @@ def noNumPy(site):
         entry.unlink()
 
 
+def noMeshio(site):
+    for entry in site.glob("meshio*"):
+        entry.unlink()
+
+
 def twoVersions(site):
     (site / "openmm_helfrich-0.0.9.dist-info").mkdir()
     record = "Metadata-Version: 2.1\nName: openmm-helfrich\nVersion: 0.0.9\n"
@@ -141,6 +147,7 @@ CASES = [
     (noMainLibrary, "a library of OpenMM cannot be loaded .*libOpenMM.so", "--no-deps openmm$", True),
     (oldNumPy, "NumPy 1.26.4 is installed, and openmm-helfrich needs 2.0 or newer", "pip install 'numpy>=2'", False),
     (noNumPy, "NumPy is not installed for .*", "pip install 'numpy>=2'", True),
+    (noMeshio, "meshio is not installed, and openmm-helfrich needs it", "pip install openmm-helfrich", False),
     (twoVersions, "there are two versions of openmm-helfrich in .*: 0", "--force-reinstall", False),
     (crash, "OpenMM cannot be loaded: the process ends with SIGABRT", "--force-reinstall", False),
 ]
@@ -267,7 +274,7 @@ def test_what_loaders_say(said, what):
 
 def test_errors_of_other_packages_are_theirs():
     with pytest.raises(ModuleNotFoundError, match="No module named 'nowhere'"), explained():
-        import nowhere  # noqa: F401
+        import_module("nowhere")
     with pytest.raises(InstallationError, match="undefined symbol"), explained():
         raise ImportError("_helfrich.so: undefined symbol: x", name="openmmhelfrich._helfrich")
 
@@ -279,6 +286,7 @@ def test_versions_are_those_of_the_metadata():
         return ".".join(map(str, numbers))
 
     assert set(needed["openmm"].split(",")) == {f">={text(installation.OPENMM)}", f"<{text(installation.NO_OPENMM)}"}
+    assert "find_package(OpenMM 8.6...<8.7 REQUIRED)" in (ROOT / "CMakeLists.txt").read_text()
     assert needed["numpy"] == f">={text(installation.NUMPY)}"
     assert f"pip install 'openmm>={text(installation.OPENMM)},<8.7'" == installation.INSTALL_OPENMM
 

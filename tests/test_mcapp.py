@@ -242,6 +242,8 @@ def testAStoppedRunLeavesACheckpoint(cell):
         (("--conf", "cell.conf", "--restart"), 1, "there is no checkpoint .*cell.p0.cpt to restart from"),
         (("--conf", "cell.conf", "--restart", 9), 1, "there is no checkpoint .*cell.p9.cpt"),
         (("--conf", "bad.conf", "--restart", 0), 1, "bad.p0.cpt is not a checkpoint of TriMem: "),
+        (("--conf", "bad.conf", "--restart", 1), 1, "bad.p1.cpt is not a checkpoint of TriMem: "),
+        (("--conf", "bad.conf", "--restart", 2), 1, "bad.p2.cpt is not a checkpoint of TriMem: "),
         (("--conf", "count.conf"), 1, r"\[HMC\] init_step is 'many'; it must be like {\"move\": 10, \"flip\": 5}"),
         (("--conf", "open.conf"), 1, "open.stl: "),
     ],
@@ -249,6 +251,8 @@ def testAStoppedRunLeavesACheckpoint(cell):
 def testWhatIsWrongIsSaid(cell, arguments, code, message):
     cell.with_name("bad.conf").write_text(SAMPLING)
     cell.with_name("bad.p0.cpt").write_text("<cpt><points>a:/points</points></cpt>")
+    cell.with_name("bad.p1.cpt").write_text("no XML")
+    cell.with_name("bad.p2.cpt").write_text("<cpt><points>a/b:/points</points><config>[[1]]</config></cpt>")
     cell.with_name("count.conf").write_text(SAMPLING + "init_step = many\n")
     cell.with_name("open.conf").write_text(SAMPLING.replace("cell.stl", "open.stl"))
     mh.Mesh(mh.Mesh.icosphere(2).vertices, mh.Mesh.icosphere(2).triangles[1:]).write("open.stl")

@@ -147,7 +147,7 @@ def testWriteFailsCleanly(tmp_path, sphere):
             "text.ply: line 1 is 'Dear Sir or Madam,'; it must be 'ply'",
         ),
         ("text.msh", b"Dear Sir or Madam,\nthis is not a mesh.\n", "text.msh: meshio cannot read it as MSH: "),
-        ("mesh.docx", b"PK", "no mesh format has the suffix '.docx'; use one of .stl"),
+        ("mesh.docx", b"PK", "no mesh format has the suffix '.docx'; use one of .ply, .stl"),
         (
             "nan.off",
             b"OFF\n4 4 0\n0 0 0\n1 0 nan\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n",

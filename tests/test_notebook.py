@@ -51,6 +51,8 @@ def test_objects_are_a_line(result):
         (result.table, "<Table of 3 rows: step, energy, "),
         (minimum, "<MinimizationResult: energies bending: "),
         (spectrum, "powers array of shape (2,)"),
+        (mh.continueTo(made, force, {"volume": 3.6}, 1, 1, 1), "windows Table of 2 rows, rows Table of 2 rows"),
+        (result.verdict, "<Verdict: doubtful; "),
     ):
         text = repr(thing)
         assert words in text and "\n" not in text and len(text) < 700, text
@@ -61,6 +63,7 @@ def test_results_are_tables_in_notebooks(result):
     table = result._repr_html_()
     assert table.count("<tr>") == len(result.lines()) and "&lt;" not in table
     assert str(result).splitlines()[0].strip() == "membrane  42 vertices, 80 triangles"
+    assert result.verdict._repr_html_().count("<tr>") == 1 + len(result.verdict.findings)
     rows = result.table._repr_html_()
     assert rows.count("<tr>") == 4 and f"{result.table['energy'][-1]:.5g}" in rows
     long = mh.readObservables.__globals__["Table"]({"a": np.arange(100.0)})
@@ -98,7 +101,8 @@ def test_bars_show_steps_rate_and_time(width, tmp_path, monkeypatch):
     lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", out.getvalue()).replace("\r", "\n").splitlines()
     last = next(line for line in reversed(lines) if "sample" in line)
     assert all(len(line) <= width for line in lines)
-    assert re.search(r"2/2 sample +━+ 12/12 +[\d.e+]+ steps/s +\d\d:\d\d", last), last
+    assert re.search(r"2/2 sample(, doubtful)? +━+ 12/12 +[\d.e+]+ steps/s +\d\d:\d\d", last), last
+    assert last.count("doubtful") == 1 and ("sample, doubtful" in last) == (width == 80)
     assert ("accepted" in last) == (width == 140)
 
 

@@ -351,6 +351,29 @@ def test_bad_input(make, problem):
         make()
 
 
+def scenes(*sections):
+    """Return a simulation for each of some sections of a configuration."""
+    simulations = []
+    for section in sections:
+        scene = mh.Scene.of({"sampling": {"seed": 1, "approach": "none"}, **section}, mh.Mesh.icosphere(1))
+        simulations.append(scene.createSimulation(scene.createForce()))
+    return simulations
+
+
+def test_replicas_must_have_the_same_energy():
+    """What a Context has of its own may differ if the states have it; moduli in kT of each temperature are an error."""
+    states = [ThermodynamicState(300), ThermodynamicState(330)]
+    with pytest.raises(ValueError, match="the forces of simulation 1 are not those of simulation 0"):
+        ReplicaExchange(scenes({}, {"membrane": {"bending_modulus": 22}}), states)
+    volumes = [{"membrane": {"reduced_volume": v}} for v in (0.9, 0.92)]
+    with pytest.raises(ValueError, match=r"'HelfrichForceTargetVolume' is 3.44\d+ in simulation 1 and 3.37\d+ in"):
+        ReplicaExchange(scenes(*volumes), states)
+    ladder = [ThermodynamicState(300, {"HelfrichForceTargetVolume": volume}) for volume in (3.37, 3.44)]
+    exchange = ReplicaExchange(scenes(*volumes), ladder)
+    exchange.run(1, 5)  # now the triangles differ, too
+    ReplicaExchange(exchange.simulations, ladder).run(1, 1)
+
+
 def test_an_integrator_without_temperature():
     system = mm.System()
     system.addParticle(1)

@@ -12,9 +12,11 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
+from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import parseConfig, readConfig
 from openmmhelfrich.runs.outputs import Recorder
 from openmmhelfrich.runs.studies import resume, run
@@ -57,7 +59,7 @@ def contentsOf(prefix):
         meshes = [(frame.step, frame.mesh.vertices.tobytes(), frame.mesh.triangles.tobytes()) for frame in frames]
     final = mh.Mesh.read(f"{prefix}.ply")
     with zipfile.ZipFile(f"{prefix}.checkpoint") as checkpoint:
-        state = checkpoint.read("state.xml")
+        state = [checkpoint.read(name) for name in ("state.xml", "positions", "velocities")]
     return {
         **files,
         "meshes": meshes,
@@ -164,6 +166,23 @@ def testRunThatIsComplete(tmp_path):
     (tmp_path / "a_shape.png").unlink()  # a run that was killed while it drew
     resume(tmp_path / "a")
     assert (tmp_path / "a_shape.png").exists()
+
+
+def testCheckpointsOfTheFirstFormat(uninterrupted, tmp_path):
+    """They have positions and velocities in the State."""
+    run(configure(tmp_path / "a"), StopAt(20))
+    file = tmp_path / "a.checkpoint"
+    simulation, _ = loadSimulation(file, mm.Platform.getPlatform("CPU"), {"Threads": "1"})
+    simulation.saveState(str(tmp_path / "state.xml"))
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in ("run.json", "system.xml", "integrator.xml")}
+    parts["run.json"] = parts["run.json"].replace(b'"format": 2', b'"format": 1')
+    parts["state.xml"] = (tmp_path / "state.xml").read_bytes()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    assert resume(tmp_path / "a").steps == 176
+    assertSame(tmp_path / "a", uninterrupted)
 
 
 def testNothingToResume(tmp_path):

@@ -14,17 +14,18 @@ from membranes import PLATFORMS, createBlob, createContext, energyOf, kelvin, po
 from test_flips import enumerateStates, octahedron, pOf, stateOf
 
 PROPOSALS = ["neighbors", "anywhere", "mutation"]
-# What acts on species: two or three of them that differ in everything.
+# Species that differ in everything: bending modulus, spontaneous curvature and Gaussian modulus.
 MATERIALS = [(20.0, 0.3, -9.0), (12.0, -0.6, 5.0), (27.0, 1.1, -3.0)]
 
 
 ALL = ("bending", "gaussian", "line", "pair")
+PLENTY = dict.fromkeys(ALL, 1.0)
 # With so much of each term, energies differ by a few kJ/mol among placements on six vertices, or also triangulations.
 FROZEN = {"bending": 0.02, "gaussian": 0.05, "line": 0.04, "pair": 0.04}
 FLUID = {"bending": 0.004, "gaussian": 0.05, "line": 0.1, "pair": 0.1}
 
 
-def addSpecies(force, numSpecies=2, terms=ALL, scales=dict.fromkeys(ALL, 1.0)):
+def addSpecies(force, numSpecies=2, terms=ALL, scales=PLENTY):
     """Give a force species that differ in some terms, and return it."""
     bending, gaussian, line, pair = (scales[term] * (term in terms) for term in ALL)
     for modulus, curvature, gaussianModulus in MATERIALS[:numSpecies]:
@@ -229,7 +230,7 @@ def test_contexts_that_are_refused():
             createContext(mesh, forces, integrator=createExchange())
     variable = mm.CustomCVForce("x")
     variable.addCollectiveVariable("x", createForce(mesh))
-    with pytest.raises(mm.OpenMMException, match="'HelfrichForce' is inside another Force.*keep the species"):
+    with pytest.raises(mm.OpenMMException, match=r"'HelfrichForce' is inside another Force.*keep the species"):
         createContext(mesh, variable, integrator=createExchange())
     exchange = createExchange()
     context = createContext(mesh, createForce(mesh), integrator=exchange)
@@ -238,11 +239,11 @@ def test_contexts_that_are_refused():
         exchange.step(1)
     exchange = createExchange(fraction=1e12)
     context = createContext(mesh, createForce(mesh), integrator=exchange)
-    with pytest.raises(mm.OpenMMException, match="the number of attempts in a sweep is 1.2e.14; it must be at most"):
+    with pytest.raises(mm.OpenMMException, match=r"the number of attempts in a sweep is 1.2e.14; it must be at most"):
         exchange.step(1)
     exchange.setFraction(1)
     context.setPositions(np.full_like(mesh.vertices, np.nan))
-    with pytest.raises(mm.OpenMMException, match="the position of particle 0 is .nan, nan, nan.; positions must be"):
+    with pytest.raises(mm.OpenMMException, match=r"the position of particle 0 is .nan, nan, nan.; positions must be"):
         exchange.step(1)
 
 
@@ -322,8 +323,9 @@ class SmallMembranes:
     ----------
     numbers : dict
         the number of each triangulation, by what stateOf() returns
-    triangles, edges : array
-        of each triangulation the triangles; and the edges i-j, with the apexes k and l of the triangles on both sides
+    triangles, valences, edges : array
+        of each triangulation the triangles; the valences of the vertices; and the edges i-j, with the apexes k and l of
+        the triangles on both sides
     flips : array
         of each edge of each triangulation the number of that which its flip makes, or -1 if it must not flip
     """
@@ -331,6 +333,7 @@ class SmallMembranes:
     def __init__(self):
         self.numbers = enumerateStates(stateOf(octahedron().triangles))
         self.triangles = np.array([sorted(state) for state in self.numbers])
+        self.valences = np.array([np.bincount(t.ravel()) for t in self.triangles])
         apexes = [{(t[n], t[(n + 1) % 3]): t[(n + 2) % 3] for t in state for n in range(3)} for state in self.numbers]
         self.edges = np.array([[(i, j, a[i, j], a[j, i]) for i, j in sorted(a) if i < j] for a in apexes])
         self.flips = np.array(
@@ -448,3 +451,113 @@ def test_detailed_balance_with_flips(membranes, kT):
     assert pOf(counts.ravel(), sum(terms.values()), 1.5 - kT) < 1e-9
     for term in terms:
         assert pOf(counts.ravel(), sum(terms.values()) - terms[term], kT) < 1e-9
+
+
+# Positions, triangulations and placements together, against a plain Metropolis of this file's own.
+
+JOINT = {"bending": 0.02, "gaussian": 0.08, "line": 0.08, "pair": 0.12}
+STIFFNESS = {"area": 60.0, "volume": 60.0, "tether": 2.0}
+MIN_LENGTH, MAX_LENGTH = 0.8, 1.9
+
+
+def totalOf(membranes, x, numbers, species, model, start):
+    """Return the whole energy, and what is compared, of M membranes."""
+    area, volume, length, A, M, *_ = membranes.measure(x, numbers, species)
+    terms = membranes.energyOf(x, numbers, species, **model)
+    terms["area"] = STIFFNESS["area"] * (area / start.area - 1) ** 2
+    terms["volume"] = STIFFNESS["volume"] * (volume / start.volume - 1) ** 2
+    short, long = np.minimum(length, MIN_LENGTH), np.maximum(length, MAX_LENGTH)
+    with np.errstate(divide="ignore"):
+        tether = np.where(length < MIN_LENGTH, np.exp(short / (short - MIN_LENGTH)) / short**2, 0)
+    terms["tether"] = STIFFNESS["tether"] * (tether + 8 * (long - MAX_LENGTH) ** 2).sum(axis=1)
+    valences = membranes.valences[numbers]
+    isOther = species == 1
+    observables = {
+        **terms,
+        "volume of it": volume,
+        "squared area": area**2,
+        "longest edge": length.max(axis=1),
+        "valences": np.sum(valences**2, axis=1),
+        "valences of one species": np.sum(valences * isOther, axis=1),
+        "areas of one species": np.sum(A * isOther, axis=1),
+        "curvatures of one species": np.sum(M * isOther, axis=1),
+        "boundary and volume": terms["line"] * volume,
+        "boundary and valences": terms["line"] * np.sum(valences * isOther, axis=1),
+        "bending and neighbors": terms["bending"] * terms["pair"],
+    }
+    return sum(terms.values()), observables
+
+
+def plainMetropolis(membranes, model, start, numChains=400, numMoves=1100, burnIn=400, interval=50):
+    """Return what many independent chains see: arrays of shape (numChains, samples) by the names of observables."""
+    random, rows = np.random.default_rng(3), np.arange(numChains)
+    x, numbers = (
+        np.repeat(start.vertices[None], numChains, axis=0),
+        np.full(numChains, membranes.numbers[stateOf(start.triangles)]),
+    )
+    species = random.permuted(np.repeat([[0, 0, 0, 0, 1, 1]], numChains, axis=0), axis=1)
+    energy, observables = totalOf(membranes, x, numbers, species, model, start)
+    samples = []
+    for move in range(numMoves):
+        newX, newNumbers, newSpecies, edge = x.copy(), numbers, species.copy(), random.integers(12, size=numChains)
+        if move % 4 == 0:
+            newNumbers = membranes.flips[numbers, edge]
+        elif move % 4 == 2:
+            i, j, _, _ = membranes.edges[numbers, edge].T
+            newSpecies[rows, i], newSpecies[rows, j] = species[rows, j], species[rows, i]
+        else:
+            newX[rows, random.integers(6, size=numChains)] += random.uniform(-0.3, 0.3, (numChains, 3))
+        isAllowed = newNumbers >= 0
+        newNumbers = np.where(isAllowed, newNumbers, numbers)
+        newEnergy, new = totalOf(membranes, newX, newNumbers, newSpecies, model, start)
+        accepted = isAllowed & (random.random(numChains) < np.exp(np.minimum(energy - newEnergy, 0)))
+        x[accepted], species[accepted] = newX[accepted], newSpecies[accepted]
+        numbers, energy = np.where(accepted, newNumbers, numbers), np.where(accepted, newEnergy, energy)
+        observables = {name: np.where(accepted, new[name], old) for name, old in observables.items()}
+        if move >= burnIn and move % interval == 0:
+            samples.append(observables)
+    return {name: np.array([sample[name] for sample in samples]).T for name in observables}
+
+
+def test_joint_distribution(membranes):
+    """Trajectories, flips and exchanges give positions, triangulations and placements of six vertices as they are to
+    be together; and they would not if the energy lacked one of the terms of species.
+    """
+    start = octahedron()
+    force = softForce(start, 2, JOINT)
+    force.setVertexSpecies([0, 0, 1, 0, 0, 1])
+    force.setAreaModulus(STIFFNESS["area"])
+    force.setTargetArea(start.area)
+    force.setVolumeModulus(STIFFNESS["volume"])
+    force.setTargetVolume(start.volume)
+    force.setTether(STIFFNESS["tether"], MIN_LENGTH, MAX_LENGTH, 2)
+    model = softModel(force)
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(1), 0.015, 20, 1, 0.3)
+    integrator.addMove(createExchange(1, 1), 0.3)
+    integrator.setRandomNumberSeed(4)
+    context = createContext(start, force, "CPU", integrator)
+    x, numbers, species = [], [], []
+    for _ in range(10000):
+        integrator.step(6)
+        x.append(positionsOf(context))
+        numbers.append(membranes.numbers[stateOf(force.getTrianglesInContext(context))])
+        species.append(force.getVertexSpeciesInContext(context))
+    _, found = totalOf(membranes, np.array(x), np.array(numbers), np.array(species), model, start)
+    expected = plainMetropolis(membranes, model, start)
+    assert integrator.getAcceptanceRate() > 0.5
+
+    def deviations(weights):
+        result = {}
+        for name, values in found.items():
+            blocks = values.reshape(40, -1).mean(axis=1)
+            chains = np.average(expected[name], axis=1, weights=weights)
+            mean = np.average(expected[name], weights=weights)
+            error = np.hypot(blocks.std() / np.sqrt(len(blocks)), chains.std() / np.sqrt(len(chains)))
+            result[name] = (blocks.mean() - mean) / error
+        return result
+
+    right = deviations(np.ones_like(expected["line"]))
+    assert max(map(abs, right.values())) < 4, right
+    for term in ALL:
+        wrong = deviations(np.exp(expected[term] - expected[term].max()))
+        assert max(map(abs, wrong.values())) > 6, term

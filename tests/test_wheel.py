@@ -1,6 +1,7 @@
 """What tools/check_wheel.py checks holds of what is installed, and it finds what does not."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -95,3 +96,13 @@ def test_what_is_wrong_is_found(tmp_path, files, breakIt, said):
     breakIt(files)
     done = check(tmp_path, files)
     assert done.returncode == 1 and said in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="there is no C++ compiler")
+def test_a_program_of_users_is_compiled_and_runs(tmp_path):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (commands,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs/how-to/install.md").read_text(), re.DOTALL)
+    done = subprocess.run(["bash", "-e", "-c", commands], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    energies = re.findall(r"(?:Reference|CPU): E_B/8 pi kappa = (.*)", done.stdout)
+    assert [float(energy) for energy in energies] == pytest.approx([1, 1], abs=0.01)

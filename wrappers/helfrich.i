@@ -56,3 +56,4 @@ import_array();
 %include "openmmhelfrich/ShearWaveIntegrator.h"
 %include "openmmhelfrich/SpeciesExchangeIntegrator.h"
 %include "openmmhelfrich/HybridMonteCarloIntegrator.h"
+%include "helfrich_examples.i"

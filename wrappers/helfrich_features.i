@@ -153,10 +153,11 @@ changes those of a Context: getTrianglesInContext() returns the live ones.
 
 Curvature is positive where the surface is convex seen from outside: on a sphere of radius R, H = 1/R, and the bending
 energy is 8 pi kappa_B (1-C_0 R/2)^2.  So C_0 is the sum of the principal curvatures that the membrane would like, and
-kappa_B stands for kappa in kappa/2 times the integral.  A program that writes kappa/2 times the integral of (2H-c)^2
-with H = (c_1+c_2)/2 has the same modulus and c = C_0; one that writes 2 kappa times that of (H-H_0)^2, as many do, has
-the same modulus and H_0 = C_0/2; and one that writes kappa times that of (H-H_0)^2, as Surface Evolver and Mem3DG do,
-has twice the modulus and H_0 = C_0/2.
+kappa_B stands for kappa in kappa/2 times the integral.  Other programs have other conventions, with H = (c_1+c_2)/2 in
+all of these.  Where it is kappa/2 times the integral of (2H-c)^2, as in FreeDTS, the modulus is the same and c = C_0;
+FreeDTS's Gaussian modulus has the other sign.  Where it is 2 kappa times that of (H-H_0)^2, the modulus is the same and
+H_0 = C_0/2.  Where it is kappa times that of (H-H_0)^2, as in Mem3DG and Surface Evolver, the modulus is twice as large
+and H_0 = C_0/2.
 
 A membrane of several materials has species, added with addSpecies(), and each vertex has one of them: see
 setVertexSpecies().  The moduli of bending and of the Gaussian curvature are then those of the species.  There may be as

@@ -267,8 +267,8 @@ _MOVES = []
 
 
 def _loadPlugins():
-    """Load the kernels that OpenMM did not load when it was imported: where OPENMM_PLUGIN_DIR names another folder, where
-    OpenMM is installed in another one, or where something is wrong, which is then said.
+    """Load the kernels that OpenMM did not load when it was imported: where OPENMM_PLUGIN_DIR names another folder,
+    where OpenMM is installed in another one, or where something is wrong, which is then said.
     """
     platforms = map(openmm.Platform.getPlatform, range(openmm.Platform.getNumPlatforms()))
     lacking = [p.getName() for p in platforms if not p.supportsKernels(['CalcHelfrichForce'])]
@@ -384,7 +384,7 @@ HELFRICH_MOVE(SpeciesExchangeIntegrator)
 
 %feature("shadow") HelfrichPlugin::HybridMonteCarloIntegrator::HybridMonteCarloIntegrator %{
     def __init__(self, *args, **kwargs):
-        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5,
+        """__init__(self, temperature, stepSize, stepsPerTrajectory=100, flipFraction=0.3, flipProbability=0.5, \
         engine='native')
         __init__(self, trajectory, flips=None, flipProbability=0.5)
 

@@ -136,7 +136,8 @@ def _limits(field: FieldInfo) -> Iterator[str]:
 
 def commandTexts() -> str:
     """Return the description of every command."""
-    return "\n\n".join(_command(command) for command in typer.main.get_command(commands).commands.values())
+    group: Any = typer.main.get_command(commands)
+    return "\n\n".join(_command(command) for command in group.commands.values())
 
 
 def _command(command: Any) -> str:

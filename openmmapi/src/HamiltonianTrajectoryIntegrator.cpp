@@ -292,9 +292,9 @@ void HamiltonianTrajectoryIntegrator::deserializeParameters(const SerializationN
             continue;
         velocities.emplace_back();
         for (auto& item : membrane.getChildren())
-            velocities.back().push_back({item.getIntProperty("level"), item.getIntProperty("particle"),
-                                         Vec3(item.getDoubleProperty("x"), item.getDoubleProperty("y"),
-                                              item.getDoubleProperty("z"))});
+            velocities.back().push_back(
+                    {item.getIntProperty("level"), item.getIntProperty("particle"),
+                     Vec3(item.getDoubleProperty("x"), item.getDoubleProperty("y"), item.getDoubleProperty("z"))});
     }
     setCoarseVelocities(velocities);
 }

@@ -32,6 +32,8 @@ def briefly(value: Any) -> str:
         return f"{briefly(value._value)} {value.unit.get_symbol()}"
     if hasattr(value, "shape"):
         return f"array of shape {value.shape}" if value.shape else f"{value:.5g}"
+    if hasattr(value, "inWords"):
+        return str(value.inWords())
     if isinstance(value, dict) and len(value) > 0 and type(value) is dict:
         text = ", ".join(f"{key}: {briefly(part)}" for key, part in value.items())
         return text if len(text) <= 4 * MOST else f"{len(value)} items"

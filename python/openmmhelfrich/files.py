@@ -9,6 +9,10 @@ from typing import TypeAlias
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
+# No deflated data become larger than this many times their size, and nothing is refused that is smaller than this many
+# bytes.
+_GREATEST_RATIO, _SMALL = 1032, 1 << 20
+
 
 @contextlib.contextmanager
 def replacing(file: PathLike) -> Iterator[Path]:
@@ -57,3 +61,19 @@ def hidden(file: PathLike, ending: str) -> Path:
     """Return the name of a file beside another for what is not to be seen."""
     path = Path(file)
     return path.with_name(f".{path.name}.{ending}")
+
+
+def requireStored(what: str, size: int, stored: int, ratio: float = _GREATEST_RATIO) -> None:
+    """Raise a ValueError if something claims far more bytes than a file has of it: that much memory would be taken.
+
+    Parameters
+    ----------
+    what : str
+        what it is
+    size, stored : int
+        the bytes that it claims, and those that are there
+    ratio : float
+        how many times smaller it may have become
+    """
+    if size > max(_SMALL, ratio * stored):
+        raise ValueError(f"{what} claims {size} bytes, of which {stored} are there")

@@ -57,6 +57,7 @@ def findFaults(said: str = "") -> Iterator[Fault]:
     yield from _numpyFaults(said)
     yield from _fileFaults()
     yield from _recordFaults()
+    yield from _requirementFaults()
     yield from _loaderFaults(said)
 
 
@@ -234,6 +235,20 @@ def _recordFaults() -> Iterator[Fault]:
             isLibrary = file.name.startswith(("libOpenMMHelfrich", "_helfrich."))
             if isLibrary and os.path.isfile(file.locate()) and not _isAsRecorded(file):
                 yield Fault(f"{file.locate()} is not that of the installed {NAME} {found[0].version}", REINSTALL)
+
+
+def _requirementFaults() -> Iterator[Fault]:
+    from importlib.metadata import PackageNotFoundError, version
+
+    for distribution in ownDistributions()[:1]:
+        for requirement in distribution.requires or []:
+            name, _, condition = (part.strip() for part in requirement.partition(";"))
+            package = re.split(r"[^\w.-]", name)[0]
+            try:
+                if not condition:  # neither of an extra nor of some versions of Python
+                    version(package)
+            except PackageNotFoundError:
+                yield Fault(f"{package} is not installed, and {NAME} needs it", f"pip install {NAME}")
 
 
 def _isAsRecorded(file: "PackagePath") -> bool:

@@ -70,7 +70,11 @@ class Table(dict[str, NDArray[np.float64]]):
         return table
 
     def __repr__(self) -> str:
-        return f"<Table of {max(map(len, self.values()), default=0)} rows: {', '.join(self)}>"
+        return f"<{self.inWords()}: {', '.join(self)}>"
+
+    def inWords(self) -> str:
+        """Return what it is, without its columns."""
+        return f"Table of {max(map(len, self.values()), default=0)} rows"
 
     def _repr_html_(self) -> str:
         return columnTable(self)

@@ -3,6 +3,7 @@
 #include "openmmhelfrich/EdgeFlipIntegrator.h"
 #include "openmmhelfrich/HamiltonianTrajectoryIntegrator.h"
 #include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/SpeciesExchangeIntegrator.h"
 #include <iostream>
 
 using namespace HelfrichPlugin;
@@ -42,6 +43,18 @@ void testShearWaves() {
     ASSERT_EQUAL(12, copy->getMovesPerStep());
 }
 
+void testSpeciesExchanges() {
+    SpeciesExchangeIntegrator move(1, 0.15);
+    move.setProposal("mutation");
+    move.setChemicalPotential(0, -0.3);
+    move.setChemicalPotential(7, 1.25);
+    auto copy = testMove(move, "SpeciesExchangeIntegrator");
+    ASSERT_EQUAL(0.15, copy->getFraction());
+    ASSERT_EQUAL("mutation", copy->getProposal());
+    ASSERT(move.getChemicalPotentials() == copy->getChemicalPotentials());
+    assertRejected(toXml(move), "mutation", "nothing", "the proposal is 'nothing'; it must be 'neighbors'");
+}
+
 void testTrajectories() {
     HamiltonianTrajectoryIntegrator move(1, 0.015, 42);
     move.setForcePrecision("mixed");
@@ -49,6 +62,7 @@ void testTrajectories() {
     move.setSplitting("bcss3");
     move.setTetherSubsteps(4);
     move.setMomentumRefreshment(0.4);
+    move.setMultilevelWeight(1.5);
     auto copy = testMove(move, "HamiltonianTrajectoryIntegrator");
     ASSERT_EQUAL(0.015, copy->getStepSize());
     ASSERT_EQUAL(42, copy->getStepsPerTrajectory());
@@ -57,6 +71,7 @@ void testTrajectories() {
     ASSERT_EQUAL("bcss3", copy->getSplitting());
     ASSERT_EQUAL(4, copy->getTetherSubsteps());
     ASSERT_EQUAL(0.4, copy->getMomentumRefreshment());
+    ASSERT_EQUAL(1.5, copy->getMultilevelWeight());
 }
 
 void testCustomTrajectories() {
@@ -70,6 +85,7 @@ int main() {
     try {
         testEdgeFlips();
         testShearWaves();
+        testSpeciesExchanges();
         testTrajectories();
         testCustomTrajectories();
     }

@@ -35,6 +35,7 @@ from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
+from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.grids import readGrid
 from openmmhelfrich.runs.scene import Scene
@@ -282,8 +283,14 @@ def prepare() -> None:
         write = next(write for kind, write in DIALECTS.values() if kind == suffix)
         Path(f"mesh.{suffix}").write_bytes(write(mesh.vertices, mesh.triangles))
     with zipfile.ZipFile("run.checkpoint") as archive:
-        archive.extractall(members=XML)
+        archive.extractall(members=XML[:2])
+    _writeState("state.xml")
     shutil.copytree(".", "good")
+
+
+def _writeState(file):
+    simulation, _ = loadSimulation("run.checkpoint", mm.Platform.getPlatform("Reference"), {})
+    simulation.saveState(file)
 
 
 def _stopAfter(step):

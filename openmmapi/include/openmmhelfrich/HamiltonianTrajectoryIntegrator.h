@@ -133,15 +133,16 @@ public:
         return multilevelWeight;
     }
     /**
-     * Set the weight of momenta on coarser meshes: 0 (the default) for none, or a positive number.  With them long waves
-     * of a membrane move as fast as short ones, and the number of steps for an independent shape hardly grows with the
-     * number of vertices.
+     * Set the weight of momenta on coarser meshes: 0 (the default) for none, or a positive number.  With them long
+     * waves of a membrane move as fast as short ones, and the number of steps for an independent shape hardly grows
+     * with the number of vertices.
      *
-     * The coarser meshes are made of the live connectivity, each of a quarter of the vertices of the next finer one, and
-     * made anew when it has changed.  Their vertices have momenta of their own.  A vertex of a membrane moves by its own
-     * velocity and by a mean of those of nearby vertices of the coarser meshes, level l of which have the factor
-     * sqrt(weight^l); the forces on it act on these by the same factors.  As this linear relation is fixed during a
-     * trajectory, trajectories remain reversible and preserve volume in phase space: what is sampled does not change.
+     * The coarser meshes are made of the live connectivity, each of a quarter of the vertices of the next finer one,
+     * and made anew when it has changed.  Their vertices have momenta of their own.  A vertex of a membrane moves by
+     * its own velocity and by a mean of those of nearby vertices of the coarser meshes, level l of which have the
+     * factor sqrt(weight^l); the forces on it act on these by the same factors.  As this linear relation is fixed
+     * during a trajectory, trajectories remain reversible and preserve volume in phase space: what is sampled does not
+     * change.
      *
      * With a weight of 1 the squares of velocities of a wave of wave number q grow as 1/q^2, with 4 as 1/q^4.  The
      * vertices of coarser meshes have the mean mass of the membrane's vertices that can move.  Particles that are no

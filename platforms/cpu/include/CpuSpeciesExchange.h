@@ -1,6 +1,7 @@
 #ifndef OPENMM_CPUSPECIESEXCHANGE_H_
 #define OPENMM_CPUSPECIESEXCHANGE_H_
 
+#include "CpuRelaxed.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmm/Vec3.h"
 #include <array>
@@ -14,11 +15,12 @@ namespace HelfrichPlugin {
  * the energy needs of the geometry is computed once, for each vertex and its ring of neighbors.  Nothing of the energy
  * depends on totals, so that the change by an attempt comes from the two vertices and their neighbors alone.
  *
- * A sweep is by definition a sequential chain.  Several threads compute it block by block: together they evaluate the
- * attempts of a block as if each were the next one, and then one thread decides them in their turn.  An attempt at a
- * vertex whose own species, or a neighbor's, has changed since the block began is evaluated again.  So the outcome is
- * that of the sequential chain, to the last bit, for any number of threads.  A single thread evaluates each attempt
- * when its turn comes.
+ * A sweep is by definition a sequential chain.  It is computed block by block: while one thread decides the attempts of
+ * a block in their turn, the others evaluate those of the next one as if each were the next to be decided, and then it
+ * helps them.  An attempt is evaluated again in its turn if the species of one of its vertices, or of a neighbor, has
+ * changed in its own block or in the one before it.  What another thread saw of that at the time may be from before or
+ * after, but no other attempt depends on it.  So the outcome is that of the sequential chain, to the last bit, for any
+ * number of threads.  A single thread evaluates each attempt when its turn comes.
  */
 class CpuSpeciesExchange {
 public:
@@ -66,10 +68,11 @@ private:
      * The rows of the neighbors around a vertex, of which one may have another than it has.
      */
     struct Surroundings {
-        const int *ring, *rows;
+        const int* ring;
+        const Relaxed<int>* rows;
         int other, rowOfOther;
         int operator[](int i) const {
-            return ring[i] == other ? rowOfOther : rows[ring[i]];
+            return ring[i] == other ? rowOfOther : int(rows[ring[i]]);
         }
     };
     /**
@@ -83,6 +86,12 @@ private:
         double change;
         bool isAlike, isAccepted;
     };
+    struct Block {
+        std::vector<Attempt> attempts;
+        /// the number of the first one in the sweep, and how many there are
+        long long firstAttempt = 0;
+        int numAttempts = 0;
+    };
     void prepareMaterials();
     void prepareRings();
     void collectRing(int vertex);
@@ -94,7 +103,7 @@ private:
     std::array<int, 2> getVertices(const SpeciesDraw& draw) const {
         return {draw.first, proposal.kind == SpeciesProposal::Mutation ? draw.first : draw.second};
     }
-    void drawAttempts(int begin, int end);
+    void drawAttempts(Block& block, int begin);
     void evaluate(Attempt& attempt) const;
     /**
      * Get the change of energy where a vertex changes its species, and another one has a given species.
@@ -106,7 +115,9 @@ private:
      * Get the change by triangles of three species.
      */
     double changeOfMedians(int vertex, const Surroundings& around, int rowFrom, int rowTo) const;
-    void decide(Attempt& attempt);
+    void decide(Block& block);
+    bool isStale(const SpeciesDraw& draw) const;
+    void accept(const Attempt& attempt);
     void setSpecies(int vertex, int species);
     HelfrichMesh& mesh;
     const int numThreads;
@@ -118,19 +129,21 @@ private:
     std::vector<double> halfTensions, pairEnergies;
     int numRows;
     std::vector<Vertex> vertices;
-    /// of each vertex the row of its species
-    std::vector<int> rows;
+    /// of each vertex its species, and the row of this
+    std::vector<Relaxed<int>> species, rows;
     /// the neighbors around each vertex, from its lowest halfedge on
     std::vector<int> neighbors;
     std::vector<Lengths> lengths;
     long long revision;
     double kT;
     Philox random;
-    long long sweep, firstAttempt;
-    std::vector<Attempt> block;
+    long long sweep;
+    /// the one that is evaluated, and the one that is decided
+    Block blocks[2];
+    /// the number of the block that is evaluated, counted on from sweep to sweep
+    long long lastBlock = 0;
     /// of each vertex the number of the last block in which its species or a neighbor's changed
     std::vector<long long> lastChanges;
-    long long numBlocks = 0;
     SpeciesExchangeStatistics statistics;
     const Observer* observer;
 };

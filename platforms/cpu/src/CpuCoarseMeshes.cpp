@@ -13,7 +13,7 @@ static const int NONE = -1;
 /**
  * A surface that has so few vertices has no coarser mesh.
  */
-static const int LEAST = 8;
+static const int LEAST = 4;
 
 /**
  * The number of vertices that makes it worth to wake another thread, and that a thread takes at a time.

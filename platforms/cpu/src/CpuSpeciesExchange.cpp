@@ -9,15 +9,15 @@ using namespace OpenMM;
 using namespace std;
 
 /**
- * The attempts of a block: for a single thread as many as are worth drawing beforehand.  With more for several threads
- * too many would be evaluated twice.
+ * The attempts of a block: as many as are worth drawing beforehand; on several threads more, but so few in a membrane
+ * that few are evaluated twice.
  */
-static const int ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VERTICES_PER_ATTEMPT = 40;
+static const int MIN_ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VERTICES_PER_ATTEMPT = 160;
 
 /**
  * The attempts that a thread evaluates at a time.
  */
-static const int ATTEMPTS_PER_PART = 64;
+static const int ATTEMPTS_PER_PART = 32;
 
 /**
  * The decisions of one thread do not keep more than these busy.
@@ -42,10 +42,11 @@ static int limitThreads(int numThreads, int numVertices) {
 
 CpuSpeciesExchange::CpuSpeciesExchange(HelfrichMesh& mesh, int numThreads)
         : mesh(mesh), numThreads(limitThreads(numThreads, mesh.getNumVertices())), vertices(mesh.getNumVertices()),
-          rows(mesh.getNumVertices()), neighbors(mesh.getNumHalfedges()), revision(mesh.getRevision() - 1),
-          random(0, 0), lastChanges(mesh.getNumVertices(), NONE) {
+          species(mesh.getNumVertices()), rows(mesh.getNumVertices()), neighbors(mesh.getNumHalfedges()),
+          revision(mesh.getRevision() - 1), random(0, 0), lastChanges(mesh.getNumVertices(), NONE) {
     int size = min(mesh.getNumVertices() / VERTICES_PER_ATTEMPT, MAX_ATTEMPTS_PER_BLOCK);
-    block.resize(this->numThreads == 1 ? ATTEMPTS_PER_BLOCK : size);
+    for (Block& block : blocks)
+        block.attempts.resize(this->numThreads == 1 ? MIN_ATTEMPTS_PER_BLOCK : max(size, MIN_ATTEMPTS_PER_BLOCK));
 }
 
 void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
@@ -58,7 +59,8 @@ void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGe
     lengths.resize(p.has(Term::Line) ? neighbors.size() : 0);
     CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
         for (int v = begin; v < end; v++) {
-            rows[v] = materials[mesh.getSpecies(v)].row;
+            species[v] = mesh.getSpecies(v);
+            rows[v] = materials[species[v]].row;
             prepareVertex(geometry, v);
         }
     });
@@ -160,32 +162,42 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
     this->sweep = sweep;
     this->observer = &observer;
     statistics = SpeciesExchangeStatistics();
-    Interruption interruption(block.size());
-    for (firstAttempt = 0; firstAttempt < numAttempts; firstAttempt += block.size()) {
+    int size = blocks[0].attempts.size();
+    long long numBlocks = (numAttempts + size - 1) / size;
+    lastBlock += 2;
+    Interruption interruption(size);
+    for (long long n = 0; n <= numBlocks; n++) {
         if (interruption.isRequested())
             throw StepInterrupted();
-        int size = min<long long>(block.size(), numAttempts - firstAttempt);
-        numBlocks++;
-        CpuThreads::forEachPart(numThreads, size, ATTEMPTS_PER_PART,
-                                [&](int begin, int end) { drawAttempts(begin, end); });
-        for (int n = 0; n < size; n++)
-            decide(block[n]);
+        lastBlock++;
+        Block &present = blocks[n % 2], &previous = blocks[(n + 1) % 2];
+        present.firstAttempt = n * size;
+        present.numAttempts = min<long long>(size, numAttempts - present.firstAttempt);
+        int numParts = (max(present.numAttempts, 0) + ATTEMPTS_PER_PART - 1) / ATTEMPTS_PER_PART;
+        CpuThreads::forEach(numThreads, numParts + 1, [&](int item) {
+            if (item > 0)
+                drawAttempts(present, (item - 1) * ATTEMPTS_PER_PART);
+            else if (n > 0)
+                decide(previous);
+        });
     }
     if (statistics.accepted > 0)
         mesh.markSpeciesChanged();
     return statistics;
 }
 
-void CpuSpeciesExchange::drawAttempts(int begin, int end) {
+void CpuSpeciesExchange::drawAttempts(Block& block, int begin) {
     // In large membranes nearly everything is in no near cache: what an attempt needs is asked for long before.
 
+    int end = min(begin + ATTEMPTS_PER_PART, block.numAttempts);
+    Attempt* attempts = block.attempts.data();
     for (int n = begin; n < end; n++) {
-        block[n].draw = proposal.draw(random, sweep, firstAttempt + n, mesh);
-        for (int vertex : getVertices(block[n].draw))
+        attempts[n].draw = proposal.draw(random, sweep, block.firstAttempt + n, mesh);
+        for (int vertex : getVertices(attempts[n].draw))
             __builtin_prefetch(&vertices[vertex]);
     }
     for (int n = begin; n < end; n++)
-        for (int vertex : getVertices(block[n].draw)) {
+        for (int vertex : getVertices(attempts[n].draw)) {
             int ring = vertices[vertex].ring;
             __builtin_prefetch(&neighbors[ring]);
             if (!lengths.empty())
@@ -194,13 +206,13 @@ void CpuSpeciesExchange::drawAttempts(int begin, int end) {
         }
     if (numThreads > 1)
         for (int n = begin; n < end; n++)
-            evaluate(block[n]);
+            evaluate(attempts[n]);
 }
 
 void CpuSpeciesExchange::evaluate(Attempt& attempt) const {
     const SpeciesDraw& draw = attempt.draw;
     bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
-    int from = mesh.getSpecies(draw.first), to = (isMutation ? draw.second : mesh.getSpecies(draw.second));
+    int from = species[draw.first], to = (isMutation ? draw.second : int(species[draw.second]));
     attempt.isAlike = (from == to);
     attempt.isAccepted = false;
     if (attempt.isAlike)
@@ -278,32 +290,48 @@ double CpuSpeciesExchange::changeOfMedians(int v, const Surroundings& around, in
     return change;
 }
 
-void CpuSpeciesExchange::decide(Attempt& attempt) {
+void CpuSpeciesExchange::decide(Block& block) {
+    for (int n = 0; n < block.numAttempts; n++) {
+        Attempt& attempt = block.attempts[n];
+        if (numThreads == 1 || isStale(attempt.draw))
+            evaluate(attempt);
+        statistics.attempted++;
+        statistics.alike += attempt.isAlike;
+        if (attempt.isAccepted)
+            accept(attempt);
+    }
+}
+
+bool CpuSpeciesExchange::isStale(const SpeciesDraw& draw) const {
+    // The block that is decided was evaluated while the one before it was decided.
+
+    auto vertices = getVertices(draw);
+    return max(lastChanges[vertices[0]], lastChanges[vertices[1]]) >= lastBlock - 2;
+}
+
+void CpuSpeciesExchange::accept(const Attempt& attempt) {
     const SpeciesDraw& draw = attempt.draw;
-    bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
-    if (numThreads == 1 || lastChanges[draw.first] == numBlocks ||
-        (!isMutation && lastChanges[draw.second] == numBlocks))
-        evaluate(attempt);
-    statistics.attempted++;
-    statistics.alike += attempt.isAlike;
-    if (!attempt.isAccepted)
-        return;
     statistics.accepted++;
-    int before = mesh.getSpecies(draw.first);
-    setSpecies(draw.first, isMutation ? draw.second : mesh.getSpecies(draw.second));
-    if (!isMutation)
+    int before = species[draw.first];
+    if (proposal.kind == SpeciesProposal::Mutation)
+        setSpecies(draw.first, draw.second);
+    else {
+        setSpecies(draw.first, species[draw.second]);
         setSpecies(draw.second, before);
+    }
     if (*observer)
         (*observer)(attempt.change);
 }
 
-void CpuSpeciesExchange::setSpecies(int vertex, int species) {
-    mesh.changeSpecies(vertex, species);
-    rows[vertex] = materials[species].row;
+void CpuSpeciesExchange::setSpecies(int vertex, int newSpecies) {
+    mesh.changeSpecies(vertex, newSpecies);
+    species[vertex] = newSpecies;
+    rows[vertex] = materials[newSpecies].row;
     if (numThreads == 1)
         return;
-    lastChanges[vertex] = numBlocks;
+    long long block = lastBlock - 1;
+    lastChanges[vertex] = block;
     const int* ring = &neighbors[vertices[vertex].ring];
     for (int i = 0; i < vertices[vertex].valence; i++)
-        lastChanges[ring[i]] = numBlocks;
+        lastChanges[ring[i]] = block;
 }

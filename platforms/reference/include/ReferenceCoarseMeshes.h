@@ -17,8 +17,8 @@ namespace HelfrichPlugin {
  * something that joined the other.  The next coarser mesh is made of this one in the same way, until a surface has no
  * more than LEAST vertices.
  *
- * A vertex moves by a mean of the velocities of the coarser mesh.  The weight of each is the number of ways to get there
- * in two moves, each along an edge or none.
+ * A vertex moves by a mean of the velocities of the coarser mesh.  The weight of each is the number of ways to get
+ * there in two moves, each along an edge or none.
  *
  * The meshes follow from the membrane's connectivity and its vertices' numbers alone.
  */
@@ -27,7 +27,7 @@ public:
     /**
      * A surface that has so few vertices has no coarser mesh.
      */
-    static constexpr int LEAST = 8;
+    static constexpr int LEAST = 4;
     /**
      * @param mesh    the connectivity of the membrane
      * @param masses  the mass of each particle, 0 for those that do not move
@@ -49,8 +49,7 @@ public:
      * @param weight  the weight of a level, as a multiple of that of the next finer one
      * @param[in,out] velocities  the velocities
      */
-    void kick(const std::vector<OpenMM::Vec3>& forces, double time, double weight,
-              CoarseVelocities& velocities) const;
+    void kick(const std::vector<OpenMM::Vec3>& forces, double time, double weight, CoarseVelocities& velocities) const;
     /**
      * Get the velocity that the coarser meshes give each vertex.
      */

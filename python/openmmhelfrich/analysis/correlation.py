@@ -16,6 +16,15 @@ def autocorrelationTime(series: ArrayLike) -> float:
     underestimate.  Of the columns of an (n, k) array, which must be alike, the autocorrelation functions are averaged
     first.
 
+    ::
+
+        tau = mh.autocorrelationTime(np.random.default_rng(1).normal(size=1000))  # about 1
+
+    Parameters
+    ----------
+    series : (n,) or (n, k) array
+        values one after the other, or columns of such
+
     Raises
     ------
     ValueError
@@ -36,6 +45,20 @@ def autocorrelationTime(series: ArrayLike) -> float:
 def meanAndError(series: ArrayLike) -> tuple:
     """Return the mean of a correlated series and its standard error, s sqrt(tau/n) with the integrated autocorrelation
     time tau.
+
+    ::
+
+        mean, error = mh.meanAndError(np.random.default_rng(1).normal(size=1000))
+
+    Parameters
+    ----------
+    series : (n,) array
+        values one after the other, in any unit, which is that of both results
+
+    Raises
+    ------
+    ValueError
+        as for :func:`autocorrelationTime`
     """
     return meanErrorTime(series)[:2]
 

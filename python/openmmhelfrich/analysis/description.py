@@ -53,7 +53,23 @@ class ShapeDescription(Brief):
 
 
 def describeShape(mesh: Mesh) -> ShapeDescription:
-    """Return size and form of a closed mesh."""
+    """Return size and form of a closed mesh.
+
+    ::
+
+        shape = mh.describeShape(mesh)
+        print(shape.shapeClass, shape.reducedVolume)
+
+    Parameters
+    ----------
+    mesh : Mesh
+        a closed mesh
+
+    Returns
+    -------
+    ShapeDescription
+        with areas in nm^2, volumes in nm^3, and the class that :func:`classifyShape` gives
+    """
     tensor = gyrationTensor(mesh)
     l3, l2, l1 = np.linalg.eigvalsh(tensor)
     trace = l1 + l2 + l3
@@ -72,6 +88,11 @@ def describeShape(mesh: Mesh) -> ShapeDescription:
 
 def describeTrajectory(frames: ArrayLike, triangles: ArrayLike) -> list[ShapeDescription]:
     """Return the :class:`ShapeDescription` of each frame.
+
+    ::
+
+        frames = np.stack([mesh.vertices, 1.1 * mesh.vertices])
+        areas = [shape.area for shape in mh.describeTrajectory(frames, mesh.triangles)]
 
     Parameters
     ----------
@@ -121,6 +142,15 @@ def classifyShape(mesh: Mesh) -> str:
     - "sphere": c > 0.9 a
     - "prolate": a-b > b-c
     - "oblate": otherwise
+
+    ::
+
+        mh.classifyShape(mh.spheroid(300, 2))  # "prolate"
+
+    Parameters
+    ----------
+    mesh : Mesh
+        a closed, connected surface
     """
     genus = connectivity.genus(mesh.triangles, len(mesh.vertices))
     if genus != 0:

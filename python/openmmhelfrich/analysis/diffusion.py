@@ -33,6 +33,13 @@ def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None 
     taken out, projected to the tangent plane at the earlier position.  They must be small against the radius of the
     surface.
 
+    ::
+
+        random = np.random.default_rng(1)
+        frames = mesh.vertices + np.cumsum(0.001 * random.normal(size=(20, *mesh.vertices.shape)), axis=0)
+        diffusion = mh.vertexDiffusion(frames, mesh.triangles)
+        print(diffusion.lags, diffusion.meanSquaredDisplacements)
+
     Parameters
     ----------
     frames : (n, N, 3) array

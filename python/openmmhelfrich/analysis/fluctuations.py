@@ -137,6 +137,13 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
     degree, by least squares weighted with the solid angle of each vertex.  The triangles are those of the directions'
     convex hull, so that none are needed.
 
+    ::
+
+        random = np.random.default_rng(1)
+        frames = mesh.vertices * (1 + 0.01 * random.normal(size=(20, len(mesh.vertices), 1)))
+        spectrum = mh.fluctuationSpectrum(frames, maxDegree=6)
+        print(spectrum.powers, spectrum.fit(2, 4).bendingModulus)
+
     Parameters
     ----------
     frames : (n, N, 3) array

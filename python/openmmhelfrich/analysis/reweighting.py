@@ -153,6 +153,13 @@ class Reweighting(Brief):
 def reweight(energies: Sequence[Any] | NDArray[Any], temperatures: Sequence[Any] | NDArray[Any]) -> Reweighting:
     """Combine the energies sampled at several temperatures.
 
+    ::
+
+        random = np.random.default_rng(1)
+        energies = [random.gamma(50, 0.00831446 * T, size=500) for T in (300, 320)]  # 100 harmonic degrees of freedom
+        result = mh.reweight(energies, [300, 320])
+        print(result.ratios, result.meanEnergy(310))
+
     Parameters
     ----------
     energies : sequence of arrays of float

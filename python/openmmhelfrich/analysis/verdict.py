@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
+from ..display import htmlTable
 from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
 from ..geometry.quality import crossings, dihedralAngles
@@ -79,7 +80,7 @@ class Finding:
         return f"{self.what}; {self.advice}" if self.advice else self.what
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """Whether results can be trusted.
 
@@ -96,8 +97,14 @@ class Verdict:
         """Return "good", "doubtful" or "failed": that of the worst finding."""
         return max((finding.level for finding in self.findings), key=LEVELS.index, default=GOOD)
 
+    def __repr__(self) -> str:
+        return f"<Verdict: {'; '.join([self.level, *(finding.check for finding in self.findings)])}>"
+
     def __str__(self) -> str:
         return "".join([self.level, *(f"\n{finding}" for finding in self.findings)])
+
+    def _repr_html_(self) -> str:
+        return htmlTable([("verdict", self.level), *(("", str(finding)) for finding in self.findings)])
 
     def toData(self) -> list[dict[str, Any]]:
         """Return the findings, fit for JSON."""
@@ -370,7 +377,7 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
         f"a larger {_MODULI[totalOf(observable.name)]} holds it"
         if isSoft
-        else "approach the target in a stage that continues there, in more or longer windows",
+        else "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)",
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
 
@@ -398,6 +405,7 @@ def _divergence(e: Evidence) -> Iterator[Measured]:
         yield Measured(e.divergence, what, _stepAdvice(e))
 
 
+_ANEW = "begin anew, and let the targets be approached more slowly, in a stage of kind approach or continue"
 _SMALLER_STEP = 'a smaller step_size helps, or step_size = "auto"'
 _UNEVEN = "the mesh is uneven or crumpled, so remesh it, or minimize before sampling"
 
@@ -407,10 +415,7 @@ def _stepAdvice(e: Evidence) -> str:
     if e.moduli.get("tether") == 0:
         return "a tether keeps triangles well shaped, and trajectories are accepted then"
     if e.mesh is not None and np.mean(e.dihedrals > FOLDED) > FOLDS.doubtful:
-        return (
-            "a smaller step_size does not help, since the membrane has crumpled: begin anew, and approach the targets "
-            "in a stage that continues there"
-        )
+        return f"a smaller step_size does not help, since the membrane has crumpled: {_ANEW}"
     if e.stepSize is None or e.timeScale is None or e.stepSize >= SHORT_STEP * e.timeScale:
         return "a longer burn_in finds a better one" if e.isAdapted else _SMALLER_STEP
     return (
@@ -452,8 +457,7 @@ def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, where smooth shapes and thermal "
             f"undulations have at most {expected / unit:.3g}: the membrane is crumpled"
         )
-        advice = "begin anew, and approach the targets in a stage that continues there"
-        yield Measured(e.bending / expected, what, advice)
+        yield Measured(e.bending / expected, what, _ANEW)
 
 
 def _continuum(e: Evidence) -> Iterator[Measured]:

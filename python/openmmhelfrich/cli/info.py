@@ -95,7 +95,7 @@ def _lines(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "NumPy", _versionOf("numpy")
     yield "Python", f"{platform.python_version()}, {sys.executable}"
     yield "system", f"{platform.platform()}, glibc {installation.glibcVersion() or 'none'}"
-    yield "processor", f"{_processor()}, {len(os.sched_getaffinity(0))} of {os.cpu_count()} cores"
+    yield "processor", f"{_processor()}, {_usableCores()} of {os.cpu_count()} cores"
     yield "instruction set", found.get("instructionSet", "unknown")
     yield "platforms", ", ".join(_platforms(found)) or "unknown"
     yield "threads", f"{found.get('threads', 'unknown')} by default"
@@ -127,6 +127,11 @@ def _packagesOf(extra: str) -> Iterator[str]:
         for requirement in distribution.requires or []:
             if re.search(rf"extra == ['\"]{extra}['\"]", requirement) and "openmm-helfrich" not in requirement:
                 yield re.split(r"[^\w.-]", requirement)[0]
+
+
+def _usableCores() -> int | None:
+    """Return the number of cores that this process may use, where the system tells."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def _processor() -> str:

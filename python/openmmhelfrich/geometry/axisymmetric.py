@@ -48,6 +48,11 @@ class AxisymmetricShape(Brief):
 def axisymmetricMinimum(branch: str, reducedVolume: float) -> AxisymmetricShape:
     """Return the minimum of the bending energy among axisymmetric shapes of a branch at a reduced volume.
 
+    ::
+
+        minimum = mh.axisymmetricMinimum("oblate", 0.65)
+        print(minimum.energy)  # over 8 pi kappa_B
+
     Parameters
     ----------
     branch : str

@@ -7,7 +7,19 @@ from numpy.typing import NDArray
 
 
 def reducedVolume(area: float, volume: float) -> float:
-    """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape."""
+    """Return the reduced volume v = 6 sqrt(pi) V / A^(3/2): 1 for a sphere, less for every other shape.
+
+    ::
+
+        mh.reducedVolume(4 * np.pi, 4 * np.pi / 3)  # 1.0, a sphere
+
+    Parameters
+    ----------
+    area : float
+        A, in any unit
+    volume : float
+        V, in the cube of the unit of length of A
+    """
     return 6 * math.sqrt(math.pi) * volume / area**1.5
 
 

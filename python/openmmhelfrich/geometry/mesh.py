@@ -26,6 +26,13 @@ Length: TypeAlias = unit.Unit | unit.Quantity | float
 class Mesh:
     """A triangulated surface.
 
+    ::
+
+        mesh = mh.Mesh.icosphere(subdivisions=2, radius=10)
+        mesh.write("sphere.ply")
+        mesh = mh.Mesh.read("sphere.ply")
+        print(mesh.area, mesh.volume, mesh.edgeLengths.mean())
+
     Attributes
     ----------
     vertices : (N, 3) float64 array

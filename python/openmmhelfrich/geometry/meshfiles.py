@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files import replacing
-from .formats import freedts, gltf, meshiofiles, obj, off, ply, stl, trimem, vtkfiles
+from .formats import WRITTEN, freedts, gltf, meshiofiles, obj, off, ply, stl, trimem, vtkfiles
 from .formats.content import Content
 
 _OF_BYTES: dict[str, Callable[[bytes], Content]] = {
@@ -36,7 +36,6 @@ _OF_FILES: dict[str, Callable[[Path], Content]] = {
 _POINTER = b"version https://git-lfs.github.com/spec/"
 _ONLY_READ = (".gltf", ".glb", ".vtp")
 _WITH_DATA = (".vtu", ".vtk", ".ply")
-_NAMES = (".stl", ".ply", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q", ".h5")
 
 
 def read(path: Path) -> Content:
@@ -68,7 +67,7 @@ def write(
     suffix = path.suffix.lower()
     requireFormat(path)
     if suffix in _ONLY_READ:
-        raise ValueError(f"{path}: {suffix[1:].upper()} files are read, not written; use one of {', '.join(_NAMES)}")
+        raise ValueError(f"{path}: {suffix[1:].upper()} files are read, not written; use one of {', '.join(WRITTEN)}")
     try:
         with replacing(path) as part:
             if suffix in (".tsi", ".q"):
@@ -87,5 +86,5 @@ def requireFormat(path: Path, *others: str) -> None:
     if not {suffix} & {*_OF_BYTES, *_OF_FILES, *others} and suffix not in meshiofiles.suffixes():
         kind = "format" if others else "mesh format"
         raise ValueError(
-            f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join((*_NAMES, *_ONLY_READ, *others))}"
+            f"{path}: no {kind} has the suffix '{suffix}'; use one of {', '.join((*WRITTEN, *_ONLY_READ, *others))}"
         )

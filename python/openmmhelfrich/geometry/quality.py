@@ -261,7 +261,7 @@ def _touchingInSlabs(middles: np.ndarray, radii: np.ndarray, block: int) -> Iter
         mine = order[start:stop]
         x, r = middles[mine], radii[mine]
         pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
-        a, b = pairs[pairs.min(axis=1) <= last - start].T
+        a, b = pairs[np.minimum(*pairs.T) <= last - start].T
         d = x[a] - x[b]
         isTouching = _dot(d, d) <= SLACK * (r[a] + r[b]) ** 2
         yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
@@ -271,15 +271,16 @@ def _near(
     mesh: Mesh, pairs: np.ndarray, middles: np.ndarray, radii: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
-    first, second = mesh.triangles[pairs[:, 0]], mesh.triangles[pairs[:, 1]]
-    same = first[:, :, np.newaxis] == second[:, np.newaxis, :]
+    first, second = mesh.triangles[pairs[:, 0]].T, mesh.triangles[pairs[:, 1]].T
+    same = [[a == b for b in second] for a in first]
     for corners, isShared, others in (
-        (first, same.any(axis=2), pairs[:, 1]),
-        (second, same.any(axis=1), pairs[:, 0]),
+        (first, [a | b | c for a, b, c in same], pairs[:, 1]),
+        (second, [a | b | c for a, b, c in zip(*same)], pairs[:, 0]),
     ):
-        for edge in ([0, 1], [1, 2], [2, 0]):
-            mine = np.flatnonzero(~isShared[:, edge].any(axis=1))
-            ends, t = np.sort(corners[mine][:, edge], axis=1), others[mine]
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            mine = np.flatnonzero(~(isShared[i] | isShared[j]))
+            one, other, t = corners[i][mine], corners[j][mine], others[mine]
+            ends = np.column_stack((np.minimum(one, other), np.maximum(one, other)))
             a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
             distance, d = (a + b) / 2 - middles[t], b - a
             isNear = _dot(distance, distance) <= SLACK * (np.sqrt(_dot(d, d)) / 2 + radii[t]) ** 2

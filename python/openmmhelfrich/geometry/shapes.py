@@ -20,6 +20,12 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
     where two come close to each other.  The flips are annealed: a temperature that falls to 0 lets defects move,
     without which the spiral's strain would stay in a lattice that has none.
 
+    ::
+
+        angles = np.linspace(0, np.pi, 200)
+        capsule = np.column_stack([np.sin(angles), 2 * np.cos(angles)])
+        mesh = mh.surfaceOfRevolution(capsule, 300)
+
     Parameters
     ----------
     outline : (n, 2) array
@@ -57,6 +63,10 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
 def spheroid(numVertices: int, aspectRatio: float, area: float = 4 * math.pi) -> Mesh:
     """Create a spheroid of nearly equal edges about the z axis.
 
+    ::
+
+        mesh = mh.spheroid(500, mh.spheroidAspectRatio(0.9, "prolate"))
+
     Parameters
     ----------
     numVertices : int
@@ -83,7 +93,19 @@ def spheroid(numVertices: int, aspectRatio: float, area: float = 4 * math.pi) ->
 
 
 def spheroidAspectRatio(reducedVolume: float, kind: str) -> float:
-    """Return the aspect ratio of the "prolate" or "oblate" spheroid that has a reduced volume."""
+    """Return the aspect ratio of the "prolate" or "oblate" spheroid that has a reduced volume.
+
+    ::
+
+        mh.spheroidAspectRatio(0.9, "oblate")  # below 1
+
+    Parameters
+    ----------
+    reducedVolume : float
+        above 0 and at most 1
+    kind : str
+        "prolate" or "oblate"
+    """
     ranges = {"prolate": (1.0, 50.0), "oblate": (0.02, 1.0)}
     if kind not in ranges:
         raise ValueError(f"spheroidAspectRatio: kind is '{kind}'; it must be 'prolate' or 'oblate'")

@@ -26,7 +26,7 @@ from typing import Any
 
 from ..files import PathLike, hidden, syncFolder
 
-PAGE = 4096
+PAGE, BUFFER = 4096, 1 << 20
 
 
 class Draft:
@@ -91,11 +91,14 @@ class Draft:
 
         A draft that began with nothing makes the file.
         """
-        with open(file, "wb" if self.isNew else "r+b") as out:
+        with open(file, "wb" if self.isNew else "r+b", buffering=BUFFER) as out:
             out.truncate(self._baseSize)
+            next = 0
             for page in sorted({*self._changes, *pages}):
-                out.seek(page * PAGE)
+                if page != next:  # a seek writes what is in the buffer
+                    out.seek(page * PAGE)
                 out.write(self._page(page))
+                next = page + 1
             out.truncate(self._size)
             out.flush()
             os.fsync(out.fileno())

@@ -42,7 +42,15 @@ _held = threading.local()  # by the present thread: the set of the files
 
 
 class InUseError(OSError):
-    """Somebody else holds a lock."""
+    """Somebody else holds a lock.
+
+    ::
+
+        try:
+            mh.run("vesicle.toml")
+        except mh.InUseError as error:
+            print(error)  # which process has the prefix, and since when
+    """
 
 
 @contextlib.contextmanager

@@ -17,6 +17,10 @@ def writePSF(file: PathLike, topology: app.Topology, mass: float | Sequence[floa
     VMD, mdtraj and MDAnalysis read it as the partner of a DCD trajectory, for any number of atoms.  The bonds are those
     that the Topology has: for a membrane whose edges flip, those at its creation.
 
+    ::
+
+        mh.writePSF("vesicle.psf", mesh.topology())
+
     Parameters
     ----------
     file : path

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from ..files import PathLike
+from ..geometry.formats import WRITTEN
 
 TRAJECTORY = ".vtkhdf"
-MESHES = (".ply", ".stl", ".obj", ".off", ".vtu", ".vtk", ".msh", ".tsi", ".q", ".h5")
 # Endings of all that a run and the commands on it write; of two that a name may have, the longer comes first.
 _ENDINGS = (
     "_observables.png",
@@ -21,7 +21,7 @@ _ENDINGS = (
     ".psf",
     ".csv",
     ".png",
-    *MESHES,
+    *WRITTEN,
 )
 
 
@@ -52,7 +52,7 @@ def beside(prefix: Path, ending: str) -> Path:
 
 def finalMesh(prefix: Path) -> Path | None:
     """Return the file of the final mesh of a run, or None if there is none."""
-    return next((beside(prefix, suffix) for suffix in MESHES if beside(prefix, suffix).exists()), None)
+    return next((beside(prefix, suffix) for suffix in WRITTEN if beside(prefix, suffix).exists()), None)
 
 
 def shapesOf(name: PathLike, topology: PathLike | None = None) -> Path:
@@ -62,7 +62,7 @@ def shapesOf(name: PathLike, topology: PathLike | None = None) -> Path:
     Raises a FileNotFoundError if there is neither.
     """
     path, prefix = Path(name), prefixOf(name)
-    isWhole = path.suffix.lower() in (TRAJECTORY, ".hdf", *MESHES) or topology is not None
+    isWhole = path.suffix.lower() in (TRAJECTORY, ".hdf", *WRITTEN) or topology is not None
     if (isWhole and path.is_file()) or not beside(prefix, ".checkpoint").exists():
         return path
     file = beside(prefix, TRAJECTORY) if beside(prefix, TRAJECTORY).exists() else finalMesh(prefix)

@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, requireStored
 from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from .drafts import Draft, GrowingFile, signalsLater
@@ -39,15 +39,17 @@ KINDS = ("Vertices", "Lines", "Polygons", "Strips")
 BLOCK = 256
 # As many bytes of new frames may wait in memory.
 MAX_WAITING = 64e6
-# No deflated data become larger than this many times their size, and no array is refused that is smaller than this
-# many bytes.
-MAX_RATIO, SMALL = 1032, 1 << 20
 
 Found = TypeVar("Found")
 
 
 class MeshFrame(NamedTuple):
     """A frame of a mesh trajectory.
+
+    ::
+
+        frame = mh.meshFrame(0, mesh)
+        print(frame.step, frame.mesh.area, frame.data["MeanCurvature"].mean())
 
     Attributes
     ----------
@@ -66,7 +68,19 @@ class MeshFrame(NamedTuple):
 
 
 def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
-    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives."""
+    """Return a MeshFrame of a closed mesh with the data that a MeshReporter gives.
+
+    ::
+
+        mh.writeMeshTrajectory("one.vtkhdf", [mh.meshFrame(0, mesh)])
+
+    Parameters
+    ----------
+    step : int
+        the number of the step
+    mesh : Mesh
+        a closed mesh
+    """
     area, curvature = mesh.vertexAreas, mesh.vertexMeanCurvatures
     data = {
         "MeanCurvature": localMeanCurvatures(curvature, area),
@@ -81,6 +95,11 @@ def writeMeshTrajectory(
 ) -> None:
     """Write frames to a file, in a single step: whatever happens meanwhile, the file is the old one or the new one,
     never half of one.
+
+    ::
+
+        frames = [mh.meshFrame(i, mh.Mesh(mesh.vertices * (1 + 0.1 * i), mesh.triangles)) for i in range(3)]
+        mh.writeMeshTrajectory("growing.vtkhdf", frames)
 
     Parameters
     ----------
@@ -121,6 +140,11 @@ def readMeshTrajectory(file: PathLike) -> "MeshTrajectory":
 
         for frame in mh.readMeshTrajectory("vesicle.vtkhdf"):
             print(frame.step, frame.mesh.reducedVolume, frame.data["MeanCurvature"].max())
+
+    Parameters
+    ----------
+    file : path
+        a VTKHDF file
 
     Raises
     ------
@@ -338,6 +362,14 @@ class MeshTrajectory(Frames):
                 raise ValueError("the number of a step is not a number")
             return steps.astype(np.int64), str(_textOf(self._file.attrs, "lengthUnit") or "nm")
 
+    def layout(self) -> tuple[tuple[int, int, int], list[str]]:
+        """Return the numbers of vertices, triangles and beads of the first frame, and the names of its data."""
+        with self._complaint("is damaged at frame 0"):
+            part = self._number("Steps/PartOffsets", 0)
+            numPoints, numCells = (self._number(name, part) for name in ("NumberOfPoints", "Polygons/NumberOfCells"))
+            numBeads = self._countBeads(part, numPoints)
+            return (numPoints - numBeads, numCells, numBeads), self._dataNames
+
     def _read(self, i: int) -> MeshFrame:
         return self._settled(lambda: self._frame(i))
 
@@ -438,7 +470,7 @@ def _rows(array: Any, start: int, stop: int) -> np.ndarray:
     if not 0 <= start <= stop <= len(array):
         raise ValueError(f"{array.name} has {len(array)} rows; {start} to {stop} are expected")
     size = (stop - start) * math.prod(array.shape[1:]) * array.dtype.itemsize
-    _requireStored(size, _storedSize(array, start, stop), array.name)
+    requireStored(array.name, size, _storedSize(array, start, stop))
     return array[start:stop]
 
 
@@ -453,7 +485,7 @@ def _storedSize(array: Any, start: int, stop: int) -> int:
     total, size = 0, math.prod(array.chunks) * array.dtype.itemsize
     for place in places:
         stored = _chunkSize(array, place)
-        _requireStored(size, stored, array.name)
+        requireStored(array.name, size, stored)
         total += stored
     return total
 
@@ -466,11 +498,6 @@ def _chunkSize(array: Any, place: tuple[int, ...]) -> int:
     if chunk.byte_offset is None:
         raise ValueError(f"{array.name} lacks the rows from {place[0]} on")
     return chunk.size
-
-
-def _requireStored(size: int, stored: int, name: str) -> None:
-    if size > max(SMALL, MAX_RATIO * stored):
-        raise ValueError(f"{name} claims {size} bytes, of which {stored} are there")
 
 
 def _textOf(attributes: Any, name: str) -> str | None:

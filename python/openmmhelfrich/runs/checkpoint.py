@@ -1,14 +1,16 @@
 """Checkpoints: everything that a run needs to go on, in one file that is always complete.
 
-The file is a ZIP archive of texts: the System, the Integrator and the State as OpenMM's XML, which holds every number
-to the last bit and is the same on each platform, and a JSON file with the configuration, the stage, and the sizes of
-the files that the run appends to.  At the end another JSON file is added, the record of the files that were written of
-this state: a checkpoint without one, or with one that the files do not match, is of a run whose results are still to be
-drawn.  Live triangles, random numbers' counters and the order of the vertices are part of
-the State, as parameters of the Integrator.
+The file is a ZIP archive.  It has the System, the Integrator and the State as OpenMM's XML, which holds every number
+to the last bit and is the same on each platform; positions and velocities, which would be most of that, as
+little-endian numbers of 64 bits; and a JSON file with the configuration, the stage, and the sizes of the files that the
+run appends to.  At the end another JSON file is added, the record of the files that were written of this state: a
+checkpoint without one, or with one that the files do not match, is of a run whose results are still to be drawn.  Live
+triangles, random numbers' counters and the order of the vertices are part of the State, as parameters of the
+Integrator.
 """
 
 import contextlib
+import io
 import json
 import shutil
 import uuid
@@ -18,19 +20,23 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import openmm as mm
-from openmm import app
+from numpy.typing import NDArray
+from openmm import app, unit
 from pydantic import NonNegativeInt, TypeAdapter
 
 from ..analysis.verdict import Verdict, verdictOfStages
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, requireStored
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 
-FORMAT = 1
-# Texts like ours become no more than so many times smaller, beside a small part.
-MAX_RATIO, SMALL = 200, 1 << 20
+FORMAT = 2
+READ_FORMATS = (1, FORMAT)  # in the first, positions and velocities are in the State
+# Texts like ours become no more than so many times smaller.
+MAX_RATIO = 200
 RECORD = "record.json"
+MOTION = ("positions", "velocities")
 
 Parsed = TypeVar("Parsed")
 
@@ -95,13 +101,18 @@ def saveCheckpoint(file: PathLike, simulation: app.Simulation, runState: RunStat
 
     Raises OSError if that fails; the earlier one is whole then.
     """
-    state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+    state = simulation.context.getState(parameters=True, integratorParameters=True)
     run = {"format": FORMAT, **asdict(runState)}
     del run["record"]  # of files that are older than this checkpoint
-    with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("run.json", json.dumps(run, indent=1))
         for name, what in (("system", simulation.system), ("integrator", simulation.integrator), ("state", state)):
             archive.writestr(f"{name}.xml", mm.XmlSerializer.serialize(what))  # one text at a time, for they are long
+        for name, values in zip(MOTION, _motionOf(simulation.context.getState(positions=True, velocities=True))):
+            archive.writestr(name, values.astype("<f8").tobytes(), zipfile.ZIP_STORED)  # nothing makes them shorter
+    with replacing(file) as part:
+        part.write_bytes(content.getbuffer())
 
 
 def addRecord(file: PathLike, record: dict[str, Any]) -> None:
@@ -136,15 +147,17 @@ def loadSimulation(
 ) -> tuple[app.Simulation, HelfrichForce]:
     """Return the app.Simulation that a checkpoint holds, and its HelfrichForce."""
     with naming(file):
-        system, integrator, state = _read(file, _simulationIn)
+        (system, integrator, state), (positions, velocities) = _read(file, _simulationIn)
         force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
-        positions, triangles = state.getPositions(asNumpy=True), force.getTriangles()
+        triangles = force.getTriangles()
         numVertices = int(triangles.max()) + 1
         mesh = Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
         )
         simulation.context.setState(state)
+        simulation.context.setPositions(positions)
+        simulation.context.setVelocities(velocities)
         return simulation, force
 
 
@@ -165,21 +178,16 @@ def _read(file: PathLike, parse: Callable[[zipfile.ZipFile], Parsed]) -> Parsed:
     if not Path(file).exists():
         raise FileNotFoundError(f"there is no checkpoint {file}")
     with naming(file), zipfile.ZipFile(file) as archive:
-        _requireStored(archive)
+        parts = archive.infolist()
+        size, stored = (sum(getattr(part, name) for part in parts) for name in ("file_size", "compress_size"))
+        requireStored("it", size, stored, MAX_RATIO)
         return parse(archive)
-
-
-def _requireStored(archive: zipfile.ZipFile) -> None:
-    """Raise a ValueError if an archive claims far more bytes than it has: that much memory would be taken."""
-    parts = archive.infolist()
-    if sum(part.file_size for part in parts) > SMALL + MAX_RATIO * sum(part.compress_size for part in parts):
-        raise ValueError("it claims more than it has")
 
 
 def _runStateIn(archive: zipfile.ZipFile) -> RunState | None:
     """Return a RunState, or None if its format is another version's."""
     text = archive.read("run.json")
-    if json.loads(text).get("format") != FORMAT:
+    if json.loads(text).get("format") not in READ_FORMATS:
         return None
     state = _RUN_STATE.validate_json(text, strict=True)
     if RECORD in archive.namelist():
@@ -189,7 +197,18 @@ def _runStateIn(archive: zipfile.ZipFile) -> RunState | None:
     return state
 
 
-def _simulationIn(archive: zipfile.ZipFile) -> list[Any]:
-    """Return a System, an Integrator and a State."""
+def _simulationIn(archive: zipfile.ZipFile) -> tuple[list[Any], list[NDArray[np.float64]]]:
+    """Return a System, an Integrator and a State; and positions and velocities."""
     names = ("system.xml", "integrator.xml", "state.xml")
-    return [mm.XmlSerializer.deserialize(archive.read(name).decode()) for name in names]
+    parts = [mm.XmlSerializer.deserialize(archive.read(name).decode()) for name in names]
+    if MOTION[0] not in archive.namelist():
+        return parts, _motionOf(parts[-1])
+    return parts, [np.frombuffer(archive.read(name), "<f8").reshape(-1, 3) for name in MOTION]
+
+
+def _motionOf(state: mm.State) -> list[NDArray[np.float64]]:
+    """Return the positions and velocities of a State."""
+    return [
+        state.getPositions(asNumpy=True).value_in_unit(unit.nanometer),
+        state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond),
+    ]

@@ -11,7 +11,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
-from ..io.runfiles import MESHES
+from ..geometry.formats import WRITTEN
 from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEnergy
 from .sections import (
@@ -157,7 +157,7 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        if path.suffix.lower() in MESHES:
+        if path.suffix.lower() in WRITTEN:
             raise ValueError(
                 f"{path} is a mesh; a configuration is expected, for instance a file with these two lines:\n"
                 f'[mesh]\nfile = "{path}"'

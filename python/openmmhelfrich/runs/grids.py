@@ -184,6 +184,21 @@ class Grid(Section):
 def readGrid(file: PathLike) -> list[GridPoint]:
     """Read and check a grid and return its points.
 
+    ::
+
+        for point in mh.readGrid("grid.toml"):
+            print(point.name)
+
+    Parameters
+    ----------
+    file : path
+        the TOML file of the grid
+
+    Returns
+    -------
+    list of GridPoint
+        each combination of values, with its name, values and configuration
+
     Raises
     ------
     FileNotFoundError
@@ -297,12 +312,12 @@ def coarsePoints(points: Sequence[GridPoint]) -> list[str]:
     found: dict[tuple[int, int], list[tuple[GridPoint, Coarse]]] = {}
     for point in points:
         for coarse in point.coarse:
-            found.setdefault((coarse.count, coarse.enough), []).append((point, coarse))
+            found.setdefault((coarse.vertices, coarse.enough), []).append((point, coarse))
     sentences = []
-    for (count, enough), pairs in sorted(found.items()):
+    for (vertices, enough), pairs in sorted(found.items()):
         names = list(dict.fromkeys(point.name for point, _ in pairs))
         volumes = tuple(volume for _, coarse in pairs for volume in coarse.volumes)
-        sentences.append(f"{Coarse(count, volumes, enough)} ({placesOf(names, len(points))})")
+        sentences.append(f"{Coarse(vertices, volumes, enough)} ({placesOf(names, len(points))})")
     return sentences
 
 

@@ -132,9 +132,17 @@ class Checkpoints:
             parser = configparser.ConfigParser(interpolation=None)
             parser.read_string(json.loads(text))
             settings = {key: value for name in ("ENERGY", "HMC") for key, value in parser[name].items()}
-        except (ElementTree.ParseError, AttributeError, TypeError, ValueError, KeyError, configparser.Error) as error:
+            return Checkpoint(file.with_name(mesh.split(":/")[0].strip()), settings)
+        except (
+            SyntaxError,
+            AttributeError,
+            TypeError,
+            ValueError,
+            KeyError,
+            RecursionError,
+            configparser.Error,
+        ) as error:
             raise ValueError(f"{file} is not a checkpoint of TriMem: {' '.join(str(error).split())}") from None
-        return Checkpoint(file.with_name(mesh.split(":/")[0].strip()), settings)
 
     def write(self, number: int, mesh: Mesh, config: str) -> None:
         """Write a checkpoint, whose configuration is a text."""

@@ -17,6 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from ..analysis.verdict import GOOD
 from .grids import coarsePoints
 
 SECONDS_BETWEEN_LINES = 10
@@ -35,7 +36,7 @@ class Bars:
 
     def __init__(self, quiet: bool, console: Console | None = None):
         console = console or Console(stderr=True)
-        isWide = console.width >= WIDE
+        self._isWide = isWide = console.width >= WIDE
         shown = [
             TextColumn("{task.description}"),
             BarColumn(bar_width=24 if isWide else 12),
@@ -87,10 +88,12 @@ class RunProgress(Bars):
             return
         self._shownAt = now
         rate = f"{self._rate(stage, now)} {stage.unit}s/s"
-        verdict = f", {study.verdicts[study.index].level}" if stage.isDone and study.index in study.verdicts else ""
-        text = f"{study.status()}{verdict}"
+        level = study.verdicts[study.index].level if stage.isDone and study.index in study.verdicts else ""
+        text = f"{study.status()}, {level}" if level else study.status()
         if self._bar:
-            self._bar.update(self._task, completed=stage.position, rate=rate, text=text)
+            isTold = self._isWide or level in ("", GOOD)  # where there is no room for the text, say what is wrong
+            title = self._title(study) if isTold else f"{self._title(study)}, {level}"
+            self._bar.update(self._task, description=title, completed=stage.position, rate=rate, text=text)
         else:
             count = f"{stage.position}" if stage.isWhole else f"{stage.position} of {stage.steps}"
             self._say(f"{self._title(study)}: {stage.unit} {count}, {self._remaining(stage, now)}{rate}, {text}")

@@ -94,7 +94,7 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
 class Coarse(NamedTuple):
     """Too few vertices: how many there are, the reduced volumes for which they are too few, and how many are enough."""
 
-    count: int
+    vertices: int
     volumes: tuple[float, ...]
     enough: int
 
@@ -102,8 +102,8 @@ class Coarse(NamedTuple):
         least, greatest = f"{min(self.volumes):.3g}", f"{max(self.volumes):.3g}"
         volumes = f"a reduced volume of {least}" if least == greatest else f"reduced volumes of {least} to {greatest}"
         return (
-            f"{self.count} vertices are too few for {volumes}: such a mesh can fold onto itself, and has less energy "
-            f"than any smooth shape then; {self.enough} or more do not"
+            f"{self.vertices} vertices are too few for {volumes}: such a mesh can fold onto itself, and has less "
+            f"energy than any smooth shape then; {self.enough} or more do not"
         )
 
 

@@ -57,6 +57,11 @@ class Tether(NamedTuple):
 class Scene:
     """A membrane and the conditions of a run, with a value for everything.
 
+    ::
+
+        scene = mh.Scene.of({"membrane": {"reduced_volume": 0.98}}, mesh)
+        print(scene.tether, scene.stepSize, scene.targets)
+
     Attributes
     ----------
     config : Config
@@ -132,7 +137,7 @@ class Scene:
 
         ::
 
-            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.9}}, mesh)
+            scene = mh.Scene.of({"membrane": {"reduced_volume": 0.98}}, mesh)
             force = scene.createForce()
             simulation = scene.createSimulation(force)
             simulation.step(1000)
@@ -223,6 +228,7 @@ class Scene:
         integrator.setTetherSubsteps(sampling.tether_substeps)
         integrator.setTrajectoryJitter(sampling.trajectory_jitter)
         integrator.setMomentumRefreshment(sampling.momentum_refreshment)
+        integrator.setMultilevelWeight(sampling.multilevel_weight)
         if sampling.exchange_probability > 0:
             integrator.addMove(self._createExchanges(), sampling.exchange_probability)
         if sampling.shear_wave_probability > 0:

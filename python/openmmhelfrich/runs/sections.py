@@ -466,6 +466,13 @@ class SamplingSection(Section):
         description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
         "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
     )
+    multilevel_weight: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="weight of momenta on coarser meshes, with which long waves move as fast as short ones; 2 for "
+        "trajectories of 30 to 50 steps of a large membrane, 0 for none",
+    )
     flip_fraction: float = Field(
         0.3,
         ge=0,

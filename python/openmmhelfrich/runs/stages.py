@@ -197,7 +197,7 @@ class Stage(ABC):
 
     def _positionsOfMarks(self) -> NDArray[np.float64]:
         """Return where some of the vertices are that can move."""
-        free = np.setdiff1d(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
+        free = np.delete(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
         return markedPositions(self._simulation.context, free)
 
     def _moved(self, mesh: Mesh) -> float | None:

@@ -7,6 +7,7 @@ import platform as python
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from importlib.metadata import version as versionOf
 from types import FrameType
@@ -79,6 +80,8 @@ def run(
         if the mesh, the configuration, the platform or the place for the results will not do, or another process runs
         with this prefix; no file has been touched then.  Later an OSError, if the disk is full; the last checkpoint is
         whole then
+
+    A UserWarning says that the verdict is failed, where there is no progress to show it.
     """
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
@@ -101,7 +104,7 @@ def run(
         for path in old:
             path.unlink(missing_ok=True)
         with following(progress, RunProgress) as shown:
-            return study.finish(shown)
+            return _told(study.finish(shown), progress)
 
 
 def resume(
@@ -116,6 +119,12 @@ def resume(
 
     What the run would have written had it never been stopped is what it writes: the files are the same to the last
     byte.
+
+    ::
+
+        mh.run("vesicle.toml")
+        summary = mh.resume("vesicle", steps=10)
+        print(summary.verdict)
 
     Parameters
     ----------
@@ -169,7 +178,7 @@ def resume(
         requireRoom(scene, outputs, state.step)
         requireMatplotlib()
         with following(progress, RunProgress) as shown:
-            return study.finish(shown)
+            return _told(study.finish(shown), progress)
 
 
 class CompleteError(ValueError):
@@ -510,6 +519,13 @@ class StopSignals:
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
         signal.signal(number, self._before[number])
+
+
+def _told(summary: Summary, progress: Any) -> Summary:
+    """Return a Summary, with a warning if its verdict is failed and nothing shows how the run goes."""
+    if not progress and summary.verdict is not None and summary.verdict.level == FAILED:
+        warnings.warn(f"{summary.outputs.prefix}: the verdict is {summary.verdict}", stacklevel=3)
+    return summary
 
 
 def _asConfig(config: Config | dict[str, Any] | PathLike) -> Config:

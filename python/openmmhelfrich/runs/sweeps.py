@@ -148,6 +148,11 @@ def sweep(
 ) -> SweepResult:
     """Run what is left of a grid.
 
+    ::
+
+        result = mh.sweep("grid.toml", workers=1)
+        print(result.table)
+
     Parameters
     ----------
     grid : path

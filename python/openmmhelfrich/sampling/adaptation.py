@@ -147,6 +147,16 @@ class StepSizeAdapter(_Adapter):
     0.75.  Their gamma, 0.05, makes the step size of a membrane jump by large factors from one trajectory to the next,
     so that its average accepts 0.86 to 0.95 after 100 to 300 trajectories where 0.75 was asked for; with 0.5 it accepts
     0.73 to 0.83.
+
+    ::
+
+        integrator.setFlipProbability(0)
+        adapter = mh.StepSizeAdapter(integrator.getStepSize(), acceptance=0.75)
+        for _ in range(50):
+            simulation.step(1)
+            change = integrator.getLastEnergyChange() / kT
+            integrator.setStepSize(adapter.update(min(1, np.exp(-change))))
+        integrator.setStepSize(adapter.freeze())
     """
 
     GAMMA, T0, KAPPA = 0.5, 10, 0.75
@@ -240,6 +250,11 @@ class StepSizeTracker(_Adapter):
 
     After each trajectory the logarithm of the step size changes by a constant gain times the deviation of its
     acceptance probability (H. Robbins and S. Monro, Ann. Math. Stat. 22, 400 (1951), with a gain that does not fall).
+
+    ::
+
+        tracker = mh.StepSizeTracker(4e-4)
+        mh.anneal(simulation, 250.0, 20, tracker)
     """
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE, gain: float = 0.1):
@@ -303,6 +318,11 @@ class _Amplitude(_Adapter):
 class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
     """Finds the amplitude of shear waves that are accepted with a given probability, as a :class:`StepSizeAdapter` does
     the step size.
+
+    ::
+
+        adapter = mh.AmplitudeAdapter(0.03)
+        amplitude = adapter.update(0.4)  # for the next step, after waves of this mean acceptance probability
     """
 
     def __init__(self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE):
@@ -310,7 +330,13 @@ class AmplitudeAdapter(_Amplitude, StepSizeAdapter):
 
 
 class AmplitudeTracker(_Amplitude, StepSizeTracker):
-    """Keeps shear waves accepted with a given probability, as a :class:`StepSizeTracker` does trajectories."""
+    """Keeps shear waves accepted with a given probability, as a :class:`StepSizeTracker` does trajectories.
+
+    ::
+
+        tracker = mh.AmplitudeTracker(0.03)
+        amplitude = tracker.update(0.4)
+    """
 
     def __init__(
         self, amplitude: float | unit.Quantity, acceptance: float = DEFAULT_WAVE_ACCEPTANCE, gain: float = 0.1
@@ -405,6 +431,11 @@ def adaptStepSize(
 
     The right step size of a smooth membrane is not that of one which undulates: the burn-in should be long enough for
     it to reach its temperature. The reporters of the Simulation see its steps.
+
+    ::
+
+        result = mh.adaptStepSize(simulation, 200)
+        print(result.stepSize, result.acceptance)
 
     Parameters
     ----------

@@ -58,6 +58,11 @@ def anneal(
     The schedule is asked with the Simulation's own step, so that a Simulation loaded from a checkpoint cools on from
     where it was; a tracker's state goes with :meth:`StepSizeTracker.getState`.
 
+    ::
+
+        schedule = mh.ExponentialSchedule.over(50, 300 * unit.kelvin, 30 * unit.kelvin)
+        mh.anneal(simulation, schedule, 50)
+
     Parameters
     ----------
     simulation : openmm.app.Simulation

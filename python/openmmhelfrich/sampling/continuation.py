@@ -115,6 +115,11 @@ class ContinuationPath:
 class ContinuationResult(Brief):
     """What was seen along a path.
 
+    ::
+
+        result = mh.continueTo(simulation, force, {"reducedVolume": 0.95}, windows=2, equilibration=5, steps=5)
+        print(result.windows["lambda"], result.windows["energy"])
+
     Attributes
     ----------
     windows : Table
@@ -150,6 +155,11 @@ def continueTo(
     progress: Callable[[int, int], None] | None = None,
 ) -> ContinuationResult:
     """Lead a membrane's targets to new values while it is sampled, and average over each window of the way.
+
+    ::
+
+        result = mh.continueTo(simulation, force, {"reducedVolume": 0.95}, windows=4, equilibration=10, steps=10)
+        print(result.windows["reducedVolume"])
 
     Parameters
     ----------

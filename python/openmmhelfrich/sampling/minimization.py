@@ -30,6 +30,11 @@ _MARGIN, _FIRMNESS = 0.1, 1e3
 class MinimizationResult(Brief):
     """What a minimization came to.
 
+    ::
+
+        result = mh.minimizeFluid(simulation, force)
+        print(result.converged, result.reason, result.energies["bending"])
+
     Attributes
     ----------
     energies : dict of str to Quantity
@@ -79,6 +84,11 @@ def minimize(
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
 
+    ::
+
+        result = mh.minimize(simulation, force)
+        print(result.energy, result.rmsForce)
+
     Parameters
     ----------
     simulation : openmm.app.Simulation
@@ -127,6 +137,11 @@ def minimizeFluid(
 
     The flips are those of the Simulation's EdgeFlipIntegrator, whose temperature and fraction, and the Context's step
     count, are afterwards as before.  Its counters of sweeps and flips go on.
+
+    ::
+
+        result = mh.minimizeFluid(simulation, force)
+        print(result.energies["bending"] / (8 * np.pi * force.getBendingModulus()))  # 1 on a sphere
 
     Parameters
     ----------

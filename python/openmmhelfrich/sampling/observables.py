@@ -532,7 +532,29 @@ def isTarget(observable: Observable) -> bool:
 
 
 def readObservables(file: PathLike) -> Table:
-    """Read a table that an ObservablesReporter wrote: a dict from column names, without their units, to arrays."""
+    """Read a table that an ObservablesReporter wrote: a dict from column names, without their units, to arrays.
+
+    ::
+
+        mh.run("vesicle.toml")
+        table = mh.readObservables("vesicle.csv")
+        print(table["area"].mean(), table["energy"].mean())
+
+    Parameters
+    ----------
+    file : path
+        the table: comma-separated values
+
+    Returns
+    -------
+    Table
+        a dict from names of columns to arrays of shape (rows,); energies are in the unit that the file names
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        if there is no such file, or it is not such a table
+    """
     return Table.read(file)
 
 

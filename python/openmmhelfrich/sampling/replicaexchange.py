@@ -10,11 +10,12 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import openmm as mm
@@ -31,6 +32,9 @@ from .moves import Counters, countersOf, movesOf, trajectoriesOf
 from .observables import OBSERVABLES, Moment, isTarget, observe
 
 FORMATS = (1, 2)  # the first one has no observables and counters
+# What of a serialized force a Context has of its own, and the version, which follows from what there is.
+_LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default", "version"}
+_LIVE |= {"Triangles", "SurfaceTargets"}
 # What a round tells of a replica: what can be averaged over those that were in a state.
 _OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarget(o)]
 
@@ -38,6 +42,10 @@ _OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarg
 @dataclass(frozen=True)
 class ThermodynamicState:
     """What replicas exchange.
+
+    ::
+
+        state = mh.ThermodynamicState(300 * unit.kelvin, {force.getTargetVolumeParameter(): 0.9 * mesh.volume})
 
     Attributes
     ----------
@@ -72,6 +80,14 @@ class ReplicaExchange:
     own: a run that was saved and loaded goes on as an uninterrupted one to the last bit, and the number of workers
     changes nothing.  Both need a native HybridMonteCarloIntegrator (or any other whose State has its generator's
     state).
+
+    ::
+
+        states = [mh.ThermodynamicState(temperature) for temperature in (300, 310)]
+        simulations = [mh.Scene.of({}, mesh).createSimulation(mh.Scene.of({}, mesh).createForce()) for _ in states]
+        exchange = mh.ReplicaExchange(simulations, states, seed=1)
+        exchange.run(rounds=4, steps=2)
+        print(exchange.acceptanceRates)
 
     Attributes
     ----------
@@ -111,6 +127,7 @@ class ReplicaExchange:
         self.simulations, self.seed, self._workers = list(simulations), seed, workers
         self._check(self.simulations, list(states))
         self.states = [_resolved(state, simulation) for state, simulation in zip(states, self.simulations)]
+        _requireSameEnergies(self.simulations, self.states[0].parameters)
         self.replicaStates = np.arange(len(self.states))
         self._history: list[NDArray[np.int64]] = []
         self._energies: list[NDArray[np.float64]] = []
@@ -194,7 +211,7 @@ class ReplicaExchange:
         rounds = np.arange(max(first, discard), self.numRounds)
         rows = [self._observed[n - first][np.argsort(self._history[n])[state]] for n in rounds]
         values = np.array(rows, dtype=float).reshape(len(rows), len(self._columns))
-        return Table({"step": rounds + 1.0, **dict(zip(self._columns, values.T))})
+        return Table({"step": rounds.astype(float) + 1, **dict(zip(self._columns, values.T))})
 
     def counters(self, state: int) -> Counters:
         """Return how many trajectories and flips were tried in a state, and what came of them."""
@@ -311,8 +328,9 @@ class ReplicaExchange:
             "counters": self._counters.tolist(),
         }
         arrays, observed = io.BytesIO(), np.array(self._observed).reshape(-1, len(self.states), len(self._columns))
-        marks = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
-        np.savez(arrays, history=self.history, reducedEnergies=self.reducedEnergies, observed=observed, **marks)
+        contents: dict[str, Any] = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
+        contents |= {"history": self.history, "reducedEnergies": self.reducedEnergies, "observed": observed}
+        np.savez(arrays, **contents)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
             archive.writestr("rounds.npz", arrays.getvalue())
@@ -357,8 +375,10 @@ class ReplicaExchange:
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
         self._columns, self._observed = data.get("columns", []), list(arrays.get("observed", ()))
         self._counters = np.array(data.get("counters", np.zeros_like(self._counters)))
-        here = [self._markedPositions(replica) for replica in range(len(self.states))]
-        self._marks = [arrays.get(f"marks{replica}", marks) for replica, marks in enumerate(here)]
+        self._marks = [
+            arrays[name] if (name := f"marks{replica}") in arrays else self._markedPositions(replica)
+            for replica in range(len(self.states))
+        ]
         self._judged = (0, [], None)
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
@@ -479,6 +499,44 @@ class ReplicaExchange:
                     raise ValueError(
                         f"ReplicaExchange: in state {k} the parameter '{name}' is {parameter}; it must be finite"
                     )
+
+
+def _requireSameEnergies(simulations: Sequence[app.Simulation], exchanged: Iterable[str]) -> None:
+    """Raise a ValueError unless the energies of simulations are the same functions of positions, triangles and the
+    parameters that are exchanged.
+    """
+    first, *others = (_kept(simulation.context, exchanged) for simulation in simulations)
+    for k, parameters in enumerate(others, 1):
+        for name, value in first.items():
+            if parameters.get(name) != value:
+                raise ValueError(
+                    f"ReplicaExchange: the parameter '{name}' is {parameters.get(name)} in simulation {k} and {value} "
+                    "in simulation 0; it must be the same, or one of the states' parameters"
+                )
+    own, *rest = (_forcesOf(simulation.system) for simulation in simulations)
+    for k, forces in enumerate(rest, 1):
+        if forces != own:
+            raise ValueError(
+                f"ReplicaExchange: the forces of simulation {k} are not those of simulation 0; they must be the same, "
+                "with moduli in kJ/mol that do not depend on the temperature of a state"
+            )
+
+
+def _kept(context: mm.Context, exchanged: Iterable[str]) -> dict[str, float]:
+    return {name: value for name, value in dict(context.getParameters()).items() if name not in exchanged}
+
+
+def _forcesOf(system: mm.System) -> list[bytes]:
+    """Return the forces of a System as texts, without what a Context has of its own: parameters and triangles."""
+    texts = []
+    for force in system.getForces():
+        root = ElementTree.fromstring(mm.XmlSerializer.serialize(force))
+        for element in root.iter():
+            element.attrib = {name: value for name, value in element.attrib.items() if name not in _LIVE}
+        for child in [child for child in root if child.tag in _LIVE]:
+            root.remove(child)
+        texts.append(ElementTree.tostring(root))
+    return texts
 
 
 def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> ThermodynamicState:

@@ -28,6 +28,11 @@ class ObservablesReporter:
     Acceptance rates, the flip rate (flips accepted per edge and sweep), the fraction of attempted flips that the rules
     forbid, and the number of trajectories that diverged are those since the start of the simulation; they are there if
     the Integrator has such moves, and of two of a kind it is the first that is asked.
+
+    ::
+
+        simulation.reporters.append(mh.ObservablesReporter("vesicle.csv", 10, force, 300 * unit.kelvin))
+        simulation.step(20)
     """
 
     def __init__(
@@ -131,6 +136,13 @@ class MeshReporter:
     checkpoint, call ``flush()`` before making it, and save ``getNumFrames()`` with it; to go on from there, create the
     reporter with ``append=True`` and that number as `numFrames`: later frames, which the run will make again, are
     dropped.
+
+    ::
+
+        reporter = mh.MeshReporter("vesicle.vtkhdf", 10, force)
+        simulation.reporters.append(reporter)
+        simulation.step(20)
+        reporter.close()
     """
 
     def __init__(
@@ -229,8 +241,7 @@ class MeshReporter:
     def _requireSameMembrane(self, file: PathLike) -> list[str]:
         """Raise a ValueError if a file is of another membrane; return the names of its data."""
         with readMeshTrajectory(file) as trajectory:
-            mesh, data = trajectory[0].mesh, trajectory[0].data
-        found = len(mesh.vertices), len(mesh.triangles), len(mesh.beads)
+            found, names = trajectory.layout()
         own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
         if found != own:
             what = " and {} beads" if found[2] != own[2] else ""
@@ -238,4 +249,4 @@ class MeshReporter:
                 f"{file} has frames of {found[0]} vertices and {found[1]} triangles{what.format(found[2])}; "
                 f"this membrane has {own[0]} and {own[1]}{what.format(own[2])}"
             )
-        return list(data)
+        return names

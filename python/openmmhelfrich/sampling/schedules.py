@@ -23,6 +23,11 @@ Schedule = Callable[[int], float]
 class ExponentialSchedule:
     """Exponential cooling, T(n) = max(T_0 exp(-lambda (n-n_0)), T_min), and T_0 before step n_0.
 
+    ::
+
+        schedule = mh.ExponentialSchedule(start=300, rate=0.01, minimum=3)
+        print(schedule(0), schedule(100))
+
     Attributes
     ----------
     start : float or Quantity
@@ -75,6 +80,11 @@ class ExponentialSchedule:
 class TableSchedule:
     """Temperatures at given steps, with straight lines between them and the first and last temperature outside.
 
+    ::
+
+        schedule = mh.TableSchedule([0, 100, 200], [300, 300, 30])
+        print(schedule(150))  # 165 K
+
     Attributes
     ----------
     steps : sequence of numbers
@@ -113,6 +123,11 @@ class TableSchedule:
 
 def createSchedule(schedule: Any) -> Schedule:
     """Return a schedule whose every temperature is checked.
+
+    ::
+
+        schedule = mh.createSchedule(([0, 100], [300, 30]))
+        print(schedule(50))
 
     Parameters
     ----------

@@ -72,6 +72,7 @@ def axes(config: Config, scene: Config, edge: float) -> list[Axis]:
             Axis("moves together", [TOGETHER]),
             Axis("flip fraction", _each("sampling.flip_fraction", [0.03, 0.1, 0.3, 1.0])),
             Axis("shear waves", _each("sampling.shear_wave_probability", [0.0, 0.1, 0.3])),
+            Axis("coarser meshes", _each("sampling.multilevel_weight", [0.0, 1.0, 2.0])),
             Axis("length", _each("sampling.steps_per_trajectory", [10, 30, 100, 300, 1000])),
             Axis("jitter", _each("sampling.trajectory_jitter", [0.0, 0.5])),
             # Rejections turn kept momenta back, so that they want to be rare.

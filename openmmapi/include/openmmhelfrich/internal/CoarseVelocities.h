@@ -108,7 +108,8 @@ private:
         double remainder = std::sqrt(1 - refreshment * refreshment);
         for (size_t j = 0; j < levels[i].particles.size(); j++) {
             int particle = levels[i].particles[j];
-            OpenMM::Vec3 drawn = drawNormals(random, trajectory, uint64_t(i + 1) << 32 | uint64_t(particle)) * deviation;
+            OpenMM::Vec3 drawn =
+                    drawNormals(random, trajectory, uint64_t(i + 1) << 32 | uint64_t(particle)) * deviation;
             auto found = kept.find(particle);
             levels[i].velocities[j] = (found == kept.end() ? drawn : found->second * remainder + drawn * refreshment);
         }

@@ -1,0 +1,138 @@
+"""What an independent sample of the lowest modes of a fluid vesicle costs, with momenta on coarser meshes and without.
+
+    python benchmarks/long_waves.py SUBDIVISIONS WEIGHT STEP STEPS SECONDS [--volume 0.95] [--flips 0.3] [--seed 1]
+
+One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
+computations of forces and in processor time of one thread.  The scene is the sphere of docs/sampling.md: bending modulus
+30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.  Each trajectory is
+followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
+"""
+
+import argparse
+import json
+import time
+
+import numpy as np
+import openmm as mm
+
+import openmmhelfrich as mh
+from openmmhelfrich.analysis.fluctuations import _realHarmonics, _solidAngles
+
+KT = 300 * 8.31446261815324e-3
+DEGREES = (2, 3, 4)
+
+
+def createScene(arguments):
+    mesh = mh.Mesh.icosphere(arguments.subdivisions)
+    mesh = mh.Mesh(mesh.vertices / mesh.edgeLengths.mean(), mesh.triangles)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(30 * KT)
+    force.setAreaModulus(1e6 * KT)
+    force.setTargetArea(mesh.area)
+    force.setVolumeModulus(1e6 * KT)
+    force.setTargetVolume(arguments.volume * mesh.volume)
+    force.setTether(100 * KT, 0.85, 1.35, 2)
+    integrator = mh.HybridMonteCarloIntegrator(300, arguments.step, arguments.steps, arguments.flips, 0)
+    integrator.setMultilevelWeight(arguments.weight)
+    integrator.setTrajectoryJitter(0.2)
+    integrator.setForcePrecision("mixed")
+    integrator.setRandomNumberSeed(arguments.seed)
+    system = mesh.createSystem(mass=1.0)
+    system.addForce(force)
+    context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": "1"})
+    context.setPositions(mesh.vertices)
+    return mesh, force, integrator, context
+
+
+def autocorrelationTime(series):
+    """Return the integrated autocorrelation time of vectors, in samples, with a window of five times itself."""
+    a = series - series.mean(axis=0)
+    n, total = len(a), 1.0
+    c = np.fft.irfft(np.abs(np.fft.rfft(a, 2 * n, axis=0)) ** 2, axis=0)[:n].sum(axis=1)
+    for k in range(1, n):
+        total += 2 * c[k] / c[0]
+        if k > 5 * total:
+            break
+    return total
+
+
+def modesOf(x, triangles):
+    """Return the coefficients of the radius, in units of its mean, in real spherical harmonics of degrees 2, 3 and 4.
+
+    The direction of each vertex counts with its solid angle, by the live triangles: the vesicle is nearly a sphere.
+    """
+    x = x - x.mean(axis=0)
+    r = np.linalg.norm(x, axis=1)
+    directions = x / r[:, np.newaxis]
+    weights = _solidAngles(directions, triangles)
+    return (weights * r) @ _realHarmonics(directions, max(DEGREES))[:, 4:] / np.average(r, weights=weights)
+
+
+def measure(arguments):
+    mesh, force, integrator, context = createScene(arguments)
+    trajectories, flips = integrator.getMove(0), integrator.getMove(1)
+    target, reached = force.getTargetVolume(), mesh.volume
+    while reached > target._value * 1.0001:  # a sudden change would crumple the vesicle
+        reached = max(0.998 * reached, target._value)
+        context.setParameter(force.getTargetVolumeParameter(), reached)
+        for _ in range(3):
+            trajectories.step(1)
+            flips.step(1)
+    rows, changes, evaluations, used = [], [], 0, 0.0
+    accepted, attempted = trajectories.getNumAccepted(), trajectories.getNumAttempted()
+    while used < arguments.seconds:
+        begin = time.process_time()
+        trajectories.step(1)
+        evaluations += trajectories.getLastNumSteps()
+        flips.step(1)
+        used += time.process_time() - begin
+        changes.append(trajectories.getLastEnergyChange()._value / KT)
+        if len(changes) % arguments.every != 0:
+            continue
+        x = context.getState(positions=True).getPositions(asNumpy=True)._value
+        modes = modesOf(x, force.getTrianglesInContext(context))
+        rows.append([*modes, force.getEnergyTermsInContext(context)["bending"]._value / KT])
+    rows = np.array(rows)[len(rows) // 5 :]
+    n = len(changes)
+    rate = (trajectories.getNumAccepted() - accepted) / (trajectories.getNumAttempted() - attempted)
+    result = {
+        **vars(arguments),
+        "vertices": len(mesh.vertices),
+        "trajectories": n,
+        "accepted": rate,
+        "meanExp": float(np.mean(np.exp(-np.array(changes)))),
+    }
+    first = 0
+    for l in DEGREES:
+        columns = rows[:, first : first + 2 * l + 1]
+        first += 2 * l + 1
+        tau = arguments.every * autocorrelationTime(columns)
+        result[f"l{l}"] = {
+            "evaluations": tau * evaluations / n,
+            "seconds": tau * used / n,
+            "samples": arguments.every * len(rows) / tau * (2 * l + 1),
+            "power": float(np.mean(columns**2)),
+        }
+    tau = arguments.every * autocorrelationTime(rows[:, -1:])
+    result["bending"] = {
+        "evaluations": tau * evaluations / n,
+        "seconds": tau * used / n,
+        "mean": float(rows[:, -1].mean()),
+        "error": float(rows[:, -1].std() * (tau / (arguments.every * len(rows))) ** 0.5),
+    }
+    return result
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("subdivisions", type=int)
+    parser.add_argument("weight", type=float)
+    parser.add_argument("step", type=float)
+    parser.add_argument("steps", type=int)
+    parser.add_argument("seconds", type=float)
+    parser.add_argument("--volume", type=float, default=0.99)
+    parser.add_argument("--flips", type=float, default=0.3)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")
+    print(json.dumps(measure(parser.parse_args()), default=float), flush=True)
