@@ -1,9 +1,14 @@
 """Species and spontaneous curvature in a configuration: which vertices have them, and what a run makes of them."""
 
+import meshio
 import numpy as np
 import pytest
 
 import openmmhelfrich as mh
+from openmmhelfrich.pictures.look import Look
+from openmmhelfrich.pictures.plots import drawMesh
+from openmmhelfrich.pictures.rendering import render
+from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.config import asDict, parseConfig
 from openmmhelfrich.runs.material import flatEnergy, placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
@@ -127,3 +132,45 @@ def test_a_run_with_exchanges_goes_on_to_the_same_bits(tmp_path):
 def test_mistakes_are_named(sections, message):
     with pytest.raises(ValueError, match=message):
         mh.Scene.of(configOf(**sections))
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The files of a short run with species that exchange."""
+    prefix = tmp_path_factory.mktemp("species") / "run"
+    sampling = {"seed": 5, "steps": 4, "exchange_probability": 0.5, "steps_per_trajectory": 5}
+    output = {"prefix": str(prefix), "trajectory_interval": 1}
+    return mh.run(configOf(species=LO_LD, membrane={"line_tension": 1.0}, sampling=sampling, output=output)), prefix
+
+
+def test_files_have_the_species(results):
+    frames = mh.readMeshTrajectory(f"{results[1]}.vtkhdf")
+    assert [np.count_nonzero(frame.mesh.species == 0) for frame in frames] == [40] * len(frames)
+    assert frames[0].mesh.speciesNames == ("lo", "ld")
+    assert np.any(frames[0].mesh.species != frames[-1].mesh.species)
+    final = meshio.read(f"{results[1]}.ply")
+    assert np.array_equal(final.point_data["Species"], frames[-1].mesh.species)
+    assert results[0].table["E_line"].min() > 0 and np.ptp(results[0].table["E_line"]) > 0
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.gif"])
+def test_pictures_color_by_species(results, tmp_path, name):
+    frames, pictures = mh.readMeshTrajectory(f"{results[1]}.vtkhdf"), []
+    for colored in ("auto", "species", "curvature"):
+        render(frames, tmp_path / name, look=Look(size=(200, 160), colorBy=colored))
+        pictures.append((tmp_path / name).read_bytes())
+    assert pictures[0] == pictures[1] != pictures[2]
+
+
+def test_species_are_not_asked_of_a_mesh_without(tmp_path):
+    with pytest.raises(ValueError, match="there are no species to color it by"):
+        drawMesh(MESH, tmp_path / "a.png", look=Look(colorBy="species"))
+
+
+def test_a_report_names_the_species(results):
+    page = writeReport(results[1]).read_text()
+    assert (
+        '"legend": [["lo", "#1f77b4"], ["ld", "#ff7f0e"]]' in page
+        or '"legend":[["lo","#1f77b4"],["ld","#ff7f0e"]]' in page
+    )
+    assert '"species":' in page

@@ -223,6 +223,9 @@ def render(
         typer.Option("--range", metavar="LOW HIGH", help="Curvatures at the ends of the color map."),
     ] = None,
     color_map: Annotated[str, typer.Option(metavar="NAME", help="A color map of matplotlib.")] = "coolwarm",
+    color_by: Annotated[
+        str, typer.Option(metavar="WHAT", help="curvature, species, or auto: species where there are some.")
+    ] = "auto",
     edges: Annotated[bool, typer.Option("--edges", help="Draw the edges of triangles.")] = False,
     transparent: Annotated[bool, typer.Option("--transparent", help="Leave the background of a PNG out.")] = False,
     scale_bar: Annotated[
@@ -240,7 +243,8 @@ def render(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Render a membrane, colored by its mean curvature: a picture of the last frame, or an animation of all.
+    """Render a membrane, colored by its mean curvature or its species: a picture of the last frame, or an animation of
+    all.
 
     Works without a display.  Takes pyvista, which comes with pip install 'openmm-helfrich\\[looking]'; without it a PNG
     is drawn with matplotlib.
@@ -264,7 +268,7 @@ def render(
     output = output or source.with_suffix(".png")
     requireFormat(output)
     bar = bar_length or scale_bar
-    look = Look(elevation, azimuth, zoom, size, dpi, color_range, color_map, edges, transparent, bar, cut)
+    look = Look(elevation, azimuth, zoom, size, dpi, color_range, color_map, color_by, edges, transparent, bar, cut)
     requireNew([output], source, overwrite)
     frames = openFrames(source, topology)
     chosen = ChosenFrames(frames, selectFrames(source, frames, frame, every))

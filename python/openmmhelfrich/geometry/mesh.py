@@ -43,11 +43,23 @@ class Mesh:
         the vectors of the periodic box, in nm, if there is one
     beads : (B, 3) float64 array
         positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
+    species : (N,) array of int, or None
+        the number of the species of each vertex, in the frames and pictures of a membrane with species
+    speciesNames : tuple of str
+        what the species are called; empty if they have numbers only
     notes : list of str
         what :meth:`read` left out or changed, and what :meth:`repaired` and :meth:`remeshed` did, each in a sentence
     """
 
-    def __init__(self, vertices: Any, triangles: ArrayLike, box: Any = None, beads: Any = None):
+    def __init__(
+        self,
+        vertices: Any,
+        triangles: ArrayLike,
+        box: Any = None,
+        beads: Any = None,
+        species: ArrayLike | None = None,
+        speciesNames: Iterable[str] = (),
+    ):
         """Create a Mesh from arrays, which are copied.
 
         Parameters
@@ -60,6 +72,10 @@ class Mesh:
             the vectors of a periodic box, in nm unless they carry a unit
         beads : (B, 3) array or Quantity, optional
             the positions of particles that are no vertices
+        species : (N,) array of integers, optional
+            the number of the species of each vertex, from 0; an empty one is like None
+        speciesNames : iterable of str
+            what they are called
 
         Raises
         ------
@@ -71,6 +87,13 @@ class Mesh:
         self.triangles = _indices(triangles, len(self.vertices))
         self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
         self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
+        self.species = None if species is None or not len(np.asarray(species)) else np.array(species, dtype=np.intc)
+        if self.species is not None and self.species.shape != (len(self.vertices),):
+            raise ValueError(
+                f"species has the shape {self.species.shape}; it must have a number for each of {len(self.vertices)} "
+                "vertices"
+            )
+        self.speciesNames = tuple(speciesNames)
         self.notes: list[str] = []
 
     @classmethod
@@ -202,8 +225,8 @@ class Mesh:
         unit : Unit, Quantity or float
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
         data : dict, optional
-            arrays of shape (N,) by name, a value for each vertex; VTU, VTK and PLY files hold them, others leave them
-            out
+            arrays of shape (N,) by name, a value for each vertex; VTU, VTK and PLY files hold them, and the species of
+            the mesh, others leave them out
 
         Raises
         ------
@@ -214,7 +237,8 @@ class Mesh:
         """
         length = _lengthOf(unit)
         box = None if self.box is None else self.box / length
-        meshfiles.write(Path(file), self.vertices / length, self.triangles, data, box)
+        own = {} if self.species is None else {"Species": self.species}
+        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**own, **(data or {})} or None, box)
 
     def repaired(
         self,

@@ -59,7 +59,7 @@ class MeshFrame(NamedTuple):
         positions, in nm, and the triangles at that step, and the beads if there are any
     data : dict
         arrays of shape (N,) by name, a value for each vertex: "MeanCurvature" and "SmoothMeanCurvature", in 1/nm, and
-        "Area", in nm^2, from a MeshReporter
+        "Area", in nm^2, from a MeshReporter; and "Species", the numbers of their species, if there are any
     """
 
     step: int
@@ -86,6 +86,7 @@ def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
         "MeanCurvature": localMeanCurvatures(curvature, area),
         "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvature, area),
         "Area": area,
+        **({} if mesh.species is None else {"Species": mesh.species}),
     }
     return MeshFrame(step, mesh, data)
 
@@ -385,9 +386,11 @@ class MeshTrajectory(Frames):
         points = self._rows("Points", self._number("Steps/PointOffsets", i), numPoints)
         triangles = self._rows("Polygons/Connectivity", corner, numCorners).reshape(-1, 3)
         numVertices = numPoints - self._countBeads(part, numPoints)
-        mesh = Mesh(points[:numVertices], triangles, beads=points[numVertices:])
         starts = {name: self._number(f"Steps/PointDataOffsets/{name}", i) for name in self._dataNames}
         data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
+        species = np.nan_to_num(data["Species"]).astype(np.intc) if "Species" in data else None
+        names = tuple(filter(None, (_textOf(self._file.attrs, "speciesNames") or "").split(", ")))
+        mesh = Mesh(points[:numVertices], triangles, None, points[numVertices:], species, names)
         return MeshFrame(self._number("Steps/Values", i), mesh, data)
 
     def _countBeads(self, part: int, numPoints: int) -> int:
@@ -506,6 +509,14 @@ def _textOf(attributes: Any, name: str) -> str | None:
     return text.decode(errors="replace") if isinstance(text, bytes) else text
 
 
+def _setText(attributes: Any, name: str, text: str) -> None:
+    """Give a file or group a text of fixed length: those of any length are in a heap, in which a damaged size can make
+    HDF5 loop for ever.
+    """
+    content = text.encode()
+    attributes.create(name, content, dtype=h5py.string_dtype("utf-8", max(1, len(content))))
+
+
 def _edit(draft: Draft, path: Path, frames: Sequence[MeshFrame], keep: int, precision: str, lengthUnit: str) -> None:
     """Let a draft have the first frames that it has, and others after them."""
     if not keep and not frames:
@@ -565,9 +576,9 @@ def _create(out: Any, frame: MeshFrame, precision: str, lengthUnit: str) -> Any:
         raise ValueError(f"precision is {precision!r}; it must be 'double' or 'single'")
     numBeads, numTriangles = len(frame.mesh.beads), len(frame.mesh.triangles)
     numPoints = len(frame.mesh.vertices) + numBeads
-    # Of fixed length: texts of any length are in a heap, in which a damaged size can make HDF5 loop for ever.
-    text = lengthUnit.encode()
-    out.attrs.create("lengthUnit", text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
+    _setText(out.attrs, "lengthUnit", lengthUnit)
+    if frame.mesh.speciesNames:
+        _setText(out.attrs, "speciesNames", ", ".join(frame.mesh.speciesNames))
     root = out.create_group("VTKHDF")
     root.attrs["Version"] = VERSION
     root.attrs.create("Type", b"PolyData", dtype="S8")  # of fixed length: VTK takes no other

@@ -34,7 +34,10 @@ def shownSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
         np.bincount(became[isShown], x[isShown], len(points)).astype(np.float64)
         for x in (mesh.vertexMeanCurvatures, mesh.vertexAreas)
     )
-    surface = Mesh(low + size * points.astype(np.float64), triangles)
+    surface = Mesh(low + size * points.astype(np.float64), triangles, speciesNames=mesh.speciesNames)
+    if mesh.species is not None:
+        surface.species = np.zeros(len(points), dtype=np.intc)
+        surface.species[became[isShown]] = mesh.species[isShown]
     return surface, smoothCurvatures(surface.edges, curvature, area, 1)
 
 

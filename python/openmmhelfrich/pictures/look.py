@@ -6,9 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.mesh import Mesh
 
 COLOR_MAP = "coolwarm"
 BEAD_COLOR = "0.35"
+COLORED = ("auto", "curvature", "species")
+SPECIES_COLORS, NUM_COLORS = "tab10", 10  # one after the other, and from the first one on again
 _SIGNS = {"um": "µm", "angstrom": "Å", "^2": "²", "^3": "³"}
 
 
@@ -31,6 +36,8 @@ class Look:
         vertices have, the same in both directions
     colorMap : str
         the name of a color map of matplotlib
+    colorBy : str
+        "curvature", "species", or "auto": species where there are some, and else curvature
     edges : bool
         whether to draw the edges of triangles
     transparent : bool
@@ -49,6 +56,7 @@ class Look:
     dpi: float = 150.0
     range: tuple[float, float] | None = None
     colorMap: str = COLOR_MAP
+    colorBy: str = "auto"
     edges: bool = False
     transparent: bool = False
     scaleBar: bool | float = False
@@ -59,6 +67,8 @@ class Look:
 
         if self.colorMap not in colormaps:
             raise ValueError(f"the color map is '{self.colorMap}'; it must be one of matplotlib's, such as {COLOR_MAP}")
+        if self.colorBy not in COLORED:
+            raise ValueError(f"colorBy is '{self.colorBy}'; it must be one of {', '.join(COLORED)}")
         if len(self.size) != 2 or not all(16 <= n <= 16384 for n in self.size):
             raise ValueError(f"the size is {self.size}; it must be two numbers of pixels, each from 16 to 16384")
         if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
@@ -69,6 +79,12 @@ class Look:
                 raise ValueError(f"{name} is {value}; it must be positive")
         if not (math.isfinite(self.scaleBar) and self.scaleBar >= 0):
             raise ValueError(f"the scale bar is {self.scaleBar}; it must be a length above 0, or True")
+
+    def species(self, mesh: Mesh) -> NDArray[np.intc] | None:
+        """Return the species that color a mesh, or None if its curvature does."""
+        if self.colorBy == "species" and mesh.species is None:
+            raise ValueError("there are no species to color it by; leave it to the curvature")
+        return None if self.colorBy == "curvature" else mesh.species
 
     def limits(self, curvature: np.ndarray) -> tuple[float, float]:
         """Return the curvatures at the ends of the color map, for those of a membrane or of all frames."""
@@ -85,6 +101,20 @@ class Look:
             return float(self.scaleBar)
         power = 10 ** math.floor(math.log10(width / 5))
         return power * max(n for n in (1, 2, 5) if n * power <= width / 5)
+
+
+def speciesColors(species: NDArray[np.intc]) -> NDArray[np.float64]:
+    """Return the color of each of some numbers of species: an (n, 3) array from 0 to 1."""
+    from matplotlib import colormaps
+
+    return np.array(colormaps[SPECIES_COLORS](species % NUM_COLORS))[:, :3]
+
+
+def speciesLegend(mesh: Mesh, most: int = 12) -> list[tuple[str, tuple[float, float, float]]]:
+    """Return the names and colors of the species that a mesh has, but for those beyond a number."""
+    found, names = np.unique(mesh.species), mesh.speciesNames
+    labels = [names[i] if i < len(names) else f"species {i}" for i in found[:most]]
+    return [(label, tuple(color)) for label, color in zip(labels, speciesColors(found[:most]).tolist())]
 
 
 def unitText(unit: str) -> str:

@@ -16,7 +16,7 @@ from ..sampling.observables import PANELS, Observable, curves, isTarget, observa
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import shownSurface, simplification
-from .look import BEAD_COLOR, Look, curvatureLabel, unitText
+from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesLegend, unitText
 
 # What a run's picture of its final shape is like.
 SHAPE = Look(azimuth=-60, size=(960, 660), dpi=120)
@@ -209,7 +209,7 @@ def _plotBranches(axes: Any, windows: Table, name: str, prefix: str) -> None:
 
 def drawMesh(mesh: Mesh, file: PathLike, lengthUnit: str = "nm", look: Look = SHAPE) -> None:
     """Draw a closed mesh and its beads, lit from above the viewer's shoulder and colored by mean curvature, positive
-    where it is convex.
+    where it is convex, or by species.
 
     Parameters
     ----------
@@ -244,7 +244,12 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
     norm = Normalize(*look.limits(curvature))
     figure = Figure(figsize=(look.size[0] / look.dpi, look.size[1] / look.dpi), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    colors = _colorMap(look)(norm(curvature[surface.triangles].mean(axis=1)))
+    species = look.species(surface)
+    colors = (
+        _colorMap(look)(norm(curvature[surface.triangles].mean(axis=1)))
+        if species is None
+        else np.insert(speciesColors(np.median(species[surface.triangles], axis=1).astype(int)), 3, 1.0, axis=1)
+    )
     beads, beadColors = _beadTriangles(mesh)
     faces, fills = np.concatenate((surface.vertices[surface.triangles], beads)), np.concatenate((colors, beadColors))
     axes.add_collection3d(
@@ -259,7 +264,10 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
         )
     )
     _frame(axes, np.concatenate((mesh.vertices, mesh.beads)), look, lengthUnit, simplification(mesh, surface))
-    _colorBar(figure, axes, norm, lengthUnit, look)
+    if species is None:
+        _colorBar(figure, axes, norm, lengthUnit, look)
+    else:
+        _speciesLegend(figure, surface)
     if look.scaleBar:
         _scaleBar(figure, axes, mesh, look, lengthUnit)
     return Picture(figure, look.dpi, look.transparent)
@@ -317,6 +325,13 @@ def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str, look: Look) ->
     figure.colorbar(
         ScalarMappable(norm, _colorMap(look)), ax=axes, shrink=0.6, label=_plain(curvatureLabel(lengthUnit))
     )
+
+
+def _speciesLegend(figure: Any, mesh: Mesh) -> None:
+    from matplotlib.patches import Patch
+
+    patches = [Patch(color=color, label=_plain(name)) for name, color in speciesLegend(mesh)]
+    figure.legend(handles=patches, loc="center right", title="species")
 
 
 def _scaleBar(figure: Any, axes: Any, mesh: Mesh, look: Look, lengthUnit: str) -> None:

@@ -14,7 +14,7 @@ from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
 from .curvature import smoothMeanCurvature
-from .look import BEAD_COLOR, Look, curvatureLabel, unitText
+from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesLegend, unitText
 from .plots import beadRadius, drawMesh
 
 LOOK = Look()
@@ -41,7 +41,7 @@ def render(
     look: Look = LOOK,
 ) -> None:
     """Render membranes and their beads, colored by mean curvature, positive where they are convex, on the same scale in
-    all frames.
+    all frames, or by species.
 
     Parameters
     ----------
@@ -138,14 +138,14 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
         for i in range(len(frames)):
             mesh = frames[i].mesh
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
-            shape[title] = smoothMeanCurvature(mesh)
+            species = look.species(mesh)
+            shape[title] = smoothMeanCurvature(mesh) if species is None else speciesColors(species)
             shape = shape.clip(normal=direction, origin=middle) if look.cut else shape
             plotter.add_mesh(
                 shape,
                 name="membrane",
                 scalars=title,
-                clim=limits,
-                cmap=look.colorMap,
+                **({"clim": limits, "cmap": look.colorMap} if species is None else {"rgb": True}),
                 show_edges=look.edges,
                 line_width=max(1.0, scale),
                 smooth_shading=True,
@@ -156,7 +156,10 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
             )
             if i == 0:
                 sizes = {"title_font_size": round(18 * scale), "label_font_size": round(16 * scale)}
-                plotter.add_scalar_bar(title + "\n", **sizes, **SCALE)
+                if species is None:
+                    plotter.add_scalar_bar(title + "\n", **sizes, **SCALE)
+                else:
+                    plotter.add_legend(speciesLegend(mesh), bcolor=None, face="circle", size=(0.2, 0.2))
             _addBeads(plotter, pyvista, mesh, middle, direction, look)
             if len(frames) > 1:
                 place, letters = (20 * scale, look.size[1] - 40 * scale), round(12 * scale)

@@ -35,7 +35,7 @@ from ..sampling.observables import (
 from ..tables import Table, headOf
 from ..version import __version__
 from .curvature import shownSurface, simplification
-from .look import BEAD_COLOR, colorScale, unitText
+from .look import BEAD_COLOR, NUM_COLORS, colorScale, speciesColors, speciesLegend, unitText
 from .plots import beadRadius
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
@@ -195,6 +195,18 @@ def _shape(
         "wide": indexType == "u4",
         **_encode(shown, beads, indexType),
         "beadSize": 2 * beadRadius(last.mesh),
+        **_species(last.mesh),
+    }
+
+
+def _species(mesh: Mesh) -> dict[str, Any]:
+    """Return the colors of species, and the names and colors of those that a mesh has."""
+    from matplotlib.colors import to_hex
+
+    legend = [] if mesh.species is None else speciesLegend(mesh)
+    return {
+        "speciesColors": [to_hex(color) for color in speciesColors(np.arange(NUM_COLORS))],
+        "legend": [[_forPlotly(name), to_hex(color)] for name, color in legend],
     }
 
 
@@ -215,6 +227,7 @@ def _encode(
             "triangles": _base64(mesh.triangles.T, indexType),
             "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
             "beads": _base64((own - low).T / size * 65535, "u2"),
+            **({} if mesh.species is None else {"species": _base64(mesh.species % NUM_COLORS, "u1")}),
         }
         for (step, mesh, curvature), own in zip(shown, beads)
     ]

@@ -212,6 +212,7 @@ class Recorder:
                 frames or None,
                 lengthUnit=scene.lengthUnit,
                 beads=range(len(scene.mesh.vertices), simulation.system.getNumParticles()),
+                speciesNames=scene.speciesNames,
             )
         simulation.reporters += self._reporters()
 

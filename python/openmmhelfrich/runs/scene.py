@@ -6,7 +6,7 @@ import os
 import random
 import threading
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -128,6 +128,11 @@ class Scene:
             f"<Scene: {len(self.mesh.vertices)} vertices, {stages}, steps of {self.stepSize:.3g} ps, seed {self.seed}, "
             f"{self.platform.getName()}>"
         )
+
+    @property
+    def speciesNames(self) -> tuple[str, ...]:
+        """What the species are called."""
+        return tuple(species.name for species in self.config.species)
 
     @classmethod
     def of(
@@ -301,12 +306,16 @@ def loadMesh(config: Config) -> Mesh:
     return mesh
 
 
-def currentMesh(simulation: app.Simulation, force: HelfrichForce) -> Mesh:
-    """Return a Mesh of the present positions and live triangles, and of the beads, which follow the vertices."""
+def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: Iterable[str] = ()) -> Mesh:
+    """Return a Mesh of the present positions, live triangles and species, and of the beads, which follow the
+    vertices.
+    """
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
     triangles = force.getTrianglesInContext(simulation.context)
     numVertices = int(triangles.max()) + 1
-    return Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
+    species = force.getVertexSpeciesInContext(simulation.context)
+    beads = positions[numVertices:]
+    return Mesh(positions[:numVertices], triangles, beads=beads, species=species, speciesNames=speciesNames)
 
 
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:

@@ -460,7 +460,8 @@ class Study:
         )
 
     def _draw(self, summary: Summary) -> None:
-        mesh, lengthUnit = currentMesh(self.simulation, self.force), self.scene.lengthUnit
+        lengthUnit = self.scene.lengthUnit
+        mesh = currentMesh(self.simulation, self.force, self.scene.speciesNames)
         mesh.write(self.outputs.mesh)
         plotObservables(summary.table, self.outputs.plot, lengthUnit)
         drawMesh(mesh, self.outputs.picture, lengthUnit)

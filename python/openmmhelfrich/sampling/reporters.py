@@ -155,6 +155,7 @@ class MeshReporter:
         precision: str = "double",
         lengthUnit: str = "nm",
         beads: Sequence[int] = (),
+        speciesNames: Sequence[str] = (),
     ):
         """Create a MeshReporter.
 
@@ -176,6 +177,8 @@ class MeshReporter:
             the name of the unit of length, if 1 nm stands for another
         beads : sequence of int
             the indices of other particles to write beside the vertices, as cells of a point each
+        speciesNames : sequence of str
+            what the species of the vertices are called, if they have names
 
         Raises
         ------
@@ -190,6 +193,7 @@ class MeshReporter:
         if numFrames is not None and not append:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
+        self._speciesNames = tuple(speciesNames)
         self._vertices, self._beads = np.unique(force.getTriangles()), np.asarray(beads, dtype=np.int64)
         isLater = append and numFrames != 0 and Path(file).exists()
         self._names = self._requireSameMembrane(file) if isLater else None
@@ -210,11 +214,14 @@ class MeshReporter:
         curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
         # The vertices are numbered anew if other particles lie between them.
         triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
-        mesh = Mesh(positions[self._vertices], triangles, beads=positions[self._beads])
+        species = self._force.getVertexSpeciesInContext(simulation.context)
+        beads = positions[self._beads]
+        mesh = Mesh(positions[self._vertices], triangles, None, beads, species, self._speciesNames)
         data = {
             "MeanCurvature": localMeanCurvatures(curvatures, areas),
             "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvatures, areas),
             "Area": areas,
+            **({} if mesh.species is None else {"Species": mesh.species}),
         }
         names = self._names or data  # those of a file of an earlier version stay
         frame = {name: np.float32(data[name]) for name in names if name in data}
