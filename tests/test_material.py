@@ -1,7 +1,11 @@
 """Species and spontaneous curvature in a configuration: which vertices have them, and what a run makes of them."""
 
+import itertools
+import signal
+
 import meshio
 import numpy as np
+import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
@@ -9,9 +13,11 @@ from openmmhelfrich.pictures.look import Look
 from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.pictures.rendering import render
 from openmmhelfrich.pictures.report import writeReport
+from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import asDict, parseConfig
 from openmmhelfrich.runs.material import flatEnergy, placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
+from openmmhelfrich.units import thermalEnergy
 
 MESH = mh.Mesh.icosphere(2, 2.0)
 LO_LD = [{"name": "lo", "fraction": 0.25, "bending_modulus": 40}, {"name": "ld", "spontaneous_curvature": 0.3}]
@@ -85,7 +91,7 @@ def test_spontaneous_curvature_without_species():
     force = scene.createForce()
     assert force.getSpontaneousCurvature()._value == 0.5 and force.getNumSpecies() == 0
     assert force.getGaussianModulus()._value == -10 * scene.kT
-    assert flatEnergy(scene.config, MESH, np.zeros(0, int)) == pytest.approx(20 * 0.5**2 / 2 * MESH.area)
+    assert flatEnergy(scene.config, MESH, 20, 0.5) == pytest.approx(20 * 0.5**2 / 2 * MESH.area)
 
 
 def test_a_run_with_exchanges_goes_on_to_the_same_bits(tmp_path):
@@ -174,3 +180,82 @@ def test_a_report_names_the_species(results):
         or '"legend":[["lo","#1f77b4"],["ld","#ff7f0e"]]' in page
     )
     assert '"species":' in page
+
+
+STAGES = [
+    {"kind": "sample", "steps": 2, "volume_modulus": 0, "pressure": 3},
+    {
+        "kind": "continue",
+        "windows": 2,
+        "equilibration": 1,
+        "steps": 2,
+        "spontaneous_curvature": 0.4,
+        "line_tension": 4,
+        "there_and_back": True,
+        "path": {"line_tension": [0, 0.25, 1]},
+    },
+    {"kind": "approach", "steps": 4, "area_difference_modulus": 100},
+]
+
+
+def runStages(prefix, stages=STAGES, **sections):
+    sampling = {"seed": 5, "flip_probability": 0.3, "steps_per_trajectory": 5}
+    output = {"prefix": str(prefix), "observables_interval": 1}
+    membrane = {"line_tension": 2.0}
+    return mh.run(
+        configOf(sampling=sampling, species=LO_LD, output=output, stages=stages, membrane=membrane, **sections)
+    )
+
+
+def test_stages_change_moduli_and_the_like(tmp_path):
+    runStages(tmp_path / "run")
+    simulation, force = loadSimulation(tmp_path / "run.checkpoint", mm.Platform.getPlatformByName("CPU"), {})
+    kT = thermalEnergy(300)
+    ask = simulation.context.getParameter
+    assert force.getVolumeModulus()._value == 0 and ask(force.getPressureParameter()) == pytest.approx(3 * kT)
+    assert ask(force.getSpontaneousCurvatureParameter()) == pytest.approx(0, abs=1e-15)  # there and back
+    assert force.getLineTension(0, 1)._value == pytest.approx(2 * kT)
+    assert force.getAreaDifferenceModulus()._value == pytest.approx(100 * kT)
+
+
+def test_a_path_of_a_line_tension_is_the_one_given(tmp_path):
+    table = runStages(tmp_path / "run").table
+    # The line energy over the line tension is a length, which changes little in so few steps.
+    windows = [table["E_line"][(table["stage"] == 2) & (table["window"] == k)].mean() for k in range(5)]
+    lengths = np.divide(windows, [2, 2.5, 4, 2.5, 2])
+    assert np.ptp(lengths) < 0.2 * lengths.mean()
+
+
+def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
+    whole = runStages(tmp_path / "whole")
+    steps = itertools.count()
+
+    def progress(*_):
+        if next(steps) == 8:
+            signal.raise_signal(signal.SIGINT)
+
+    config = configOf(
+        sampling={"seed": 5, "flip_probability": 0.3, "steps_per_trajectory": 5},
+        species=LO_LD,
+        membrane={"line_tension": 2.0},
+        output={"prefix": str(tmp_path / "part"), "observables_interval": 1, "checkpoint_interval": 1},
+        stages=STAGES,
+    )
+    assert mh.run(config, progress=progress).interrupted
+    resumed = mh.resume(tmp_path / "part")
+    for name in ("energy", "E_line", "E_bending"):
+        assert np.array_equal(whole.table[name], resumed.table[name])
+
+
+@pytest.mark.parametrize(
+    ("stage", "message"),
+    [
+        ({"bending_modulus": 3}, "the membrane has species, each of which has its own"),
+        ({"area_modulus": -3}, "area_modulus is -3"),
+        ({"kind": "continue"}, "has no target to go to"),
+        ({"kind": "continue", "line_tension": 2, "path": {"tension": [0, 1]}, "windows": 1}, "path has 'tension'"),
+    ],
+)
+def test_mistakes_of_stages_are_named(tmp_path, stage, message):
+    with pytest.raises(ValueError, match=message):
+        runStages(tmp_path / "run", [{"kind": "sample", **stage}])

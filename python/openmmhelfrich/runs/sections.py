@@ -269,6 +269,25 @@ class Targets(Section):
         return [name for name in Targets.model_fields if getattr(self, name) is not None]
 
 
+class Conditions(Targets):
+    """What a stage may change: targets, and moduli and the like, from its first step on or along its path."""
+
+    bending_modulus: Energy | None = Field(None, ge=0, description="kappa_B in kT, of a membrane without species")
+    gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT, of a membrane without species")
+    spontaneous_curvature: Curvature | None = Field(None, description="C_0 per length unit")
+    line_tension: Force | None = Field(None, description="lambda in kT per length unit, between all species")
+    area_modulus: Energy | None = Field(None, ge=0, description="kappa_A in kT; 0 releases the area")
+    volume_modulus: Energy | None = Field(None, ge=0, description="kappa_V in kT; 0 releases the volume")
+    area_difference_modulus: Energy | None = Field(None, ge=0, description="kappa_dA in kT")
+    tension: Tension | None = Field(None, description="sigma in kT per squared length unit")
+    pressure: Pressure | None = Field(None, description="p in kT per cubed length unit")
+
+    def conditions(self) -> dict[str, float]:
+        """Return the values that are given of what is no target, by their names."""
+        names = (name for name in Conditions.model_fields if name not in Targets.model_fields)
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
 class MembraneSection(Targets):
     """Elasticity.  A term with modulus 0 is not computed."""
 

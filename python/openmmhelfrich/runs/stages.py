@@ -32,6 +32,7 @@ from ..sampling.adaptation import (
     StepSizeTracker,
 )
 from ..sampling.averages import averageWindows, lateRows
+from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, setConditions
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
@@ -52,7 +53,7 @@ from .scene import (
     requireComparableTarget,
     requireTrajectories,
 )
-from .sections import SamplingSection
+from .sections import MODULI, SamplingSection
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 
 
@@ -61,6 +62,7 @@ class _Memory(TypedDict):
 
     position: Annotated[int, Field(ge=0, strict=True)]
     startTargets: dict[str, float]
+    startConditions: NotRequired[dict[str, float]]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
@@ -97,6 +99,7 @@ class Stage(ABC):
         self.listen: Callable[[], bool] = lambda: False
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
         self._startTargets = currentTargets(simulation.context, force)
+        self._startConditions = currentConditions(simulation.context, force, settings.conditions())
         self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
         self._startAdaptation()
 
@@ -149,6 +152,7 @@ class Stage(ABC):
         return {
             "position": self.position,
             "startTargets": self._startTargets,
+            "startConditions": self._startConditions,
             "startCounters": self._startCounters,
             "marks": self._marks,
             "adapter": self._adapter and self._adapter.getState(),
@@ -159,6 +163,7 @@ class Stage(ABC):
         """Go on from a state that getState() returned; raise a ValueError or KeyError if it is not like one."""
         TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
+        self._startConditions = state.get("startConditions", {})
         self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
         self._startAdaptation()
         if self._adapter:
@@ -181,7 +186,7 @@ class Stage(ABC):
             rows=rows,
             mesh=mesh,
             moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
-            flatEnergy=flatEnergy(scene.config, mesh, self._force.getVertexSpeciesInContext(self._simulation.context)),
+            flatEnergy=flatEnergy(scene.config, mesh, scene.moduli["bending"] / scene.kT, self._spontaneousCurvature()),
             isUniform=not scene.config.species,
             heat=self._heat(rows),
             **ratesOf(Counters(*counters.tolist()), integrator),
@@ -190,6 +195,9 @@ class Stage(ABC):
             isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
         )
+
+    def _spontaneousCurvature(self) -> float:
+        return currentConditions(self._simulation.context, self._force, [CURVATURE])[CURVATURE]
 
     def _heat(self, rows: Table) -> float:
         """Return the temperature of the averages over the one whose kT is the unit of energies."""
@@ -214,6 +222,14 @@ class Stage(ABC):
 
     def _endTargets(self) -> dict[str, float]:
         return endTargets(self._settings, self._startTargets)
+
+    def _endConditions(self) -> dict[str, float]:
+        return conditionsOf(self._settings, self._scene.kT)
+
+    def _between(self, part: float) -> dict[str, float]:
+        """Return the conditions at a part of the way from those at the start to those at the end."""
+        start = self._startConditions
+        return {name: (1 - part) * start[name] + part * end for name, end in self._endConditions().items()}
 
     def _startAdaptation(self) -> None:
         self._adapter, self._waveAdapter = self._createAdapter(), self._createWaveAdapter()
@@ -260,6 +276,7 @@ class Minimize(Stage):
         """Minimize, and count this as a step."""
         simulation, settings = self._simulation, self._settings
         setTargets(simulation.context, self._force, self._endTargets())
+        setConditions(simulation.context, self._force, self._endConditions())
         tolerance = settings.tolerance and settings.tolerance * self._scene.kT
         isStopped = False
 
@@ -316,6 +333,7 @@ class MonteCarlo(Stage):
         n, simulation = self.position, self._simulation
         simulation.integrator.setTemperature(self._temperature(n))
         setTargets(simulation.context, self._force, self._targets(n))
+        setConditions(simulation.context, self._force, self._conditions(n))
         if self._isAdapting(n):
             self._adaptation.step()
             self._requireStepSize()
@@ -349,6 +367,9 @@ class MonteCarlo(Stage):
 
     def _targets(self, n: int) -> dict[str, float]:
         return self._endTargets() if n == 0 else {}
+
+    def _conditions(self, n: int) -> dict[str, float]:
+        return self._endConditions() if n == 0 else {}
 
     def _stepped(self) -> None:
         pass
@@ -456,9 +477,21 @@ class Continue(MonteCarlo):
         super().setState(state)
         self._path = self._createPath(self._settings, self._startTargets)
 
+    def _conditions(self, n: int) -> dict[str, float]:
+        window, step = self._place(n)
+        if step > 0:
+            return {}
+        conditions, point = self._between(self._path.lambdas[window]), self._path.pointOf(window)
+        own = {name: self._settings.path[name][point] for name in conditions if name in self._settings.path}
+        return conditions | {name: self._between(part)[name] for name, part in own.items()}
+
     @staticmethod
     def _createPath(s: Any, start: dict[str, float]) -> ContinuationPath:
-        path = {TARGET_NAMES[name].replace("reducedVolume", "volume"): values for name, values in s.path.items()}
+        path = {
+            TARGET_NAMES[name].replace("reducedVolume", "volume"): values
+            for name, values in s.path.items()
+            if name in TARGET_NAMES
+        }
         return ContinuationPath(start, endTargets(s, start), s.windows, s.there_and_back, path)
 
     def _place(self, n: int) -> tuple[int, int]:
@@ -488,6 +521,9 @@ class Approach(MonteCarlo):
         start, progress = self._startTargets, (n + 1) / self.steps
         return {name: (1 - progress) * start[name] + progress * end for name, end in self._endTargets().items()}
 
+    def _conditions(self, n: int) -> dict[str, float]:
+        return self._between((n + 1) / self.steps)
+
     def _createAdapter(self) -> StepSizeTracker | None:
         return _createTracker(self._simulation, self._scene)
 
@@ -500,7 +536,7 @@ class Approach(MonteCarlo):
             for name, end in self._endTargets().items()
             if not math.isclose(end, self._startTargets[name], rel_tol=1e-3)
         )
-        return [f"{self.title}: {goals} in {self.steps} steps", *super().notes()]
+        return [*([f"{self.title}: {goals} in {self.steps} steps"] if goals else []), *super().notes()]
 
 
 def _createTracker(simulation: app.Simulation, scene: Scene) -> StepSizeTracker | None:
@@ -518,6 +554,37 @@ _KINDS: dict[type[StageSettings], type[Stage]] = {
     ContinueStage: Continue,
     ApproachStage: Approach,
 }
+
+
+# The terms of which a condition is the modulus.
+_TERMS = {key.partition(".")[2]: term for term, key in MODULI.items() if key.startswith("membrane.")}
+
+
+def conditionsOf(settings: StageSettings, kT: float) -> dict[str, float]:
+    """Return the conditions that a stage gives, in kJ/mol and powers of nm."""
+    given = settings.conditions()
+    return {name: value * (1.0 if name == CURVATURE else kT) for name, value in given.items()}
+
+
+def sceneDuring(scene: Scene, index: int) -> Scene:
+    """Return a scene with the moduli that it has during one of its stages, at the end of it."""
+    moduli = dict(scene.moduli)
+    for settings in scene.stages[: index + 1]:
+        given = conditionsOf(settings, scene.kT)
+        moduli |= {_TERMS[name]: value for name, value in given.items() if name in _TERMS}
+    return replace(scene, moduli=moduli)
+
+
+def _checkConditions(settings: StageSettings, scene: Scene) -> None:
+    """Raise a ValueError if a stage changes what its membrane has not."""
+    given, count = settings.conditions(), len(scene.config.species)
+    for name in given:
+        if name in ("bending_modulus", "gaussian_modulus") and count:
+            raise ValueError(f"it has a {name}, and the membrane has species, each of which has its own")
+        if name == LINE_TENSION and count < 2:
+            raise ValueError(
+                "it has a line_tension, and the membrane has no two [[species]], whose boundaries it is of"
+            )
 
 
 def createStage(settings: StageSettings, scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> Stage:
@@ -546,7 +613,8 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     for i, settings in enumerate(scene.stages[first:], first):
         with namingSource(scene.config):
             try:
-                found.append(_KINDS[type(settings)].check(settings, scene, found[-1]))
+                _checkConditions(settings, scene)
+                found.append(_KINDS[type(settings)].check(settings, sceneDuring(scene, i), found[-1]))
             except ValueError as error:
                 raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
     return found

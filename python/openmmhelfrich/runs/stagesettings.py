@@ -11,13 +11,13 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from ..units import plainNumber
-from .sections import GREATEST_COUNT, Force, StepSize, Targets, Temperature
+from .sections import GREATEST_COUNT, Conditions, Force, StepSize, Temperature
 
 Own = TypeVar("Own", bound="StageSettings")
 
 
-class StageSettings(Targets):
-    """A part of a run.  Targets that it gives stay for the stages that follow.
+class StageSettings(Conditions):
+    """A part of a run.  Targets, moduli and the like that it gives stay for the stages that follow.
 
     Attributes
     ----------
@@ -135,8 +135,9 @@ class SampleStage(StageSettings):
 
 
 class ApproachStage(StageSettings):
-    """Leads area, volume and area difference to its targets, a little with each step, while the membrane follows.  A
-    run adds such a stage by itself where a stage would begin far from its targets.
+    """Leads area, volume and area difference to its targets, and moduli and the like to what it gives, a little with
+    each step, while the membrane follows.  A run adds such a stage by itself where a stage would begin far from its
+    targets.
     """
 
     kind: Literal["approach"] = Field(description="which kind of stage")
@@ -145,8 +146,8 @@ class ApproachStage(StageSettings):
 
     @model_validator(mode="after")
     def _goal(self) -> "ApproachStage":
-        if not self.targetNames():
-            raise ValueError(f"has no target to go to; give one of {', '.join(Targets.model_fields)}")
+        if not self.targetNames() and not self.conditions():
+            raise ValueError(f"has no target to go to; give one of {', '.join(Conditions.model_fields)}")
         return self
 
     @property
@@ -211,8 +212,8 @@ def _pathInNamedUnit(path: Any, info: ValidationInfo) -> Any:
 
 
 class ContinueStage(StageSettings):
-    """Goes to its targets along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its start, window by
-    window.
+    """Goes to its targets, moduli and the like along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its
+    start, window by window.
     """
 
     hasPath = True
@@ -233,13 +234,12 @@ class ContinueStage(StageSettings):
 
     @model_validator(mode="after")
     def _paths(self) -> "ContinueStage":
-        if not self.targetNames():
-            raise ValueError(f"has no target to go to; give one of {', '.join(Targets.model_fields)}")
+        given = [*self.targetNames(), *self.conditions()]
+        if not given:
+            raise ValueError(f"has no target to go to; give one of {', '.join(Conditions.model_fields)}")
         for name, values in self.path.items():
-            if name not in self.targetNames():
-                raise ValueError(
-                    f"path has '{name}'; it must be a target that the stage gives: {', '.join(self.targetNames())}"
-                )
+            if name not in given:
+                raise ValueError(f"path has '{name}'; it must be a target that the stage gives: {', '.join(given)}")
             if len(values) != self.windows + 1:
                 raise ValueError(
                     f"path of {name} has {len(values)} values; windows = {self.windows} asks for {self.windows + 1}"

@@ -38,7 +38,7 @@ from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
-from .stages import Stage, averagesOf, checkStages, createStage
+from .stages import Stage, averagesOf, checkStages, createStage, sceneDuring
 from .summary import Summary
 
 
@@ -370,7 +370,8 @@ class Study:
             self.stage = self._createStage()
 
     def _createStage(self) -> Stage:
-        return createStage(self.scene.stages[self.index], self.scene, self.simulation, self.force)
+        scene = sceneDuring(self.scene, self.index)
+        return createStage(scene.stages[self.index], scene, self.simulation, self.force)
 
     def _judge(self) -> None:
         """Keep the verdict on the stage, which has just ended."""
@@ -436,7 +437,8 @@ class Study:
 
     def _summary(self, newSteps: int, seconds: float, signal: int | None) -> Summary:
         """Return the Summary of what was done."""
-        moduli, targets = self.scene.moduli, currentTargets(self.simulation.context, self.force)
+        moduli = sceneDuring(self.scene, self.index).moduli
+        targets = currentTargets(self.simulation.context, self.force)
         acceptance, flipAcceptance = self.stage.acceptance()
         surfaces = currentMesh(self.simulation, self.force).components()
         return Summary(

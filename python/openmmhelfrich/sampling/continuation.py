@@ -82,10 +82,14 @@ class ContinuationPath:
             if name not in end and name not in map(totalOf, end):
                 raise ValueError(f"continuation: path has '{name}'; it must be one of the targets: {', '.join(end)}")
 
+    def pointOf(self, window: int) -> int:
+        """Return the point of the path at which a window is, there or back."""
+        points = (len(self.lambdas) + 1) // 2 if self.lambdas[-1] == 0 else len(self.lambdas)
+        return window if window < points else len(self.lambdas) - 1 - window
+
     def targets(self, window: int) -> dict[str, float]:
         """Return the targets of a window by name, in powers of nm."""
-        points = (len(self.lambdas) + 1) // 2 if self.lambdas[-1] == 0 else len(self.lambdas)
-        point = window if window < points else len(self.lambdas) - 1 - window
+        point = self.pointOf(window)
         return {name: float(values[point]) for name, values in self._values.items()}
 
     @staticmethod
