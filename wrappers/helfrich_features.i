@@ -118,8 +118,8 @@ Each vertex is a particle of the System.  The energy is the sum of eleven terms,
 modulus is not zero:
 
  - bending, 2 kappa_B sum_i (M_i-C_0 A_i/2)^2/A_i, which is kappa_B/2 times the integral of (2H-C_0)^2 in
-   Juelicher's discretization: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l and dihedral angle phi, and as A_i a third of the
-   area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
+   Juelicher's discretization: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l
+   and dihedral angle phi, and as A_i a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
  - area, kappa_A (A/A_0-1)^2
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
@@ -140,8 +140,9 @@ modulus is not zero:
 The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
-and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are
-parameters of the Context: change them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are parameters of
+the Context: change them there with Context.setParameter(), using the names that getTargetAreaParameter() and its
+siblings return.
 
 The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
 their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
