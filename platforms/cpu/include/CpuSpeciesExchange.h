@@ -104,6 +104,8 @@ private:
         return {draw.first, proposal.kind == SpeciesProposal::Mutation ? draw.first : draw.second};
     }
     void drawAttempts(Block& block, int begin);
+    void prefetchRing(int ring) const;
+    bool isAlike(const SpeciesDraw& draw) const;
     void evaluate(Attempt& attempt) const;
     /**
      * Get the change of energy where a vertex changes its species, and another one has a given species.

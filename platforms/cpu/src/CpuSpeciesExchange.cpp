@@ -1,8 +1,11 @@
 #include "CpuSpeciesExchange.h"
+#include "CpuHalfedges.h"
 #include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -12,7 +15,7 @@ using namespace std;
  * The attempts of a block: as many as are worth drawing beforehand; on several threads more, but so few in a membrane
  * that few are evaluated twice.
  */
-static const int MIN_ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VERTICES_PER_ATTEMPT = 160;
+static const int MIN_ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VERTICES_PER_ATTEMPT = 100;
 
 /**
  * The attempts that a thread evaluates at a time.
@@ -20,9 +23,10 @@ static const int MIN_ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VER
 static const int ATTEMPTS_PER_PART = 32;
 
 /**
- * The decisions of one thread do not keep more than these busy.
+ * The decisions of one thread do not keep more than these busy, and in a small membrane a block takes less time than
+ * it would take to share it.
  */
-static const int MAX_THREADS = 8;
+static const int MAX_THREADS = 8, VERTICES_PER_THREAD = 12000;
 
 /**
  * The number of vertices that a thread prepares at a time.
@@ -37,7 +41,7 @@ static const int LENGTHS_AHEAD = 8;
 static const int NONE = -1;
 
 static int limitThreads(int numThreads, int numVertices) {
-    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * ATTEMPTS_PER_PART)}));
+    return max(1, min({numThreads, MAX_THREADS, numVertices / VERTICES_PER_THREAD}));
 }
 
 CpuSpeciesExchange::CpuSpeciesExchange(HelfrichMesh& mesh, int numThreads)
@@ -187,26 +191,42 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
 }
 
 void CpuSpeciesExchange::drawAttempts(Block& block, int begin) {
-    // In large membranes nearly everything is in no near cache: what an attempt needs is asked for long before.
+    // In large membranes nearly everything is in no near cache: what is needed is asked for long before, step by step.
 
-    int end = min(begin + ATTEMPTS_PER_PART, block.numAttempts);
-    Attempt* attempts = block.attempts.data();
-    for (int n = begin; n < end; n++) {
-        attempts[n].draw = proposal.draw(random, sweep, block.firstAttempt + n, mesh);
-        for (int vertex : getVertices(attempts[n].draw))
-            __builtin_prefetch(&vertices[vertex]);
+    int numAttempts = min(ATTEMPTS_PER_PART, block.numAttempts - begin);
+    Attempt* attempts = &block.attempts[begin];
+    for (int n = 0; n < numAttempts; n++) {
+        attempts[n].draw = proposal.drawNumbers(random, sweep, block.firstAttempt + begin + n, mesh);
+        if (proposal.kind == SpeciesProposal::Neighbors)
+            prefetchTriangle(mesh.getArrays(), attempts[n].draw.first);
     }
-    for (int n = begin; n < end; n++)
-        for (int vertex : getVertices(attempts[n].draw)) {
-            int ring = vertices[vertex].ring;
-            __builtin_prefetch(&neighbors[ring]);
-            if (!lengths.empty())
-                for (int i = 0; i < LENGTHS_AHEAD; i += 4)
-                    __builtin_prefetch(&lengths[min<size_t>(ring + i, lengths.size() - 1)]);
-        }
+    int different[ATTEMPTS_PER_PART], numDifferent = 0;
+    for (int n = 0; n < numAttempts; n++) {
+        attempts[n].draw = proposal.findVertices(attempts[n].draw, mesh);
+        different[numDifferent] = n;
+        numDifferent += !isAlike(attempts[n].draw);
+    }
+    for (int i = 0; i < numDifferent; i++)
+        for (int vertex : getVertices(attempts[different[i]].draw))
+            __builtin_prefetch(&vertices[vertex]);
+    for (int i = 0; i < numDifferent; i++)
+        for (int vertex : getVertices(attempts[different[i]].draw))
+            prefetchRing(vertices[vertex].ring);
     if (numThreads > 1)
-        for (int n = begin; n < end; n++)
+        for (int n = 0; n < numAttempts; n++)
             evaluate(attempts[n]);
+}
+
+void CpuSpeciesExchange::prefetchRing(int ring) const {
+    __builtin_prefetch(&neighbors[ring]);
+    if (!lengths.empty())
+        for (int i = 0; i < LENGTHS_AHEAD; i += 4)
+            __builtin_prefetch(&lengths[min<size_t>(ring + i, lengths.size() - 1)]);
+}
+
+bool CpuSpeciesExchange::isAlike(const SpeciesDraw& draw) const {
+    bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
+    return species[draw.first] == (isMutation ? draw.second : int(species[draw.second]));
 }
 
 void CpuSpeciesExchange::evaluate(Attempt& attempt) const {
@@ -249,6 +269,17 @@ double CpuSpeciesExchange::changeOfPairs(const Vertex& vertex, const Surrounding
     return change;
 }
 
+/**
+ * Get a number, or 0 unless a condition is true, without a branch, which no processor could predict.
+ */
+static double onlyIf(bool condition, double number) {
+    uint64_t bits;
+    memcpy(&bits, &number, sizeof(bits));
+    bits &= -uint64_t(condition);
+    memcpy(&number, &bits, sizeof(bits));
+    return number;
+}
+
 double CpuSpeciesExchange::changeOfLines(int v, const Surroundings& around, int a, int b) const {
     // Half of a triangle's like edge is a boundary: around the vertex the links between two neighbors that are alike,
     // and the spokes to those that are as the vertex is.  Of what is alike in a triangle there is no tension.
@@ -261,9 +292,9 @@ double CpuSpeciesExchange::changeOfLines(int v, const Surroundings& around, int 
     bool hasThree = false;
     for (int i = 0; i < vertex.valence; i++) {
         int next = around[i + 1 == vertex.valence ? 0 : i + 1];
-        change += length[i].link * (present == next) * (ofB[present] - ofA[present]) +
-                  length[i].spoke *
-                          ((present == b) * (ofB[previous] + ofB[next]) - (present == a) * (ofA[previous] + ofA[next]));
+        change += length[i].link * onlyIf(present == next, ofB[present] - ofA[present]) +
+                  length[i].spoke * (onlyIf(present == b, ofB[previous] + ofB[next]) -
+                                     onlyIf(present == a, ofA[previous] + ofA[next]));
         hasThree |= (present != next) & (((present != a) & (next != a)) | ((present != b) & (next != b)));
         previous = present;
         present = next;
