@@ -201,7 +201,7 @@ void testThreads() {
             HelfrichParameters p = createParameters(blob, terms);
             Outcome expected = exchange(blob, geometry, p, kind, 2, 20001, 1);
             ASSERT(expected.changes.size() > 3000);
-            for (int numThreads : {2, 3}) {
+            for (int numThreads : {2, 3, 5}) {
                 Outcome outcome = exchange(blob, geometry, p, kind, 2, 20001, numThreads);
                 ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
                 ASSERT(expected.changes == outcome.changes);
