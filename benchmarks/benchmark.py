@@ -140,6 +140,49 @@ def timeTerms(size, threads):
     for name, terms in combinations.items():
         print(f"{timeGradient(mesh, createForce(mesh, terms=terms), 'CPU', threads)[0]:>8.1f}  {name}")
     print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads)[0]:>8.1f}  all")
+    timeMaterials(mesh, threads)
+
+
+def createMaterial(mesh, species, gaussianModulus=0.0, spontaneousCurvature=0.0):
+    """Return a force with all terms but the repulsion, of one material or of two species that differ in everything."""
+    force, radius = createForce(mesh), mesh.vertices.max()
+    force.setSpontaneousCurvature(spontaneousCurvature / radius)
+    if species is not None:
+        force.addSpecies(20 * KT, 1 / radius)
+        force.addSpecies(10 * KT, -1 / radius, gaussianModulus)
+        force.setLineTension(0, 1, 2 * KT)
+        force.setVertexSpecies(species.astype(int))
+    return force
+
+
+def timeMaterials(mesh, threads):
+    """Print the time of a force evaluation with a leapfrog step, and of an attempt to flip an edge, by material."""
+    import numpy as np
+
+    cap = mesh.vertices[:, 2] > 0.3 * mesh.vertices.max()
+    random = np.random.default_rng(2).random(len(mesh.vertices)) < 0.5
+    print("the same with all but repulsion, and a flip attempt, ns, by material")
+    for name, material in {
+        "one material": (None,),
+        "one with a spontaneous curvature": (None, 0.0, 0.7),
+        "a cap of another species": (cap,),
+        "two species in random places": (random,),
+        "a cap, Gaussian moduli": (cap, -10 * KT),
+        "random places, Gaussian moduli": (random, -10 * KT),
+    }.items():
+        gradient = timeGradient(mesh, createMaterial(mesh, *material), "CPU", threads)[0]
+        print(f"{gradient:>8.1f} {timeFlipsOf(mesh, createMaterial(mesh, *material), threads):>8.1f}  {name}")
+
+
+def timeFlipsOf(mesh, force, threads):
+    """Return the median time of an attempt to flip an edge, in ns."""
+    import openmmhelfrich as mh
+
+    flips = mh.EdgeFlipIntegrator(300, 1.0)
+    flips.setRandomNumberSeed(1)
+    context = createContext(mesh, force, flips, "CPU", threads)
+    seconds = timeCalls(lambda: context.getIntegrator().step(1))[0]
+    return 1e9 * seconds / (3 * len(mesh.vertices) - 6)
 
 
 def timeForces(results, size, platform, threads, precision, repulsion):

@@ -188,6 +188,36 @@ void testOneSpeciesAVertex() {
     assertEqualVectors(computeForcesExactly(blob, p, some), found, 1e-11);
 }
 
+void testTableOfPairs() {
+    // It is that of a map, with its greatest number, whatever was set before.
+
+    TestRandom random(2);
+    HelfrichSpeciesPairs pairs;
+    map<pair<int, int>, double> expected;
+    for (int i = 0; i < 2000; i++) {
+        int a = random.index(20) * 50, b = random.index(20) * 50;
+        double value = random.index(3) == 0 ? 0 : random.uniform(-5, 5);
+        pairs.set(a, b, value);
+        expected[{min(a, b), max(a, b)}] = value;
+        double greatest = 0;
+        for (auto& each : expected) {
+            ASSERT_EQUAL(each.second, pairs.get(each.first.second, each.first.first));
+            greatest = max(greatest, fabs(each.second));
+        }
+        ASSERT_EQUAL(greatest, fabs(pairs.getGreatest()));
+    }
+    int numPairs = 0;
+    pairs.forEach([&](int a, int b, double value) {
+        numPairs++;
+        ASSERT(a <= b && expected.at({a, b}) == value && value != 0);
+    });
+    for (auto& each : expected)
+        numPairs -= (each.second != 0);
+    ASSERT_EQUAL(0, numPairs);
+    ASSERT_EQUAL(0.0, pairs.get(7, 50));
+    ASSERT_EQUAL(0.0, pairs.get(5000, 1));
+}
+
 void testInvalidSpecies() {
     Membrane blob = createBlob(1);
     HelfrichForce force;
@@ -254,5 +284,6 @@ void testSpecies() {
     testPatchOfASphere();
     testChangingSpecies();
     testOneSpeciesAVertex();
+    testTableOfPairs();
     testInvalidSpecies();
 }

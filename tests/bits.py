@@ -265,6 +265,35 @@ def trajectories_mixed_10242(seed):
     return simulate(mesh, createForce(mesh, 1, terms), integrator, 40)
 
 
+def addSpecies(force, mesh):
+    """Replace the material of a force by three species in patches, with all that acts between them."""
+    for moduli in ((20 * KT, 0.3, -15 * KT), (8 * KT, -0.2, 6 * KT), (30 * KT, 0.0, 0.0)):
+        force.addSpecies(*moduli)
+    force.setLineTension(0, 1, 4 * KT)
+    force.setLineTension(1, 2, 2 * KT)
+    force.setPairEnergy(0, 2, KT)
+    force.setSpontaneousCurvature(0.1)
+    x = mesh.vertices / np.abs(mesh.vertices).max()
+    force.setVertexSpecies(np.digitize(np.sin(5 * x[:, 0]) + x[:, 1], (-0.5, 0.5)))
+    return force
+
+
+@run
+def species_642(seed):
+    mesh = createMesh(3)
+    trajectories, flips = createTrajectories(0.005, seed=seed), createFlips(seed)
+    force = addSpecies(createForce(mesh, 1), mesh)
+    return simulate(mesh, force, mix(seed, trajectories, flips), 200, (trajectories, flips), threads=2)
+
+
+@run
+def species_mixed_642(seed):
+    mesh = createMesh(3)
+    trajectories, flips = createTrajectories(0.005, 20, "bcss2", "mixed", 2, seed=seed), createFlips(seed)
+    force = addSpecies(createForce(mesh, 1), mesh)
+    return simulate(mesh, force, mix(seed, trajectories, flips), 100, (trajectories, flips))
+
+
 @run
 def waves_2562(seed):
     mesh = createMesh(4)

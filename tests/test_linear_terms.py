@@ -61,7 +61,7 @@ def test_energy_is_linear(platform, term, unitOf, sign):
     for value in (0, 1, -3.5, 1e6, -1e-9, 0):
         context.setParameter(parameter, value)
         terms = termsOf(force, context)
-        assert terms == {name: terms[name] if name in ("bending", term) else 0 for name in TERMS}
+        assert terms == {name: energy if name in ("bending", term) else 0 for name, energy in terms.items()}
         assert terms["bending"] == bending and energyOf(context) == pytest.approx(sum(terms.values()), rel=1e-15)
         assert terms[term] == pytest.approx(sign * value * total, rel=1e-13)
 
@@ -110,11 +110,12 @@ def test_a_modulus_in_a_context_is_that_of_a_force(platform, precision, term, un
     others = [name for name in TERMS if name != term]
     with_, without = createForce(mesh, TERMS), createForce(mesh, others)
     value = getattr(with_, f"get{term.capitalize()}")().value_in_unit(unitOf)
+    parameter = parameterOf(with_, term)
     expected = drive(with_, mesh, platform, precision)
-    found = drive(without, mesh, platform, precision, {parameterOf(without, term): value})
+    found = drive(without, mesh, platform, precision, {parameter: value})
     for a, b in zip(found, expected):
         assert np.array_equal(a, b)
-    off = drive(createForce(mesh, TERMS), mesh, platform, precision, {parameterOf(with_, term): 0})
+    off = drive(createForce(mesh, TERMS), mesh, platform, precision, {parameter: 0})
     never = drive(createForce(mesh, others), mesh, platform, precision)
     for a, b in zip(off, never):
         assert np.array_equal(a, b)

@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import re
 import subprocess
 import sys
 
@@ -189,8 +190,8 @@ def test_many_triangles():
 @pytest.mark.parametrize(
     "make, versions",
     [
-        (forceOfSurfaces, "1 to 5"),
-        (completeForce, "1 to 5"),
+        (forceOfSurfaces, "1 to 6"),
+        (completeForce, "1 to 6"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),
@@ -199,7 +200,7 @@ def test_many_triangles():
 def test_other_versions_are_refused(make, versions):
     original = make()
     lines = mm.XmlSerializer.serialize(original).splitlines()
-    lines[1] = lines[1].replace(f'version="{versions[-1]}"', 'version="9"')
+    lines[1] = re.sub(r'version="\d"', 'version="9"', lines[1])
     with pytest.raises(
         mm.OpenMMException, match=type(original).__name__ + ": unsupported version 9.*reads version " + versions
     ):

@@ -164,6 +164,35 @@ def test_a_sphere_of_two_halves(platform):
     assert termsOf(force, context)["bending"] == pytest.approx(4 * np.pi * 20, rel=0.02)
 
 
+@pytest.mark.parametrize("reduced", [-1.0, 0.7, 3.0])
+def test_spheres_converge(reduced):
+    # The energy is 8 pi kappa (1-C_0 R/2)^2, to the order of the edges' squared length.
+    errors = []
+    for subdivisions in (3, 4, 5, 6):
+        mesh = mh.Mesh.icosphere(subdivisions, radius=30)
+        force = mh.HelfrichForce()
+        force.setTriangles(mesh.triangles)
+        force.setBendingModulus(20)
+        force.setSpontaneousCurvature(reduced / 30)
+        energy = energyOf(createContext(mesh, force, "CPU"))
+        errors.append(energy / (8 * np.pi * 20) - (1 - reduced / 2) ** 2)
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert abs(errors[0]) < 0.02 and np.all(orders > 1.8)
+
+
+def test_a_state_without_species_is_refused():
+    mesh = createBlob(1)
+    states = []
+    for create in (createForce, createSpecies):
+        integrator = mh.EdgeFlipIntegrator(300, 0.1)
+        context = createContext(mesh, create(mesh), "Reference", integrator)
+        states.append((context, context.getState(positions=True, integratorParameters=True), integrator))
+    with pytest.raises(mm.OpenMMException, match="a membrane without species, and HelfrichForce has 3"):
+        states[1][0].setState(states[0][1])
+    with pytest.raises(mm.OpenMMException, match="a membrane with species, and HelfrichForce has 0"):
+        states[0][0].setState(states[1][1])
+
+
 def test_bad_input():
     mesh = createBlob(1)
     force = createSpecies(mesh)

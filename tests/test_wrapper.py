@@ -9,6 +9,7 @@ import pytest
 from openmm import unit
 
 import openmmhelfrich as mh
+from membranes import TERMS
 
 kJ = unit.kilojoule_per_mole
 nm = unit.nanometer
@@ -47,6 +48,8 @@ SCALARS = [
     ("RepulsionLengthScale", nm),
     ("Tension", kJ / nm**2),
     ("Pressure", kJ / nm**3),
+    ("SpontaneousCurvature", 1 / nm),
+    ("GaussianModulus", kJ),
 ]
 
 
@@ -183,7 +186,7 @@ def test_energy_terms():
     force.setTether(1, 1.42, 2, 2)
     context = contextOf(force)
     terms = force.getEnergyTermsInContext(context)
-    assert list(terms) == ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension", "pressure"]
+    assert list(terms) == [*TERMS, "gaussian", "line", "pair"]
     total = sum(energy.value_in_unit(kJ) for energy in terms.values())
     assert total == pytest.approx(context.getState(energy=True).getPotentialEnergy().value_in_unit(kJ), rel=1e-12)
     assert terms["area"].value_in_unit(kJ) == pytest.approx(3 * (4 * np.sqrt(3) / 6 - 1) ** 2)

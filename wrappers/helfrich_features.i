@@ -118,8 +118,8 @@ Each vertex is a particle of the System.  The energy is the sum of eleven terms,
 modulus is not zero:
 
  - bending, 2 kappa_B sum_i (M_i-C_0 A_i/2)^2/A_i, which is kappa_B/2 times the integral of (2H-C_0)^2 in
-   Juelicher's discretization: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l and dihedral angle phi, and as A_i a third of the
-   area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
+   Juelicher's discretization: a vertex has the mean curvature M_i = 1/4 sum_j l_ij phi_ij of its edges, of length l
+   and dihedral angle phi, and as A_i a third of the area of its triangles (Juelicher, J. Phys. II 6, 1797, 1996)
  - area, kappa_A (A/A_0-1)^2
  - volume, kappa_V (V/V_0-1)^2
  - area difference, kappa_dA (dA/dA_0-1)^2, with dA = 2h sum_i M_i
@@ -140,8 +140,9 @@ modulus is not zero:
 The first six are those of Siggel et al., J. Chem. Phys. 157, 174801 (2022).
 
 To use it, create a HelfrichForce, add the triangles with addTriangle() or setTriangles(), set the moduli and targets,
-and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are
-parameters of the Context: change them there with Context.setParameter(), using the names that getTargetAreaParameter() and its siblings return.
+and add it to a System.  The three targets, the tension, the pressure and the spontaneous curvature are parameters of
+the Context: change them there with Context.setParameter(), using the names that getTargetAreaParameter() and its
+siblings return.
 
 The triangles may form several connected surfaces, nested or side by side.  They are numbered from 0 in the order of
 their first triangles.  Area, volume and area difference are held to their targets for each surface by itself:
@@ -153,10 +154,11 @@ changes those of a Context: getTrianglesInContext() returns the live ones.
 
 Curvature is positive where the surface is convex seen from outside: on a sphere of radius R, H = 1/R, and the bending
 energy is 8 pi kappa_B (1-C_0 R/2)^2.  So C_0 is the sum of the principal curvatures that the membrane would like, and
-kappa_B stands for kappa in kappa/2 times the integral.  A program that writes kappa/2 times the integral of (2H-c)^2
-with H = (c_1+c_2)/2 has the same modulus and c = C_0; one that writes 2 kappa times that of (H-H_0)^2, as many do, has
-the same modulus and H_0 = C_0/2; and one that writes kappa times that of (H-H_0)^2, as Surface Evolver and Mem3DG do,
-has twice the modulus and H_0 = C_0/2.
+kappa_B stands for kappa in kappa/2 times the integral.  Other programs have other conventions, with H = (c_1+c_2)/2 in
+all of these.  Where it is kappa/2 times the integral of (2H-c)^2, as in FreeDTS, the modulus is the same and c = C_0;
+FreeDTS's Gaussian modulus has the other sign.  Where it is 2 kappa times that of (H-H_0)^2, the modulus is the same and
+H_0 = C_0/2.  Where it is kappa times that of (H-H_0)^2, as in Mem3DG and Surface Evolver, the modulus is twice as large
+and H_0 = C_0/2.
 
 A membrane of several materials has species, added with addSpecies(), and each vertex has one of them: see
 setVertexSpecies().  The moduli of bending and of the Gaussian curvature are then those of the species.  There may be as

@@ -105,13 +105,11 @@ double HelfrichForce::getTarget(const char* method, Term term, int surface) cons
 HelfrichSpeciesTable& HelfrichForce::changeSpecies() {
     // A Context, or a copy of the parameters, may have the same table, and keeps it.
 
-    auto table = make_shared<HelfrichSpeciesTable>();
-    if (parameters.species && parameters.species.use_count() == 1)
-        return const_cast<HelfrichSpeciesTable&>(*parameters.species);
-    if (parameters.species)
-        *table = *parameters.species;
-    parameters.species = table;
-    return *table;
+    if (!parameters.species)
+        parameters.species = make_shared<HelfrichSpeciesTable>();
+    else if (parameters.species.use_count() > 1)
+        parameters.species = make_shared<HelfrichSpeciesTable>(*parameters.species);
+    return const_cast<HelfrichSpeciesTable&>(*parameters.species);
 }
 
 void HelfrichForce::takeModuliOfSpecies() {

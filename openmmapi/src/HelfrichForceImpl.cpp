@@ -388,7 +388,12 @@ void HelfrichForceImpl::serializeState(SerializationNode& node) const {
 
 void HelfrichForceImpl::deserializeState(ContextImpl& context, const SerializationNode& node) {
     vector<int> species;
-    if (!mesh->getSpecies().empty())
+    bool hasSpecies = any_of(node.getChildren().begin(), node.getChildren().end(),
+                             [](const SerializationNode& child) { return child.getName() == "Species"; });
+    if (hasSpecies != !mesh->getSpecies().empty())
+        throw OpenMMException("setState: the State is of a membrane with" + string(hasSpecies ? "" : "out") +
+                              " species, and " + owner.getName() + " has " + to_string(owner.getNumSpecies()));
+    if (hasSpecies)
         species = loadIntegers("vertices", node.getChildNode("Species"));
     restore(context, loadTriangles(node), loadIntegers("vertices", node.getChildNode("Order")), species);
 }

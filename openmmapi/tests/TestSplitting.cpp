@@ -11,7 +11,7 @@ using namespace std;
  * The time for which a term acts in a kick, by the parameters with which its forces are computed.
  */
 static double getTime(const KickAndDrift& kick, Term term) {
-    const HelfrichParameters all = createParameters(createBlob(0), AllTerms);
+    const HelfrichParameters all = createParameters(createBlob(0), EveryTerm);
     return kick.kick * kick.getParameters(all).moduli[term] / all.moduli[term];
 }
 

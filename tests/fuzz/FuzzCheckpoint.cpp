@@ -41,7 +41,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     static const Membrane blob = createBlob(1), octahedron = createBlob(0);
     const Membrane& membrane = data.ConsumeBool() ? blob : octahedron;
     System system;
-    fillSystem(system, membrane.positions.size(), {createForce(membrane, createParameters(membrane, AllTerms, 1))});
+    fillSystem(system, membrane.positions.size(), {createForce(membrane, createParameters(membrane, EveryTerm, 1))});
     OpenIntegrator integrator;
     Context context(system, integrator, *getPlatforms()[data.ConsumeIntegralInRange(0, 1)]);
     context.setPositions(membrane.positions);

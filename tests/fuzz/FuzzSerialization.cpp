@@ -52,7 +52,7 @@ static void editNodes(FuzzedDataProvider& data, SerializationNode& root) {
 }
 
 static HelfrichForce* createFixedForce(const Membrane& membrane) {
-    HelfrichForce* force = createForce(membrane, createParameters(membrane, AllTerms, 2));
+    HelfrichForce* force = createForce(membrane, createParameters(membrane, EveryTerm, 2));
     force->addFixedEdge(membrane.triangles[0][0], membrane.triangles[0][1]);
     force->setTargetVolume(1.5, 0);
     return force;

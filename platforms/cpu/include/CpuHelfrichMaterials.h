@@ -28,8 +28,12 @@ public:
     /**
      * Bring everything up to date.
      *
+     * @param mesh        the connectivity, with the species of the vertices
+     * @param layout      the layout of the same mesh
      * @param parts       the parts of the layout whose meetings are computed at a time
+     * @param parameters  the moduli; those whose terms are off count as 0
      * @param isSingle    whether the loops compute in single precision
+     * @param numThreads  the number of threads
      */
     void update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
                 const std::vector<CpuHelfrichLayout::Part>& parts, const HelfrichParameters& parameters, bool isSingle,

@@ -193,7 +193,8 @@ void CpuHelfrichMaterials::addGradientOfMeetings(const double* positions, int pa
         double* gradient = gradients + 4 * (meeting.slots[0] - firstSlot);
         for (int i = 0; i < 3; i++) {
             Vector3<double> d = toMiddle(x, i);
-            double factor = (i == 0 ? -2 : 1) * meeting.tensions[i] / (6 * sqrt(dot(d, d)));
+            double length = sqrt(dot(d, d)), factor = (i == 0 ? -2 : 1) * meeting.tensions[i] / 6;
+            factor = (length == 0 ? 0 : factor / length);
             gradient[0] += factor * d.x;
             gradient[1] += factor * d.y;
             gradient[2] += factor * d.z;

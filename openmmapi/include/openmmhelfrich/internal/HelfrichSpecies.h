@@ -27,16 +27,18 @@ public:
         if (value == 0 && get(species1, species2) == 0)
             return;
         int row1 = addRow(species1), row2 = addRow(species2);
+        double old = values[row1 * stride + row2];
         values[row1 * stride + row2] = values[row2 * stride + row1] = value;
+        if (std::fabs(value) >= std::fabs(greatest))
+            greatest = value;
+        else if (std::fabs(old) == std::fabs(greatest))
+            greatest = *std::max_element(values.begin(), values.end(),
+                                         [](double a, double b) { return std::fabs(a) < std::fabs(b); });
     }
     /**
      * Get the number that is greatest in size, and 0 if none was set.
      */
     double getGreatest() const {
-        double greatest = 0;
-        for (double value : values)
-            if (std::fabs(value) > std::fabs(greatest))
-                greatest = value;
         return greatest;
     }
     /**
@@ -73,6 +75,7 @@ private:
     std::vector<int> rows;
     std::vector<double> values = {0.0};
     size_t stride = 1, numRows = 1;
+    double greatest = 0;
 };
 
 /**
