@@ -11,6 +11,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from conftest import together
 from membranes import PLATFORMS, createBlob, createContext, energyOf, kelvin, positionsOf, termsOf
+from openmmhelfrich.sampling.interruption import StepInterrupted, interruptible
 from test_flips import enumerateStates, octahedron, pOf, stateOf
 
 PROPOSALS = ["neighbors", "anywhere", "mutation"]
@@ -192,6 +193,20 @@ def test_a_restart_in_the_middle(platform, isMixed):
     force, context = create(mm.XmlSerializer.deserialize(texts[1]))
     context.setState(mm.XmlSerializer.deserialize(texts[0]))
     assert result(force, context) == expected
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_an_interruption_leaves_all_as_it_was(platform):
+    mesh, exchange = createBlob(2), createExchange()
+    force, asked = createForce(mesh), []
+    context = createContext(mesh, force, platform, exchange)
+    exchange.step(1)
+    before, counts = force.getVertexSpeciesInContext(context), (exchange.getNumAttempted(), exchange.getNumSweeps())
+    exchange.setFraction(1e6)
+    with interruptible(lambda: asked.append(1) or len(asked) == 2), pytest.raises(StepInterrupted):
+        exchange.step(1)
+    assert np.array_equal(force.getVertexSpeciesInContext(context), before)
+    assert (exchange.getNumAttempted(), exchange.getNumSweeps()) == counts
 
 
 def test_settings_are_in_the_xml():

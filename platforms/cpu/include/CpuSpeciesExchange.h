@@ -1,7 +1,6 @@
 #ifndef OPENMM_CPUSPECIESEXCHANGE_H_
 #define OPENMM_CPUSPECIESEXCHANGE_H_
 
-#include "CpuRelaxed.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmm/Vec3.h"
 #include <array>
@@ -15,12 +14,14 @@ namespace HelfrichPlugin {
  * the energy needs of the geometry is computed once, for each vertex and its ring of neighbors.  Nothing of the energy
  * depends on totals, so that the change by an attempt comes from the two vertices and their neighbors alone.
  *
- * A sweep is by definition a sequential chain.  It is computed block by block: while one thread decides the attempts of
- * a block in their turn, the others evaluate those of the next one as if each were the next to be decided, and then it
- * helps them.  An attempt is evaluated again in its turn if the species of one of its vertices, or of a neighbor, has
- * changed in its own block or in the one before it.  What another thread saw of that at the time may be from before or
- * after, but no other attempt depends on it.  So the outcome is that of the sequential chain, to the last bit, for any
- * number of threads.  A single thread evaluates each attempt when its turn comes.
+ * A sweep is by definition a sequential chain, but attempts that are not at neighbors do not know of each other, and
+ * may be made in any order.  So several threads have a zone of the membrane each.  Of a block of attempts a thread
+ * makes those whose vertices, and all neighbors of these, are in its zone, one after the other.  It defers those on the
+ * border of zones, and any that comes after one that is deferred and has a vertex beside it or in common with it.  At
+ * the end of the block one thread makes these in their order.  The outcome is that of the sequential chain, to the last
+ * bit, for any number of threads.
+ *
+ * Here vertices are numbered in the mesh's order, which keeps zones together, also in memory.
  */
 class CpuSpeciesExchange {
 public:
@@ -68,11 +69,10 @@ private:
      * The rows of the neighbors around a vertex, of which one may have another than it has.
      */
     struct Surroundings {
-        const int* ring;
-        const Relaxed<int>* rows;
+        const int *ring, *rows;
         int other, rowOfOther;
         int operator[](int i) const {
-            return ring[i] == other ? rowOfOther : int(rows[ring[i]]);
+            return ring[i] == other ? rowOfOther : rows[ring[i]];
         }
     };
     /**
@@ -82,29 +82,61 @@ private:
         double spoke, link;
     };
     struct Attempt {
-        SpeciesDraw draw;
+        /// two vertices, or one and the species that it is to have
+        int first, second;
+        /// the number to compare with the probability
+        double uniform;
         double change;
-        bool isAlike, isAccepted;
+        bool isDeferred, isAccepted;
     };
-    struct Block {
-        std::vector<Attempt> attempts;
-        /// the number of the first one in the sweep, and how many there are
-        long long firstAttempt = 0;
-        int numAttempts = 0;
+    static constexpr int MAX_ZONES = 8;
+    /**
+     * A part of a block, with a list for each zone of the attempts that are in it or on the border.
+     */
+    struct Part {
+        static constexpr int SIZE = 64;
+        Attempt attempts[SIZE];
+        int numAttempts, counts[MAX_ZONES], lists[MAX_ZONES][SIZE];
     };
-    void prepareMaterials();
-    void prepareRings();
-    void collectRing(int vertex);
-    void prepareVertex(const HelfrichGeometry& geometry, int vertex);
-    OpenMM::Vec3 edge(int from, int to) const;
+    /**
+     * The neighbors around a vertex, for loops.
+     */
+    struct Ring {
+        const int *first, *last;
+        const int* begin() const {
+            return first;
+        }
+        const int* end() const {
+            return last;
+        }
+    };
+    Ring getRing(int vertex) const {
+        const int* first = &neighbors[vertices[vertex].ring];
+        return {first, first + vertices[vertex].valence};
+    }
     /**
      * Get the two vertices of an attempt, or twice the one that mutates.
      */
-    std::array<int, 2> getVertices(const SpeciesDraw& draw) const {
-        return {draw.first, proposal.kind == SpeciesProposal::Mutation ? draw.first : draw.second};
+    std::array<int, 2> getVertices(const Attempt& attempt) const {
+        return {attempt.first, proposal.kind == SpeciesProposal::Mutation ? attempt.first : attempt.second};
     }
-    void drawAttempts(Block& block, int begin);
-    void evaluate(Attempt& attempt) const;
+    template <class Function>
+    void forEachVertex(const Function& function) const;
+    void prepareMaterials();
+    void prepareRings();
+    void collectRing(int vertex);
+    int findZone(int vertex) const;
+    void prepareVertex(const HelfrichGeometry& geometry, int vertex);
+    OpenMM::Vec3 edge(int from, int to) const;
+    void makeBlock(long long firstAttempt, int numAttempts);
+    void draw(Part& part, long long firstAttempt, int numAttempts) const;
+    void decide(Part& part, int zone, SpeciesExchangeStatistics& statistics);
+    void prefetchRing(int ring) const;
+    bool isAlike(const Attempt& attempt) const;
+    bool isBlocked(const Attempt& attempt) const;
+    void defer(Attempt& attempt, int zone);
+    void decide(Attempt& attempt, SpeciesExchangeStatistics& statistics);
+    void observe(const Observer& observer) const;
     /**
      * Get the change of energy where a vertex changes its species, and another one has a given species.
      */
@@ -115,9 +147,6 @@ private:
      * Get the change by triangles of three species.
      */
     double changeOfMedians(int vertex, const Surroundings& around, int rowFrom, int rowTo) const;
-    void decide(Block& block);
-    bool isStale(const SpeciesDraw& draw) const;
-    void accept(const Attempt& attempt);
     void setSpecies(int vertex, int species);
     HelfrichMesh& mesh;
     const int numThreads;
@@ -128,9 +157,11 @@ private:
     /// half of the line tensions, and the pair energies, numRows to a row; row 0 is of the species that have neither
     std::vector<double> halfTensions, pairEnergies;
     int numRows;
+    /// the vertices in their order, and the place of each there: its number from here on
+    std::vector<int> order, ranks;
     std::vector<Vertex> vertices;
-    /// of each vertex its species, and the row of this
-    std::vector<Relaxed<int>> species, rows;
+    /// of each vertex its species, the row of this, and the zone that all its neighbors are in
+    std::vector<int> species, rows, zones;
     /// the neighbors around each vertex, from its lowest halfedge on
     std::vector<int> neighbors;
     std::vector<Lengths> lengths;
@@ -138,14 +169,12 @@ private:
     double kT;
     Philox random;
     long long sweep;
-    /// the one that is evaluated, and the one that is decided
-    Block blocks[2];
-    /// the number of the block that is evaluated, counted on from sweep to sweep
-    long long lastBlock = 0;
-    /// of each vertex the number of the last block in which its species or a neighbor's changed
-    std::vector<long long> lastChanges;
+    int numZones, numParts;
+    std::vector<Part> parts;
+    long long numBlocks = 0;
+    /// of each vertex the number of the last block in which an attempt beside it was deferred
+    std::vector<long long> blocked;
     SpeciesExchangeStatistics statistics;
-    const Observer* observer;
 };
 
 } // namespace HelfrichPlugin

@@ -1,28 +1,25 @@
 #include "CpuSpeciesExchange.h"
+#include "CpuHalfedges.h"
 #include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
 using namespace std;
 
 /**
- * The attempts of a block: as many as are worth drawing beforehand; on several threads more, but so few in a membrane
- * that few are evaluated twice.
+ * The attempts of a block, if several threads share it: so many that a thread rarely waits for the others.
  */
-static const int MIN_ATTEMPTS_PER_BLOCK = 64, MAX_ATTEMPTS_PER_BLOCK = 1024, VERTICES_PER_ATTEMPT = 160;
+static const int ATTEMPTS_PER_BLOCK = 4096;
 
 /**
- * The attempts that a thread evaluates at a time.
+ * A zone has at least so many vertices: few of them are on its border then.
  */
-static const int ATTEMPTS_PER_PART = 32;
-
-/**
- * The decisions of one thread do not keep more than these busy.
- */
-static const int MAX_THREADS = 8;
+static const int VERTICES_PER_ZONE = 8000;
 
 /**
  * The number of vertices that a thread prepares at a time.
@@ -36,17 +33,24 @@ static const int LENGTHS_AHEAD = 8;
 
 static const int NONE = -1;
 
-static int limitThreads(int numThreads, int numVertices) {
-    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * ATTEMPTS_PER_PART)}));
-}
+/**
+ * The zone of what belongs to none.
+ */
+static const int BORDER = -1;
 
 CpuSpeciesExchange::CpuSpeciesExchange(HelfrichMesh& mesh, int numThreads)
-        : mesh(mesh), numThreads(limitThreads(numThreads, mesh.getNumVertices())), vertices(mesh.getNumVertices()),
-          species(mesh.getNumVertices()), rows(mesh.getNumVertices()), neighbors(mesh.getNumHalfedges()),
-          revision(mesh.getRevision() - 1), random(0, 0), lastChanges(mesh.getNumVertices(), NONE) {
-    int size = min(mesh.getNumVertices() / VERTICES_PER_ATTEMPT, MAX_ATTEMPTS_PER_BLOCK);
-    for (Block& block : blocks)
-        block.attempts.resize(this->numThreads == 1 ? MIN_ATTEMPTS_PER_BLOCK : max(size, MIN_ATTEMPTS_PER_BLOCK));
+        : mesh(mesh), numThreads(max(1, min({numThreads, MAX_ZONES, mesh.getNumVertices() / VERTICES_PER_ZONE}))),
+          ranks(mesh.getNumVertices()), vertices(mesh.getNumVertices()), species(mesh.getNumVertices()),
+          rows(mesh.getNumVertices()), zones(mesh.getNumVertices()), neighbors(mesh.getNumHalfedges()),
+          revision(mesh.getRevision() - 1), random(0, 0), blocked(mesh.getNumVertices(), NONE) {
+}
+
+template <class Function>
+void CpuSpeciesExchange::forEachVertex(const Function& function) const {
+    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
+        for (int v = begin; v < end; v++)
+            function(v);
+    });
 }
 
 void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
@@ -57,12 +61,10 @@ void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGe
     prepareMaterials();
     prepareRings();
     lengths.resize(p.has(Term::Line) ? neighbors.size() : 0);
-    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
-        for (int v = begin; v < end; v++) {
-            species[v] = mesh.getSpecies(v);
-            rows[v] = materials[species[v]].row;
-            prepareVertex(geometry, v);
-        }
+    forEachVertex([&](int v) {
+        species[v] = mesh.getSpecies(order[v]);
+        rows[v] = materials[species[v]].row;
+        prepareVertex(geometry, v);
     });
 }
 
@@ -99,40 +101,50 @@ void CpuSpeciesExchange::prepareMaterials() {
 }
 
 void CpuSpeciesExchange::prepareRings() {
-    if (revision == mesh.getRevision())
+    if (revision == mesh.getRevision() && order == mesh.getOrder())
         return;
+    order = mesh.getOrder();
     for (int v = 0, start = 0; v < mesh.getNumVertices(); v++) {
+        ranks[order[v]] = v;
         vertices[v].ring = start;
-        vertices[v].valence = mesh.valence(v);
+        vertices[v].valence = mesh.valence(order[v]);
         start += vertices[v].valence;
     }
-    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
-        for (int v = begin; v < end; v++)
-            collectRing(v);
-    });
+    forEachVertex([&](int v) { collectRing(v); });
+    forEachVertex([&](int v) { zones[v] = findZone(v); });
     revision = mesh.getRevision();
 }
 
-void CpuSpeciesExchange::collectRing(int vertex) {
+void CpuSpeciesExchange::collectRing(int v) {
     // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.
 
-    int *ring = &neighbors[vertices[vertex].ring], *next = ring, *start = ring, lowest = mesh.outgoing(vertex);
-    for (int h : mesh.outgoingHalfedges(vertex)) {
+    int *ring = &neighbors[vertices[v].ring], *next = ring, *start = ring, lowest = mesh.outgoing(order[v]);
+    for (int h : mesh.outgoingHalfedges(order[v])) {
         start = (h < lowest ? next : start);
         lowest = min(h, lowest);
-        *next++ = mesh.tip(h);
+        *next++ = ranks[mesh.tip(h)];
     }
     rotate(ring, start, next);
 }
 
+int CpuSpeciesExchange::findZone(int v) const {
+    auto zoneOf = [&](int vertex) { return int(vertex * (long long) numThreads / mesh.getNumVertices()); };
+    int zone = zoneOf(v);
+    for (int neighbor : getRing(v))
+        if (zoneOf(neighbor) != zone)
+            return BORDER;
+    return zone;
+}
+
 Vec3 CpuSpeciesExchange::edge(int from, int to) const {
-    return (*positions)[mesh.getParticles()[to]] - (*positions)[mesh.getParticles()[from]];
+    const vector<int>& particles = mesh.getParticles();
+    return (*positions)[particles[order[to]]] - (*positions)[particles[order[from]]];
 }
 
 void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) {
     Vertex& vertex = vertices[v];
     if (p.has(Term::Bending)) {
-        double A = geometry.vertexAreas[v], M = (A == 0 ? 0 : geometry.vertexMeanCurvatures[v]);
+        double A = geometry.vertexAreas[order[v]], M = (A == 0 ? 0 : geometry.vertexMeanCurvatures[order[v]]);
         vertex.factors = {A == 0 ? 0 : M * M / A, M, A, 0};
     }
     else
@@ -157,72 +169,167 @@ void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) 
 
 SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAttempts, const Philox& random,
                                                       long long sweep, const Observer& observer) {
+    // Two vertices that may be anywhere are rarely in one zone.
+
     this->kT = kT;
     this->random = random;
     this->sweep = sweep;
-    this->observer = &observer;
+    numZones = (proposal.kind == SpeciesProposal::Anywhere ? 1 : numThreads);
+    int size = (numZones == 1 ? Part::SIZE : ATTEMPTS_PER_BLOCK);
+    parts.resize(size / Part::SIZE);
     statistics = SpeciesExchangeStatistics();
-    int size = blocks[0].attempts.size();
-    long long numBlocks = (numAttempts + size - 1) / size;
-    lastBlock += 2;
     Interruption interruption(size);
-    for (long long n = 0; n <= numBlocks; n++) {
+    for (long long first = 0; first < numAttempts; first += size) {
         if (interruption.isRequested())
             throw StepInterrupted();
-        lastBlock++;
-        Block &present = blocks[n % 2], &previous = blocks[(n + 1) % 2];
-        present.firstAttempt = n * size;
-        present.numAttempts = min<long long>(size, numAttempts - present.firstAttempt);
-        int numParts = (max(present.numAttempts, 0) + ATTEMPTS_PER_PART - 1) / ATTEMPTS_PER_PART;
-        CpuThreads::forEach(numThreads, numParts + 1, [&](int item) {
-            if (item > 0)
-                drawAttempts(present, (item - 1) * ATTEMPTS_PER_PART);
-            else if (n > 0)
-                decide(previous);
-        });
+        int count = min<long long>(size, numAttempts - first);
+        makeBlock(first, count);
+        if (observer)
+            observe(observer);
     }
-    if (statistics.accepted > 0)
+    if (statistics.accepted > 0) {
+        forEachVertex([&](int v) { mesh.changeSpecies(order[v], species[v]); });
         mesh.markSpeciesChanged();
+    }
     return statistics;
 }
 
-void CpuSpeciesExchange::drawAttempts(Block& block, int begin) {
-    // In large membranes nearly everything is in no near cache: what an attempt needs is asked for long before.
-
-    int end = min(begin + ATTEMPTS_PER_PART, block.numAttempts);
-    Attempt* attempts = block.attempts.data();
-    for (int n = begin; n < end; n++) {
-        attempts[n].draw = proposal.draw(random, sweep, block.firstAttempt + n, mesh);
-        for (int vertex : getVertices(attempts[n].draw))
-            __builtin_prefetch(&vertices[vertex]);
+void CpuSpeciesExchange::makeBlock(long long firstAttempt, int numAttempts) {
+    numBlocks++;
+    numParts = (numAttempts + Part::SIZE - 1) / Part::SIZE;
+    CpuThreads::forEach(numZones, numParts, [&](int n) {
+        int first = n * Part::SIZE;
+        draw(parts[n], firstAttempt + first, min(Part::SIZE, numAttempts - first));
+    });
+    SpeciesExchangeStatistics ofZones[MAX_ZONES + 1];
+    CpuThreads::forEach(numZones, numZones, [&](int zone) {
+        for (int n = 0; n < numParts; n++)
+            decide(parts[n], zone, ofZones[zone]);
+    });
+    if (numZones > 1)
+        for (int n = 0; n < numParts; n++)
+            for (int i = 0; i < parts[n].numAttempts; i++)
+                if (parts[n].attempts[i].isDeferred)
+                    decide(parts[n].attempts[i], ofZones[numZones]);
+    for (auto& statistics : ofZones) {
+        this->statistics.accepted += statistics.accepted;
+        this->statistics.alike += statistics.alike;
     }
-    for (int n = begin; n < end; n++)
-        for (int vertex : getVertices(attempts[n].draw)) {
-            int ring = vertices[vertex].ring;
-            __builtin_prefetch(&neighbors[ring]);
-            if (!lengths.empty())
-                for (int i = 0; i < LENGTHS_AHEAD; i += 4)
-                    __builtin_prefetch(&lengths[min<size_t>(ring + i, lengths.size() - 1)]);
-        }
-    if (numThreads > 1)
-        for (int n = begin; n < end; n++)
-            evaluate(attempts[n]);
+    this->statistics.attempted += numAttempts;
 }
 
-void CpuSpeciesExchange::evaluate(Attempt& attempt) const {
-    const SpeciesDraw& draw = attempt.draw;
+void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempts) const {
+    // In large membranes nearly everything is in no near cache: what is needed is asked for long before.
+
+    SpeciesDraw draws[Part::SIZE];
+    for (int n = 0; n < numAttempts; n++) {
+        draws[n] = proposal.drawNumbers(random, sweep, firstAttempt + n, mesh);
+        if (proposal.kind == SpeciesProposal::Neighbors)
+            prefetchTriangle(mesh.getArrays(), draws[n].first);
+    }
     bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
-    int from = species[draw.first], to = (isMutation ? draw.second : int(species[draw.second]));
-    attempt.isAlike = (from == to);
+    part.numAttempts = numAttempts;
+    fill(part.counts, part.counts + numZones, 0);
+    for (int n = 0; n < numAttempts; n++) {
+        SpeciesDraw draw = proposal.findVertices(draws[n], mesh);
+        Attempt& attempt = part.attempts[n];
+        attempt.first = ranks[draw.first];
+        attempt.second = (isMutation ? draw.second : ranks[draw.second]);
+        attempt.uniform = draw.uniform;
+        int zone = zones[attempt.first];
+        if (numZones == 1)
+            zone = 0;
+        else if (!isMutation && zones[attempt.second] != zone)
+            zone = BORDER;
+        attempt.isDeferred = (zone == BORDER);
+        for (int z = 0; z < numZones; z++) {
+            part.lists[z][part.counts[z]] = n;
+            part.counts[z] += (zone == z || zone == BORDER);
+        }
+    }
+}
+
+void CpuSpeciesExchange::decide(Part& part, int zone, SpeciesExchangeStatistics& statistics) {
+    const int* list = part.lists[zone];
+    int different[Part::SIZE], numDifferent = 0;
+    for (int i = 0; i < part.counts[zone]; i++) {
+        different[numDifferent] = list[i];
+        numDifferent += !isAlike(part.attempts[list[i]]);
+    }
+    for (int i = 0; i < numDifferent; i++)
+        for (int vertex : getVertices(part.attempts[different[i]]))
+            __builtin_prefetch(&vertices[vertex]);
+    for (int i = 0; i < numDifferent; i++)
+        for (int vertex : getVertices(part.attempts[different[i]]))
+            prefetchRing(vertices[vertex].ring);
+    for (int i = 0; i < part.counts[zone]; i++) {
+        Attempt& attempt = part.attempts[list[i]];
+        if (numZones > 1 && (attempt.isDeferred || isBlocked(attempt)))
+            defer(attempt, zone);
+        else
+            decide(attempt, statistics);
+    }
+}
+
+void CpuSpeciesExchange::prefetchRing(int ring) const {
+    __builtin_prefetch(&neighbors[ring]);
+    if (!lengths.empty())
+        for (int i = 0; i < LENGTHS_AHEAD; i += 4)
+            __builtin_prefetch(&lengths[min<size_t>(ring + i, lengths.size() - 1)]);
+}
+
+bool CpuSpeciesExchange::isBlocked(const Attempt& attempt) const {
+    auto vertices = getVertices(attempt);
+    return blocked[vertices[0]] == numBlocks || blocked[vertices[1]] == numBlocks;
+}
+
+void CpuSpeciesExchange::defer(Attempt& attempt, int zone) {
+    // Nobody else looks at what blocks this zone, but all look at attempts on the border.
+
+    if (!attempt.isDeferred)
+        attempt.isDeferred = true;
+    auto block = [&](int vertex) {
+        if (zones[vertex] == zone)
+            blocked[vertex] = numBlocks;
+    };
+    for (int vertex : getVertices(attempt)) {
+        block(vertex);
+        for (int neighbor : getRing(vertex))
+            block(neighbor);
+    }
+}
+
+void CpuSpeciesExchange::decide(Attempt& attempt, SpeciesExchangeStatistics& statistics) {
+    bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
+    int from = species[attempt.first], to = (isMutation ? attempt.second : species[attempt.second]);
     attempt.isAccepted = false;
-    if (attempt.isAlike)
+    statistics.alike += (from == to);
+    if (from == to)
         return;
-    attempt.change = changeAt(draw.first, from, to, NONE, 0);
+    attempt.change = changeAt(attempt.first, from, to, NONE, 0);
     if (isMutation)
         attempt.change -= materials[to].chemicalPotential - materials[from].chemicalPotential;
     else
-        attempt.change += changeAt(draw.second, to, from, draw.first, to);
-    attempt.isAccepted = (attempt.change <= 0 || draw.uniform < exp(-attempt.change / kT));
+        attempt.change += changeAt(attempt.second, to, from, attempt.first, to);
+    attempt.isAccepted = (attempt.change <= 0 || attempt.uniform < exp(-attempt.change / kT));
+    if (!attempt.isAccepted)
+        return;
+    statistics.accepted++;
+    setSpecies(attempt.first, to);
+    if (!isMutation)
+        setSpecies(attempt.second, from);
+}
+
+bool CpuSpeciesExchange::isAlike(const Attempt& attempt) const {
+    bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
+    return species[attempt.first] == (isMutation ? attempt.second : species[attempt.second]);
+}
+
+void CpuSpeciesExchange::observe(const Observer& observer) const {
+    for (int n = 0; n < numParts; n++)
+        for (int i = 0; i < parts[n].numAttempts; i++)
+            if (parts[n].attempts[i].isAccepted)
+                observer(parts[n].attempts[i].change);
 }
 
 double CpuSpeciesExchange::changeAt(int v, int from, int to, int other, int speciesOfOther) const {
@@ -249,6 +356,17 @@ double CpuSpeciesExchange::changeOfPairs(const Vertex& vertex, const Surrounding
     return change;
 }
 
+/**
+ * Get a number, or 0 unless a condition is true, without a branch, which no processor could predict.
+ */
+static double onlyIf(bool condition, double number) {
+    uint64_t bits;
+    memcpy(&bits, &number, sizeof(bits));
+    bits &= -uint64_t(condition);
+    memcpy(&number, &bits, sizeof(bits));
+    return number;
+}
+
 double CpuSpeciesExchange::changeOfLines(int v, const Surroundings& around, int a, int b) const {
     // Half of a triangle's like edge is a boundary: around the vertex the links between two neighbors that are alike,
     // and the spokes to those that are as the vertex is.  Of what is alike in a triangle there is no tension.
@@ -261,9 +379,9 @@ double CpuSpeciesExchange::changeOfLines(int v, const Surroundings& around, int 
     bool hasThree = false;
     for (int i = 0; i < vertex.valence; i++) {
         int next = around[i + 1 == vertex.valence ? 0 : i + 1];
-        change += length[i].link * (present == next) * (ofB[present] - ofA[present]) +
-                  length[i].spoke *
-                          ((present == b) * (ofB[previous] + ofB[next]) - (present == a) * (ofA[previous] + ofA[next]));
+        change += length[i].link * onlyIf(present == next, ofB[present] - ofA[present]) +
+                  length[i].spoke * (onlyIf(present == b, ofB[previous] + ofB[next]) -
+                                     onlyIf(present == a, ofA[previous] + ofA[next]));
         hasThree |= (present != next) & (((present != a) & (next != a)) | ((present != b) & (next != b)));
         previous = present;
         present = next;
@@ -290,48 +408,7 @@ double CpuSpeciesExchange::changeOfMedians(int v, const Surroundings& around, in
     return change;
 }
 
-void CpuSpeciesExchange::decide(Block& block) {
-    for (int n = 0; n < block.numAttempts; n++) {
-        Attempt& attempt = block.attempts[n];
-        if (numThreads == 1 || isStale(attempt.draw))
-            evaluate(attempt);
-        statistics.attempted++;
-        statistics.alike += attempt.isAlike;
-        if (attempt.isAccepted)
-            accept(attempt);
-    }
-}
-
-bool CpuSpeciesExchange::isStale(const SpeciesDraw& draw) const {
-    // The block that is decided was evaluated while the one before it was decided.
-
-    auto vertices = getVertices(draw);
-    return max(lastChanges[vertices[0]], lastChanges[vertices[1]]) >= lastBlock - 2;
-}
-
-void CpuSpeciesExchange::accept(const Attempt& attempt) {
-    const SpeciesDraw& draw = attempt.draw;
-    statistics.accepted++;
-    int before = species[draw.first];
-    if (proposal.kind == SpeciesProposal::Mutation)
-        setSpecies(draw.first, draw.second);
-    else {
-        setSpecies(draw.first, species[draw.second]);
-        setSpecies(draw.second, before);
-    }
-    if (*observer)
-        (*observer)(attempt.change);
-}
-
 void CpuSpeciesExchange::setSpecies(int vertex, int newSpecies) {
-    mesh.changeSpecies(vertex, newSpecies);
     species[vertex] = newSpecies;
     rows[vertex] = materials[newSpecies].row;
-    if (numThreads == 1)
-        return;
-    long long block = lastBlock - 1;
-    lastChanges[vertex] = block;
-    const int* ring = &neighbors[vertices[vertex].ring];
-    for (int i = 0; i < vertices[vertex].valence; i++)
-        lastChanges[ring[i]] = block;
 }

@@ -41,16 +41,25 @@ struct SpeciesProposal {
      * @param mesh     the connectivity
      */
     SpeciesDraw draw(const Philox& random, long long sweep, long long attempt, const HelfrichMesh& mesh) const {
+        return findVertices(drawNumbers(random, sweep, attempt, mesh), mesh);
+    }
+    /**
+     * Draw the same, but of the ends of an edge only their halfedge, as the first number.
+     */
+    SpeciesDraw drawNumbers(const Philox& random, long long sweep, long long attempt, const HelfrichMesh& mesh) const {
         auto words = random(sweep, 2 * attempt);
         double uniform = Philox::uniform(words[2], words[3]);
-        if (kind == Neighbors) {
-            int h = mesh.halfedgeOf(Philox::index(words[0], words[1], mesh.getNumDirectedEdges()));
-            return {mesh.origin(h), mesh.tip(h), uniform};
-        }
+        if (kind == Neighbors)
+            return {mesh.halfedgeOf(Philox::index(words[0], words[1], mesh.getNumDirectedEdges())), -1, uniform};
         auto more = random(sweep, 2 * attempt + 1);
         int numSecond = (kind == Anywhere ? mesh.getNumVertices() : (int) chemicalPotentials.size());
         return {(int) Philox::index(words[0], words[1], mesh.getNumVertices()),
                 (int) Philox::index(more[0], more[1], numSecond), uniform};
+    }
+    SpeciesDraw findVertices(const SpeciesDraw& numbers, const HelfrichMesh& mesh) const {
+        if (kind != Neighbors)
+            return numbers;
+        return {mesh.origin(numbers.first), mesh.tip(numbers.first), numbers.uniform};
     }
 };
 
