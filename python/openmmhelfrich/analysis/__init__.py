@@ -16,6 +16,15 @@ from .description import (
     toDataFrame,
 )
 from .diffusion import Diffusion, vertexDiffusion
+from .domains import (
+    Domains,
+    boundaryLength,
+    compositionProfile,
+    compositionSpectrum,
+    contactNumbers,
+    findDomains,
+    speciesCurvature,
+)
 from .fluctuations import (
     FluctuationSpectrum,
     SpectrumFit,
@@ -26,18 +35,25 @@ from .fluctuations import (
 
 __all__ = [
     "Diffusion",
+    "Domains",
     "FluctuationSpectrum",
     "ShapeDescription",
     "SpectrumFit",
     "autocorrelationTime",
+    "boundaryLength",
     "classifyShape",
+    "compositionProfile",
+    "compositionSpectrum",
+    "contactNumbers",
     "describeShape",
     "describeTrajectory",
+    "findDomains",
     "fluctuationSpectrum",
     "gyrationTensor",
     "meanAndError",
     "meshStiffness",
     "reducedAreaDifference",
+    "speciesCurvature",
     "sphericalHarmonicCoefficients",
     "toDataFrame",
     "vertexDiffusion",

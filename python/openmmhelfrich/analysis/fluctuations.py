@@ -191,7 +191,7 @@ def _expand(vertices: ArrayLike, maxDegree: int) -> tuple[float, np.ndarray]:
         x = x - np.einsum("t,ti->i", volumes, a + b + c) / (4 * volumes.sum())
     r = np.linalg.norm(x, axis=1)
     directions = x / r[:, np.newaxis]
-    harmonics = _realHarmonics(directions, maxDegree)
+    harmonics = realHarmonics(directions, maxDegree)
     weighted = harmonics * _solidAngles(directions, triangles)[:, np.newaxis]
     # Nearly orthonormal, so that the normal equations lose nothing and take a fraction of the time.
     coefficients = np.linalg.solve(harmonics.T @ weighted, weighted.T @ r)
@@ -221,7 +221,7 @@ def _solidAngles(directions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.bincount(triangles.ravel(), np.repeat(angles / 3, 3), len(directions))
 
 
-def _realHarmonics(directions: np.ndarray, maxDegree: int) -> np.ndarray:
+def realHarmonics(directions: np.ndarray, maxDegree: int) -> np.ndarray:
     """Return the real spherical harmonics at directions: an (N, (maxDegree+1)^2) array."""
     try:
         from scipy.special import sph_harm_y
