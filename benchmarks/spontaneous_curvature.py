@@ -72,8 +72,8 @@ def starts(reducedVolume, vertices):
 def minimum(mesh, c0, reducedVolume, rounds=3, bounds=(0.8, 1.35)):
     """Return the energy over 8 pi kappa of a minimum, its reduced volume, and why the search ended.
 
-    Between rounds of minimization, a few cold Monte Carlo steps move it out of corners of the mesh.  The bounds are those
-    of the tether, in mean edges.
+    Between rounds of minimization, a few cold Monte Carlo steps move it out of corners of the mesh.  The bounds are
+    those of the tether, in mean edges.
     """
     mesh = mh.Mesh(mesh.vertices * math.sqrt(4 * math.pi / mesh.area), mesh.triangles)
     edge = float(mesh.edgeLengths.mean())

@@ -53,8 +53,16 @@ from .scene import (
     requireComparableTarget,
     requireTrajectories,
 )
-from .sections import MODULI, SamplingSection
-from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
+from .sections import SamplingSection
+from .stagesettings import (
+    TERMS_OF_CONDITIONS,
+    AnnealStage,
+    ApproachStage,
+    ContinueStage,
+    MinimizeStage,
+    SampleStage,
+    StageSettings,
+)
 
 
 class _Memory(TypedDict):
@@ -556,10 +564,6 @@ _KINDS: dict[type[StageSettings], type[Stage]] = {
 }
 
 
-# The terms of which a condition is the modulus.
-_TERMS = {key.partition(".")[2]: term for term, key in MODULI.items() if key.startswith("membrane.")}
-
-
 def conditionsOf(settings: StageSettings, kT: float) -> dict[str, float]:
     """Return the conditions that a stage gives, in kJ/mol and powers of nm."""
     given = settings.conditions()
@@ -571,7 +575,7 @@ def sceneDuring(scene: Scene, index: int) -> Scene:
     moduli = dict(scene.moduli)
     for settings in scene.stages[: index + 1]:
         given = conditionsOf(settings, scene.kT)
-        moduli |= {_TERMS[name]: value for name, value in given.items() if name in _TERMS}
+        moduli |= {TERMS_OF_CONDITIONS[name]: value for name, value in given.items() if name in TERMS_OF_CONDITIONS}
     return replace(scene, moduli=moduli)
 
 

@@ -6,12 +6,13 @@ What a stage does is in :mod:`.stages`, where each of these has its counterpart.
 
 import math
 from abc import abstractmethod
+from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from ..units import plainNumber
-from .sections import GREATEST_COUNT, Conditions, Force, StepSize, Temperature
+from .sections import GREATEST_COUNT, MODULI, Conditions, Force, StepSize, Temperature
 
 Own = TypeVar("Own", bound="StageSettings")
 
@@ -196,6 +197,17 @@ class AnnealStage(StageSettings):
     @property
     def totalSteps(self) -> int:
         return self.steps
+
+
+# The terms that conditions are the moduli of.
+TERMS_OF_CONDITIONS = {key.partition(".")[2]: term for term, key in MODULI.items() if key.startswith("membrane.")} | {
+    "line_tension": "line"
+}
+
+
+def termsOfStages(stages: Iterable[StageSettings]) -> set[str]:
+    """Return the terms that stages give a modulus of."""
+    return {TERMS_OF_CONDITIONS[name] for stage in stages for name in stage.conditions() if name in TERMS_OF_CONDITIONS}
 
 
 def _pathInNamedUnit(path: Any, info: ValidationInfo) -> Any:

@@ -318,6 +318,15 @@ def _term(name: str) -> Observable:
     )
 
 
+def withTerms(terms: Iterable[str]) -> "tuple[Observable, ...]":
+    """Return the observables, with the energies of some terms also where these are off."""
+    names = {f"E_{term}": term for term in terms}
+    return tuple(
+        replace(o, compute=lambda m, term=names[o.name]: m.energies[term]) if o.name in names else o
+        for o in OBSERVABLES
+    )
+
+
 OBSERVABLES = (
     Observable("step", lambda m: m.step, isAveraged=False),
     Observable(
