@@ -3,7 +3,7 @@
 #
 # But for thermal undulations, a vesicle has the shape of least energy. A minimization walks downhill from where it
 # begins, and may end in the wrong valley. An annealing begins warm and cools, and so leaves valleys that are not
-# deep. This tutorial does both. It takes about a minute.
+# deep. This tutorial does both. It takes some ten seconds.
 
 # %%
 import os
