@@ -92,7 +92,8 @@ for height in np.linspace(1.0, 1.3 if isSmall else 3.6, 3 if isSmall else 14):
     lengths.append(positions[top, 2].mean())
     forces.append(stiffness * (height - lengths[-1]))
     volume = force.getGeometryInContext(simulation.context).volume / unit.nanometer**3
-    pressure = 2 * volumeModulus * (1 - volume / mesh.volume) / mesh.volume  # of the term that holds the volume
+    # What the term that holds the volume pushes with.
+    pressure = 2 * volumeModulus * (1 - volume / mesh.volume) / mesh.volume
     print(f"pole at {lengths[-1]:.2f} nm: {forces[-1] / tubeForce:.2f} f0")
 
 # %% [markdown]
