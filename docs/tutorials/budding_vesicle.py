@@ -82,5 +82,5 @@ bud = mh.findDomains(frames[-1].mesh, 0)
 print(f"{bud.areas[0]:.2f} nm² hang on a boundary of {bud.boundaryLengths[0]:.2f} nm")
 
 # %% [markdown]
-# The domain is a bud now: almost a sphere of its own, on a neck. From here, [species](../how-to/material.md) of other
+# The domain is a bud now: almost a sphere of its own, on a neck. From here, [species](../how-to/species.md) of other
 # moduli, and a volume that is held, change when it happens.

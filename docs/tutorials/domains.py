@@ -76,5 +76,5 @@ for frame in (frames[0], frames[-1]):
 frames[-1].mesh.plot(azimuth=-60, elevation=20).save("domains.png")
 
 # %% [markdown]
-# A smaller line tension leaves the two mixed. [Species](../how-to/material.md) may also attract each other by the energy
+# A smaller line tension leaves the two mixed. [Species](../how-to/species.md) may also attract each other by the energy
 # of the edges between them, and prefer curvatures of their own.

@@ -4,7 +4,7 @@
 # A vesicle is a closed membrane: a bag of water in water. Take some of the water out, and it is no sphere any more.
 # This tutorial deflates one, and looks at what it becomes. It takes a quarter of a minute.
 #
-# You need `pip install 'openmm-helfrich[looking]'`.
+# You need `pip install openmm-helfrich` and nothing else.
 
 # %%
 import os
@@ -71,6 +71,7 @@ print(f"{simulation.integrator.getAcceptanceRate():.0%} of the trajectories were
 # %% [markdown]
 # ## Where to go
 #
-# - `openmm-helfrich report results/first_vesicle` makes a page of the run, with the shape in 3D.
+# - `openmm-helfrich report results/first_vesicle` makes a page of the run, with the shape in 3D; `pip install
+#   'openmm-helfrich[looking]'` brings what that takes.
 # - [Minimize and anneal](minimize_and_anneal.py) finds the shape without the roughness.
 # - [Studies](../how-to/studies.md) has what else a run can do, [Python](../how-to/python.md) what a script can do.

@@ -3,7 +3,9 @@
 #
 # A membrane at room temperature undulates, and the softer it is, the more. Microscopes measure the bending modulus of
 # vesicles in this way. This tutorial samples a nearly spherical vesicle whose bending modulus we know, 20 kT, and
-# gets it back from the undulations alone, with an error bar. It takes about half a minute.
+# gets it back from the undulations alone, with an error bar. It takes a quarter of a minute.
+#
+# You need `pip install 'openmm-helfrich[analysis]'`.
 
 # %%
 import os

@@ -3,7 +3,7 @@
 #
 # Which shape has a vesicle whose volume is reduced to v? Long ones (prolates), flat ones (oblates) and inverted ones
 # (stomatocytes) compete, and the lowest bending energy wins. This tutorial computes a small diagram: three starting
-# shapes, each taken to four volumes, on all cores of the machine. It takes about a minute.
+# shapes, each taken to four volumes, on all cores of the machine. It takes about half a minute.
 #
 # You need `pip install 'openmm-helfrich[sweep]'`.
 

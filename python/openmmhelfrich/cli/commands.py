@@ -15,13 +15,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(runs.app)
+app.add_typer(mcapp.app)
 app.add_typer(sweeps.app)
 app.add_typer(meshes.app)
 app.add_typer(shapes.app)
 app.add_typer(minima.app)
 app.add_typer(tradeoff.app)
 app.add_typer(info.app)
-app.add_typer(mcapp.app)
 
 
 @app.callback(invoke_without_command=True)

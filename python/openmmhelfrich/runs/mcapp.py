@@ -128,7 +128,7 @@ class Checkpoints:
             raise FileNotFoundError(f"there is no checkpoint {file} to restart from; run without --restart writes one")
         try:
             root = ElementTree.parse(file).getroot()
-            mesh, text = ("".join(root.find(tag).itertext()) for tag in ("points", "config"))  # type: ignore[union-attr]
+            mesh, text = (root.findtext(tag, "") for tag in ("points", "config"))
             parser = configparser.ConfigParser(interpolation=None)
             parser.read_string(json.loads(text))
             settings = {key: value for name in ("ENERGY", "HMC") for key, value in parser[name].items()}
