@@ -115,35 +115,17 @@ def testEveryNameIsOnAPage():
 # configurations, a simulation.  What is done elsewhere, or takes too long, is checked to be there.
 
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+# Pages whose code another test runs, which knows what should come of it.
 ELSEWHERE = {
     "docs/how-to/free-energies.md": "test_examples.py",
+    "docs/how-to/from-freedts.md": "test_guides.py",
+    "docs/how-to/from-mosaic.md": "test_guides.py",
+    "docs/how-to/from-trimem.md": "test_guides.py",
     "docs/results/speed-accuracy.md": "test_tradeoff.py",
 }
 LONG = ("sweep", "minima", "tradeoff")  # commands whose arguments are read, and no more
 # What other programs do is not tested here, but for scripts that must be there, and extras.
 OTHERS = ("python3", "cmake", "ctest", "pytest", "dask", "doxygen", "export", "for", "done", "source", "git", "ruff")
-
-
-TRIMEM = """
-[GENERAL]
-algorithm = hmc
-input = cell.stl
-output_prefix = trimem
-[BONDS]
-bond_type = Edge
-r = 2
-[ENERGY]
-kappa_b = 30.0
-kappa_a = 1.0e6
-kappa_v = 1.0e6
-kappa_c = 0.0
-kappa_t = 1.0e5
-kappa_r = 0.0
-[HMC]
-num_steps = 10
-step_size = 1.0e-5
-traj_steps = 10
-"""
 
 
 def configurations(folder):
@@ -160,7 +142,6 @@ def configurations(folder):
     for name in ("vesicle.toml", "scene.toml", "results/cell.toml"):
         (folder / name).write_text(configText(vesicle))
     (folder / "grid.toml").write_text('base = "vesicle.toml"\n[grid]\nmembrane.reduced_volume = [0.99, 1.0]\n')
-    (folder / "inp.conf").write_text(TRIMEM)
     mh.writeMeshTrajectory(folder / "vesicle.vtkhdf", [mh.meshFrame(0, mesh)])
     (folder / "examples").mkdir()
     for file in (ROOT / "examples").iterdir():
