@@ -6,6 +6,7 @@
 import contextlib
 import inspect
 import io
+import json
 import re
 import shlex
 import sys
@@ -22,12 +23,12 @@ import openmmhelfrich as mh
 from conftest import ROOT
 from openmmhelfrich.cli.commands import app as commands
 from openmmhelfrich.pictures.rendering import canRender
-from openmmhelfrich.runs.config import parseConfig, tomllib
+from openmmhelfrich.runs.config import parseConfig, sections, tomllib
 from openmmhelfrich.runs.configfile import configText
 from openmmhelfrich.runs.grids import readGrid
 
 sys.path.insert(0, str(ROOT / "docs/_ext"))
-from tutorials import cellsOfNotebook, cellsOfScript
+from cells import cellsOfNotebook, cellsOfScript, pageOfCells
 
 MOST_WORDS, MOST_WORDS_OF_A_PAGE = 40, 2500
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -71,6 +72,16 @@ def testWhatASentenceIs():
     ]  # fmt: skip
 
 
+def testWhatACellIs():
+    script = '"""Head."""\n# %% [markdown]\n# # Title\n#\n# Prose.\n# %%\nx = 1\n'
+    cells = [
+        {"cell_type": "markdown", "source": ["# Title\n", "\n", "Prose."]},
+        {"cell_type": "code", "source": "x = 1"},
+    ]
+    assert cellsOfScript(script) == cellsOfNotebook(json.dumps({"cells": cells}))
+    assert pageOfCells(cellsOfScript(script)) == "# Title\n\nProse.\n\n```python\nx = 1\n```\n"
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if "results" not in page.parts], ids=nameOf)
 def testPagesAreShort(page):
     assert len(page.read_text(encoding="utf-8").split()) <= MOST_WORDS_OF_A_PAGE
@@ -109,6 +120,20 @@ def testEveryNameIsOnAPage():
     pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs/reference").glob("*.md"))
     described = set(re.findall(r"auto(?:class|function|exception):: openmmhelfrich\.(\w+)$", pages, re.MULTILINE))
     assert described == set(mh.__all__)
+
+
+def testEveryKeyAndOptionIsDescribed():
+    pytest.importorskip("sphinx")
+    import generated
+
+    keys, texts = generated.configuration(), generated.commandTexts()
+    for name, section in sections().items():
+        for key, field in section.model_fields.items():
+            assert f"{{confval}} {name}.{key}\n" in keys and field.description
+    for name, command in typer.main.get_command(commands).commands.items():
+        assert f"## {name}\n" in texts and command.help
+        for parameter in command.params:
+            assert parameter.help and (parameter.metavar or parameter.opts[0]) in texts
 
 
 # Code.  Each page is run from top to bottom, in a folder of its own that has what pages speak of: a mesh, small
