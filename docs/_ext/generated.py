@@ -184,18 +184,10 @@ def _meaning(observable: Any) -> str:
     return MEANINGS.get(observable.name) or observable.title
 
 
-def tutorials() -> str:
-    """Return the list of the tutorials that there are."""
-    files = [*(ROOT / "docs/tutorials").glob("*.py"), *(ROOT / "docs/tutorials").glob("*.ipynb")]
-    names = "\n".join(sorted(file.stem for file in files))
-    return f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```"
-
-
 TEXTS: dict[str, Callable[[], str]] = {
     "configuration": configuration,
     "commands": commandTexts,
     "observables": observables,
-    "tutorials": tutorials,
 }
 
 
@@ -209,8 +201,17 @@ def _fill(app: Sphinx, page: str, source: list[str]) -> None:
             return found[0]
         return f"{found[1]}{SOURCES}{path.relative_to(ROOT)})"
 
+    if source[0].startswith("# ") and page.endswith("/index"):
+        source[0] += _rest(folder, source[0])
     text = re.sub(r"^<!-- (\w+) -->$", lambda found: TEXTS[found[1]](), source[0], flags=re.MULTILINE)
     source[0] = re.sub(r"(\]\()([^)\s]+)\)", link, text)
+
+
+def _rest(folder: Path, index: str) -> str:
+    """Return the list of the pages of a folder that its index does not name."""
+    pages = sorted(file.stem for file in folder.iterdir() if file.suffix in (".md", ".py", ".ipynb"))
+    rest = [page for page in pages if page != "index" and not re.search(rf"^{page}$", index, re.MULTILINE)]
+    return "\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(rest) + "\n```\n" if rest else ""
 
 
 def _clean(app: Sphinx, what: str, name: str, object_: Any, options: Any, lines: list[str]) -> None:
