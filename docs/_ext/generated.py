@@ -115,6 +115,8 @@ def _kind(annotation: Any) -> str:
             return _BY_VALIDATOR[id(mark)]
     if annotation in PLAIN:
         return PLAIN[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, keys.Section):
+        return f"table of {', '.join(annotation.model_fields)}"
     origin, arguments = get_origin(annotation), [a for a in get_args(annotation) if a is not type(None)]
     if origin is Literal:
         return "one of " + ", ".join(_toml(choice) for choice in arguments)
@@ -123,7 +125,7 @@ def _kind(annotation: Any) -> str:
     if origin is dict:
         return f"table of {_kind(arguments[1])}"
     if not arguments:
-        raise ValueError(f"a key has the type {annotation}, which the reference has no word for")
+        raise ValueError(f"a key has the type {annotation}; give it a word in KINDS of docs/_ext/generated.py")
     return _kind(arguments[0])
 
 
