@@ -6,6 +6,7 @@
 import contextlib
 import inspect
 import io
+import json
 import re
 import shlex
 import sys
@@ -22,12 +23,12 @@ import openmmhelfrich as mh
 from conftest import ROOT
 from openmmhelfrich.cli.commands import app as commands
 from openmmhelfrich.pictures.rendering import canRender
-from openmmhelfrich.runs.config import parseConfig, tomllib
+from openmmhelfrich.runs.config import parseConfig, sections, tomllib
 from openmmhelfrich.runs.configfile import configText
 from openmmhelfrich.runs.grids import readGrid
 
 sys.path.insert(0, str(ROOT / "docs/_ext"))
-from tutorials import cellsOfNotebook, cellsOfScript
+from cells import cellsOfNotebook, cellsOfScript, pageOfCells
 
 MOST_WORDS, MOST_WORDS_OF_A_PAGE = 40, 2500
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -71,6 +72,16 @@ def testWhatASentenceIs():
     ]  # fmt: skip
 
 
+def testWhatACellIs():
+    script = '"""Head."""\n# %% [markdown]\n# # Title\n#\n# Prose.\n# %%\nx = 1\n'
+    cells = [
+        {"cell_type": "markdown", "source": ["# Title\n", "\n", "Prose."]},
+        {"cell_type": "code", "source": "x = 1"},
+    ]
+    assert cellsOfScript(script) == cellsOfNotebook(json.dumps({"cells": cells}))
+    assert pageOfCells(cellsOfScript(script)) == "# Title\n\nProse.\n\n```python\nx = 1\n```\n"
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if "results" not in page.parts], ids=nameOf)
 def testPagesAreShort(page):
     assert len(page.read_text(encoding="utf-8").split()) <= MOST_WORDS_OF_A_PAGE
@@ -111,39 +122,35 @@ def testEveryNameIsOnAPage():
     assert described == set(mh.__all__)
 
 
+def testEveryKeyAndOptionIsDescribed():
+    pytest.importorskip("sphinx")
+    import generated
+
+    keys, texts = generated.configuration(), generated.commandTexts()
+    for name, section in sections().items():
+        for key, field in section.model_fields.items():
+            assert f"{{confval}} {name}.{key}\n" in keys and field.description
+    for name, command in typer.main.get_command(commands).commands.items():
+        assert f"## {name}\n" in texts and command.help
+        for parameter in command.params:
+            assert parameter.help and (parameter.metavar or parameter.opts[0]) in texts
+
+
 # Code.  Each page is run from top to bottom, in a folder of its own that has what pages speak of: a mesh, small
 # configurations, a simulation.  What is done elsewhere, or takes too long, is checked to be there.
 
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+# Pages whose code another test runs, which knows what should come of it.
 ELSEWHERE = {
     "docs/how-to/free-energies.md": "test_examples.py",
+    "docs/how-to/from-freedts.md": "test_guides.py",
+    "docs/how-to/from-mosaic.md": "test_guides.py",
+    "docs/how-to/from-trimem.md": "test_guides.py",
     "docs/results/speed-accuracy.md": "test_tradeoff.py",
 }
 LONG = ("sweep", "minima", "tradeoff")  # commands whose arguments are read, and no more
 # What other programs do is not tested here, but for scripts that must be there, and extras.
 OTHERS = ("python3", "cmake", "ctest", "pytest", "dask", "doxygen", "export", "for", "done", "source", "git", "ruff")
-
-
-TRIMEM = """
-[GENERAL]
-algorithm = hmc
-input = cell.stl
-output_prefix = trimem
-[BONDS]
-bond_type = Edge
-r = 2
-[ENERGY]
-kappa_b = 30.0
-kappa_a = 1.0e6
-kappa_v = 1.0e6
-kappa_c = 0.0
-kappa_t = 1.0e5
-kappa_r = 0.0
-[HMC]
-num_steps = 10
-step_size = 1.0e-5
-traj_steps = 10
-"""
 
 
 def configurations(folder):
@@ -160,7 +167,6 @@ def configurations(folder):
     for name in ("vesicle.toml", "scene.toml", "results/cell.toml"):
         (folder / name).write_text(configText(vesicle))
     (folder / "grid.toml").write_text('base = "vesicle.toml"\n[grid]\nmembrane.reduced_volume = [0.99, 1.0]\n')
-    (folder / "inp.conf").write_text(TRIMEM)
     mh.writeMeshTrajectory(folder / "vesicle.vtkhdf", [mh.meshFrame(0, mesh)])
     (folder / "examples").mkdir()
     for file in (ROOT / "examples").iterdir():

@@ -176,9 +176,9 @@ def testScriptOfTheReadme(tmp_path):
 
 def testScriptOfReplicaExchange(tmp_path):
     """A fair part of the exchanges between neighbors succeeds."""
-    script = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/free-energies.md").read_text(), re.DOTALL)[0]
-    (tmp_path / "script.py").write_text(script)
-    rates = [float(rate) for rate in execute(tmp_path, "script.py").strip(" []\n").split()]
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/free-energies.md").read_text(), re.DOTALL)
+    (tmp_path / "script.py").write_text("\n".join(blocks))
+    rates = [float(rate) for rate in execute(tmp_path, "script.py").splitlines()[0].strip(" []").split()]
     assert len(rates) == 3 and 0.1 < min(rates) <= max(rates) < 0.7
     assert (tmp_path / "exchange.zip").stat().st_size > 10000
 

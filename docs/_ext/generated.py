@@ -115,6 +115,8 @@ def _kind(annotation: Any) -> str:
             return _BY_VALIDATOR[id(mark)]
     if annotation in PLAIN:
         return PLAIN[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, keys.Section):
+        return f"table of {', '.join(annotation.model_fields)}"
     origin, arguments = get_origin(annotation), [a for a in get_args(annotation) if a is not type(None)]
     if origin is Literal:
         return "one of " + ", ".join(_toml(choice) for choice in arguments)
@@ -123,7 +125,7 @@ def _kind(annotation: Any) -> str:
     if origin is dict:
         return f"table of {_kind(arguments[1])}"
     if not arguments:
-        raise ValueError(f"a key has the type {annotation}, which the reference has no word for")
+        raise ValueError(f"a key has the type {annotation}; give it a word in KINDS of docs/_ext/generated.py")
     return _kind(arguments[0])
 
 
@@ -184,18 +186,10 @@ def _meaning(observable: Any) -> str:
     return MEANINGS.get(observable.name) or observable.title
 
 
-def tutorials() -> str:
-    """Return the list of the tutorials that there are."""
-    files = [*(ROOT / "docs/tutorials").glob("*.py"), *(ROOT / "docs/tutorials").glob("*.ipynb")]
-    names = "\n".join(sorted(file.stem for file in files))
-    return f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```"
-
-
 TEXTS: dict[str, Callable[[], str]] = {
     "configuration": configuration,
     "commands": commandTexts,
     "observables": observables,
-    "tutorials": tutorials,
 }
 
 
@@ -209,8 +203,17 @@ def _fill(app: Sphinx, page: str, source: list[str]) -> None:
             return found[0]
         return f"{found[1]}{SOURCES}{path.relative_to(ROOT)})"
 
+    if source[0].startswith("# ") and page.endswith("/index"):
+        source[0] += _rest(folder, source[0])
     text = re.sub(r"^<!-- (\w+) -->$", lambda found: TEXTS[found[1]](), source[0], flags=re.MULTILINE)
     source[0] = re.sub(r"(\]\()([^)\s]+)\)", link, text)
+
+
+def _rest(folder: Path, index: str) -> str:
+    """Return the list of the pages of a folder that its index does not name."""
+    pages = sorted(file.stem for file in folder.iterdir() if file.suffix in (".md", ".py", ".ipynb"))
+    rest = [page for page in pages if page != "index" and not re.search(rf"^{page}$", index, re.MULTILINE)]
+    return "\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(rest) + "\n```\n" if rest else ""
 
 
 def _clean(app: Sphinx, what: str, name: str, object_: Any, options: Any, lines: list[str]) -> None:

@@ -49,17 +49,7 @@ def run(
 ) -> Summary:
     """Do everything that a configuration asks for and return a Summary.
 
-    Parameters
-    ----------
-    config : Config, dict or path
-        what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
-    progress : callable or True, optional
-        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
-    setup : callable, optional
-        called with the System and the :class:`Scene` before the Context is made. It may add forces and give vertices
-        other masses, of which 0 holds a vertex where it is. It may add particles, beads, and then returns their
-        positions: an array of shape (B, 3), in nm, or a Quantity. The vertices are particles 0 to N-1, the beads those
-        that follow. All of it takes part in every stage, and is in the checkpoint
+    SIGINT and SIGTERM end the run early, after a checkpoint; its results are complete up to there.
 
     ::
 
@@ -72,7 +62,17 @@ def run(
 
         mh.run("vesicle.toml", setup=setup)
 
-    SIGINT and SIGTERM end the run early, after a checkpoint; its results are complete up to there.
+    Parameters
+    ----------
+    config : Config, dict or path
+        what to do: a Config, the nested dict of one, whose values may be Quantities, or the name of a TOML file
+    progress : callable or True, optional
+        called after each step with the :class:`Study`; True shows bars, in a terminal and in Jupyter
+    setup : callable, optional
+        called with the System and the :class:`Scene` before the Context is made. It may add forces and give vertices
+        other masses, of which 0 holds a vertex where it is. It may add particles, beads, and then returns their
+        positions: an array of shape (B, 3), in nm, or a Quantity. The vertices are particles 0 to N-1, the beads those
+        that follow. All of it takes part in every stage, and is in the checkpoint
 
     Raises
     ------

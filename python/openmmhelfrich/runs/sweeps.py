@@ -148,6 +148,8 @@ def sweep(
 ) -> SweepResult:
     """Run what is left of a grid.
 
+    SIGINT and SIGTERM end the sweep early, after a checkpoint of every point.
+
     ::
 
         result = mh.sweep("grid.toml", workers=1)
@@ -173,8 +175,6 @@ def sweep(
         of every point: see :func:`openmmhelfrich.run`. It goes to other processes, so that what it refers to must be
         what pickle or cloudpickle take: no Context, no open file. A sweep that is to go on takes the same setup, for
         the points that have not begun
-
-    SIGINT and SIGTERM end the sweep early, after a checkpoint of every point.
 
     Raises
     ------
