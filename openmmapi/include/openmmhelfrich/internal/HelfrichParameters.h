@@ -131,7 +131,7 @@ struct HelfrichParameters {
         return moduli[term] != 0;
     }
     /**
-     * Get the material around a vertex.  Its moduli are 0 if their terms are off.
+     * Get the material around a vertex.  What belongs to a term that is off is 0.
      *
      * @param index  the vertex's species; any number if all vertices are alike
      */
@@ -142,7 +142,7 @@ struct HelfrichParameters {
             material.bendingModulus *= has(Term::Bending);
             material.gaussianModulus *= has(Term::Gaussian);
         }
-        material.spontaneousCurvature += spontaneousCurvature;
+        material.spontaneousCurvature = (has(Term::Bending) ? material.spontaneousCurvature + spontaneousCurvature : 0);
         return material;
     }
     /**
