@@ -12,6 +12,7 @@ its own.  Where TriMem is importable, it is timed on the same meshes and paramet
 """
 
 import argparse
+import itertools
 import json
 import os
 import platform as machine
@@ -183,6 +184,31 @@ def timeFlipsOf(mesh, force, threads):
     context = createContext(mesh, force, flips, "CPU", threads)
     seconds = timeCalls(lambda: context.getIntegrator().step(1))[0]
     return 1e9 * seconds / (3 * len(mesh.vertices) - 6)
+
+
+def timeExchanges(sizes, threads):
+    """Print the time of an attempt to exchange species, with what a sweep does before its attempts."""
+    print("an attempt to exchange species of neighbors, two of them in random places, ns; and the spread")
+    for size, fraction, count in itertools.product(sizes, (1.0, 0.1), threads):
+        mesh = createMembrane(size)
+        for name, gaussianModulus in (("bending, line tension", 0.0), ("and Gaussian moduli", -10 * KT)):
+            median, spread = timeExchangesOf(mesh, gaussianModulus, fraction, count)
+            print(f"{median:>8.1f} {spread:>5.0%}  {size} vertices, {count} threads, {fraction} of the edges, {name}")
+
+
+def timeExchangesOf(mesh, gaussianModulus, fraction, threads):
+    """Return the median time of an attempt, in ns, and its spread."""
+    import numpy as np
+
+    import openmmhelfrich as mh
+
+    random = np.random.default_rng(2).random(len(mesh.vertices)) < 0.5
+    exchange = mh.SpeciesExchangeIntegrator(300, fraction)
+    exchange.setRandomNumberSeed(1)
+    context = createContext(mesh, createMaterial(mesh, random, gaussianModulus), exchange, "CPU", threads)
+    context.getIntegrator().step(int(10 / fraction))
+    seconds, spread = timeCalls(lambda: context.getIntegrator().step(1))
+    return 1e9 * seconds / (fraction * (3 * len(mesh.vertices) - 6)), spread
 
 
 def timeForces(results, size, platform, threads, precision, repulsion):
@@ -400,10 +426,14 @@ def main():
         "--output", type=Path, default=Path("benchmark"), help="first part of the names of the JSON file and the plot"
     )
     parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
+    parser.add_argument("--exchanges", action="store_true", help="time exchanges of species instead")
     parser.add_argument("--case", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
         print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]), options.case[3])))
+        return
+    if options.exchanges:
+        timeExchanges(options.sizes, options.threads)
         return
     if options.terms:
         timeTerms(10242, 1)

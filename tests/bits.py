@@ -42,6 +42,7 @@ STATISTICS = (
     "getNumAttempted",
     "getNumAccepted",
     "getNumForbidden",
+    "getNumAlike",
     "getNumDiverged",
     "getLastNumSteps",
     "getLastEnergyChange",
@@ -202,6 +203,8 @@ def stateOf(forces, context):
     for i, force in enumerate(forces):
         geometry = force.getGeometryInContext(context)
         items[f"triangles {i}"] = force.getTrianglesInContext(context)
+        if force.getNumSpecies() > 0:
+            items[f"species {i}"] = force.getVertexSpeciesInContext(context)
         items[f"geometry {i}"] = np.array(
             [plain(getattr(geometry, name)) for name in ("area", "volume", "areaDifference", "integratedMeanCurvature")]
         )
@@ -284,6 +287,21 @@ def species_642(seed):
     trajectories, flips = createTrajectories(0.005, seed=seed), createFlips(seed)
     force = addSpecies(createForce(mesh, 1), mesh)
     return simulate(mesh, force, mix(seed, trajectories, flips), 200, (trajectories, flips), threads=2)
+
+
+@run
+def exchanges_642(seed):
+    mesh = createMesh(3)
+    trajectories, flips = createTrajectories(0.005, seed=seed), createFlips(seed)
+    moves = [mh.SpeciesExchangeIntegrator(300, fraction) for fraction in (0.5, 0.2, 0.1)]
+    integrator = mix(seed, trajectories, flips)
+    for move, proposal in zip(moves, ("neighbors", "anywhere", "mutation")):
+        move.setProposal(proposal)
+        move.setChemicalPotential(1, 0.5 * KT)
+        move.setRandomNumberSeed(seed)
+        integrator.addMove(move, 0.15)
+    force = addSpecies(createForce(mesh, 1), mesh)
+    return simulate(mesh, force, integrator, 200, (trajectories, flips, *moves[:1]), threads=2)
 
 
 @run

@@ -85,8 +85,8 @@ def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):
         simulation.step(4)
         reporter.close()
     table = mh.readObservables(tmp_path / "a.csv")
-    # There are no waves, no tension and no pressure, and all vertices are alike.
-    absent = ("wave", "E_tension", "E_pressure", "E_gaussian", "E_line", "E_pair")
+    # There are no waves, no exchanges, no tension and no pressure, and all vertices are alike.
+    absent = ("wave", "exchange", "E_tension", "E_pressure", "E_gaussian", "E_line", "E_pair")
     expected = [observable.name for observable in older if not observable.name.startswith(absent)]
     assert list(table["step"]) == [2, 4, 6, 8] and list(table) == expected
     lines = (tmp_path / "a.csv").read_text().splitlines()

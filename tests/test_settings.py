@@ -35,6 +35,7 @@ INTEGRATORS = [
     (mh.HamiltonianTrajectoryIntegrator, [K, ps, 3], ["setTemperature", "setStepSize"]),
     (mh.CustomTrajectoryIntegrator, [K, ps, 3], ["setTemperature", "setStepSize"]),
     (mh.ShearWaveIntegrator, [K, nm, nm**-1, nm**-1], ["setTemperature", "setAmplitude"]),
+    (mh.SpeciesExchangeIntegrator, [K, 1.0], ["setTemperature", "setFraction"]),
     (mh.HybridMonteCarloIntegrator, [K, ps, 3, 0.1, 0.5], ["setTemperature", "setStepSize"]),
 ]
 

@@ -2,6 +2,7 @@
 #define OPENMM_CPUSPECIESEXCHANGE_H_
 
 #include "openmmhelfrich/HelfrichKernels.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
 #include <array>
 #include <functional>
@@ -127,7 +128,6 @@ private:
     void collectRing(int vertex);
     int findZone(int vertex) const;
     void prepareVertex(const HelfrichGeometry& geometry, int vertex);
-    OpenMM::Vec3 edge(int from, int to) const;
     void makeBlock(long long firstAttempt, int numAttempts);
     void draw(Part& part, long long firstAttempt, int numAttempts) const;
     void decide(Part& part, int zone, SpeciesExchangeStatistics& statistics);
@@ -150,7 +150,6 @@ private:
     void setSpecies(int vertex, int species);
     HelfrichMesh& mesh;
     const int numThreads;
-    const std::vector<OpenMM::Vec3>* positions;
     HelfrichParameters p;
     SpeciesProposal proposal;
     std::vector<Material> materials;
@@ -159,6 +158,7 @@ private:
     int numRows;
     /// the vertices in their order, and the place of each there: its number from here on
     std::vector<int> order, ranks;
+    std::vector<Vector3<double>> x;
     std::vector<Vertex> vertices;
     /// of each vertex its species, the row of this, and the zone that all its neighbors are in
     std::vector<int> species, rows, zones;

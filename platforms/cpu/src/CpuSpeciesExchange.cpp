@@ -55,17 +55,21 @@ void CpuSpeciesExchange::forEachVertex(const Function& function) const {
 
 void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
                                  const HelfrichParameters& parameters, const SpeciesProposal& proposal) {
-    this->positions = &positions;
     this->proposal = proposal;
     p = parameters;
     prepareMaterials();
     prepareRings();
+    bool needsPositions = (p.has(Term::Line) || p.hasGaussianForces());
+    x.resize(needsPositions ? mesh.getNumVertices() : 0);
     lengths.resize(p.has(Term::Line) ? neighbors.size() : 0);
     forEachVertex([&](int v) {
         species[v] = mesh.getSpecies(order[v]);
         rows[v] = materials[species[v]].row;
-        prepareVertex(geometry, v);
+        const Vec3& position = positions[mesh.getParticles()[order[v]]];
+        if (needsPositions)
+            x[v] = {position[0], position[1], position[2]};
     });
+    forEachVertex([&](int v) { prepareVertex(geometry, v); });
 }
 
 void CpuSpeciesExchange::prepareMaterials() {
@@ -136,11 +140,6 @@ int CpuSpeciesExchange::findZone(int v) const {
     return zone;
 }
 
-Vec3 CpuSpeciesExchange::edge(int from, int to) const {
-    const vector<int>& particles = mesh.getParticles();
-    return (*positions)[particles[order[to]]] - (*positions)[particles[order[from]]];
-}
-
 void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) {
     Vertex& vertex = vertices[v];
     if (p.has(Term::Bending)) {
@@ -149,20 +148,20 @@ void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) 
     }
     else
         vertex.factors = {};
-    if (!p.has(Term::Line) && !p.hasGaussianForces())
+    if (x.empty())
         return;
     double defect = 2 * M_PI;
     const int* ring = &neighbors[vertex.ring];
-    Vec3 spoke = edge(v, ring[0]);
+    Vector3<double> spoke = displacement(x[v], x[ring[0]]);
     for (int i = 0; i < vertex.valence; i++) {
-        Vec3 nextSpoke = edge(v, ring[i + 1 == vertex.valence ? 0 : i + 1]), link = nextSpoke - spoke;
+        Vector3<double> next = displacement(x[v], x[ring[i + 1 == vertex.valence ? 0 : i + 1]]), link = next - spoke;
         if (p.has(Term::Line))
-            lengths[vertex.ring + i] = {sqrt(spoke.dot(spoke)), sqrt(link.dot(link))};
+            lengths[vertex.ring + i] = {sqrt(dot(spoke, spoke)), sqrt(dot(link, link))};
         if (p.hasGaussianForces()) {
-            Vec3 normal = spoke.cross(nextSpoke);
-            defect -= atan2(sqrt(normal.dot(normal)), spoke.dot(nextSpoke));
+            Vector3<double> normal = cross(spoke, next);
+            defect -= atan2(sqrt(dot(normal, normal)), dot(spoke, next));
         }
-        spoke = nextSpoke;
+        spoke = next;
     }
     vertex.factors[3] = defect;
 }
@@ -394,12 +393,12 @@ double CpuSpeciesExchange::changeOfMedians(int v, const Surroundings& around, in
     double change = 0;
     for (int i = 0; i < vertex.valence; i++) {
         int j = (i + 1 == vertex.valence ? 0 : i + 1), n = around[i], m = around[j];
-        Vec3 toN = edge(v, around.ring[i]), toM = edge(v, around.ring[j]);
+        Vector3<double> toN = displacement(x[v], x[around.ring[i]]), toM = displacement(x[v], x[around.ring[j]]);
         auto energy = [&](int row) {
             if (row == n || n == m || m == row)
                 return 0.0;
-            auto piece = [&](int row1, int row2, const Vec3& median) {
-                return 2 / 3.0 * halfTensions[row1 * numRows + row2] * sqrt(median.dot(median));
+            auto piece = [&](int row1, int row2, const Vector3<double>& median) {
+                return 2 / 3.0 * halfTensions[row1 * numRows + row2] * sqrt(dot(median, median));
             };
             return piece(n, m, (toN + toM) * 0.5) + piece(row, n, toM - toN * 0.5) + piece(row, m, toN - toM * 0.5);
         };
