@@ -275,6 +275,11 @@ def test_what_loaders_say(said, what):
 def test_errors_of_other_packages_are_theirs():
     with pytest.raises(ModuleNotFoundError, match="No module named 'nowhere'"), explained():
         import_module("nowhere")
+    with pytest.raises(ImportError, match=r"^libblas\.so") as raised, explained():
+        raise ImportError(
+            "libblas.so.3: cannot open shared object file", name="_fblas", path="/site/scipy/linalg/_fblas.so"
+        )
+    assert not isinstance(raised.value, InstallationError)
     with pytest.raises(InstallationError, match="undefined symbol"), explained():
         raise ImportError("_helfrich.so: undefined symbol: x", name="openmmhelfrich._helfrich")
 

@@ -80,9 +80,15 @@ def explained() -> Iterator[None]:
 
 
 def isOfLibraries(error: ImportError) -> bool:
-    """Return whether an error is of OpenMM's libraries, NumPy's or ours, and not of another package."""
+    """Return whether an error is of OpenMM's libraries, NumPy's or ours, and not of another package.
+
+    Loaders name the extension without its package, and have its path; NumPy raises some errors that have neither.
+    """
     name = (error.name or "").split(".")[0]
-    return name in ("openmm", "numpy") or re.search(r"\.so|\.dylib|_helfrich|numpy|libOpenMM", str(error)) is not None
+    if name in ("openmm", "_openmm", "_helfrich", "numpy"):
+        return True
+    isLoaders = re.search(r"\.so|\.dylib|_helfrich|numpy", str(error)) is not None
+    return isLoaders and (name in ("", "openmmhelfrich") or "numpy" in (error.path or "").split(os.sep))
 
 
 def explainLoading(said: str) -> str:
