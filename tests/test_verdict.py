@@ -117,7 +117,7 @@ FOUND = [
     ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
-    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (1, 100)]}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (0, 100)]}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
     ("passages through the states", "doubtful", {"passages": 0}),
 ]

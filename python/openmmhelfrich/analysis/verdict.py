@@ -31,7 +31,7 @@ COLD = 0.5
 # Of rows: fewer cannot tell a drift from a fluctuation.
 LEAST_ROWS = 8
 # Fewer trajectories, flips or exchanges than these have no rate of acceptance, but a least one.
-LEAST_TRIED = {"trajectories": 10, "flips": 1000, "exchanges": 10}
+LEAST_TRIED = {"trajectories": 10, "flips": 1000, "exchanges": 100}
 # The probability that the true rate is below the least one.
 _RISK = 0.05
 # The part of the rule of thumb below which a step is not too long for trajectories to be accepted.
@@ -562,7 +562,7 @@ INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
 ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
 MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
-EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.05, 0, isLeast=True)
+EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.01, 0, isLeast=True)
 PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
