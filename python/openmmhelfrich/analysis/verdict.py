@@ -17,9 +17,8 @@ from ..display import htmlTable
 from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
 from ..geometry.quality import crossings, dihedralAngles
-from ..helfrich import EdgeFlipIntegrator, TrajectoryMove
 from ..sampling.averages import lateRows, sampledWindows
-from ..sampling.moves import Counters, hasMove
+from ..sampling.moves import Counters, makesFlips, makesTrajectories
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
 from ..tables import Table
@@ -293,13 +292,11 @@ def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdic
 
 def ratesOf(counters: Counters, integrator: Any) -> dict[str, Any]:
     """Return what the counters of an integrator tell of its acceptance, as attributes of an :class:`Evidence`."""
-    c, few = counters, {}
-    for name, kind, accepted, tried in (
-        ("trajectories", TrajectoryMove, c.accepted, c.trajectories),
-        ("flips", EdgeFlipIntegrator, c.acceptedFlips, c.flips),
-    ):
-        if tried < LEAST_TRIED[name] and hasMove(integrator, kind):
-            few[name] = accepted, tried
+    c, few = counters, dict[str, tuple[int, int]]()
+    if c.trajectories < LEAST_TRIED["trajectories"] and makesTrajectories(integrator):
+        few["trajectories"] = c.accepted, c.trajectories
+    if c.flips < LEAST_TRIED["flips"] and makesFlips(integrator):
+        few["flips"] = c.acceptedFlips, c.flips
     return {
         "acceptance": _rate(c.accepted, c.trajectories, "trajectories"),
         "divergence": _rate(c.diverged, c.trajectories, "trajectories"),
