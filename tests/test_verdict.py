@@ -15,12 +15,13 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from conftest import ROOT
-from openmmhelfrich.analysis.verdict import CHECKS, Evidence, Verdict, judge, verdictOfStages
+from openmmhelfrich.analysis.verdict import CHECKS, Evidence, Verdict, judge, ratesOf, verdictOfStages
 from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs import sweeps
 from openmmhelfrich.runs.checkpoint import verdictOf
 from openmmhelfrich.runs.grids import coarsePoints, readGrid
+from openmmhelfrich.sampling.moves import Counters
 from openmmhelfrich.tables import Table
 
 SPHERE = 8 * np.pi * 20  # its bending energy in kT
@@ -117,7 +118,7 @@ FOUND = [
     ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
-    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (1, 100)]}),
+    ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (0, 100)]}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
     ("passages through the states", "doubtful", {"passages": 0}),
 ]
@@ -157,6 +158,17 @@ def testFewTriesAreJudgedByTheLeastRate():
             assert (judge(replace(GOOD, **few)).level == "good") == (chance <= 0.05), (accepted, tried)
     ten = judge(replace(GOOD, acceptance=None, few={"trajectories": (3, 7)})).findings[0]
     assert ten.what == "3 of 7 trajectories were accepted, too few to tell whether enough are"
+
+
+def testWhatIsNotTriedIsNotMissed():
+    """Few tries are told where a move is made, and not where its probability or its fraction is 0."""
+    nothing = Counters(0, 0, 0, 0, 0)
+    for fraction, probability, few in ((0.3, 0.5, {"trajectories", "flips"}), (0, 0.5, {"trajectories"})):
+        assert set(ratesOf(nothing, mh.HybridMonteCarloIntegrator(300, 1e-4, 10, fraction, probability))["few"]) == few
+    assert set(ratesOf(nothing, mh.HybridMonteCarloIntegrator(300, 1e-4, 10, 0.3, 0))["few"]) == {"trajectories"}
+    assert set(ratesOf(nothing, mh.HybridMonteCarloIntegrator(300, 1e-4, 10, 0.3, 1))["few"]) == {"flips"}
+    many = ratesOf(Counters(10, 8, 1000, 70, 1), mh.HybridMonteCarloIntegrator(300, 1e-4))
+    assert many == {"acceptance": 0.8, "divergence": 0.1, "flipAcceptance": 0.07, "few": {}}
 
 
 def testWhatAnAdviceIs():

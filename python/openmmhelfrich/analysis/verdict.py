@@ -17,9 +17,8 @@ from ..display import htmlTable
 from ..geometry.connectivity import genus
 from ..geometry.mesh import Mesh
 from ..geometry.quality import crossings, dihedralAngles
-from ..helfrich import EdgeFlipIntegrator, TrajectoryMove
 from ..sampling.averages import lateRows, sampledWindows
-from ..sampling.moves import Counters, hasMove
+from ..sampling.moves import Counters, makesFlips, makesTrajectories
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
 from ..tables import Table
@@ -31,7 +30,7 @@ COLD = 0.5
 # Of rows: fewer cannot tell a drift from a fluctuation.
 LEAST_ROWS = 8
 # Fewer trajectories, flips or exchanges than these have no rate of acceptance, but a least one.
-LEAST_TRIED = {"trajectories": 10, "flips": 1000, "exchanges": 10}
+LEAST_TRIED = {"trajectories": 10, "flips": 1000, "exchanges": 100}
 # The probability that the true rate is below the least one.
 _RISK = 0.05
 # The part of the rule of thumb below which a step is not too long for trajectories to be accepted.
@@ -299,13 +298,11 @@ def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdic
 
 def ratesOf(counters: Counters, integrator: Any) -> dict[str, Any]:
     """Return what the counters of an integrator tell of its acceptance, as attributes of an :class:`Evidence`."""
-    c, few = counters, {}
-    for name, kind, accepted, tried in (
-        ("trajectories", TrajectoryMove, c.accepted, c.trajectories),
-        ("flips", EdgeFlipIntegrator, c.acceptedFlips, c.flips),
-    ):
-        if tried < LEAST_TRIED[name] and hasMove(integrator, kind):
-            few[name] = accepted, tried
+    c, few = counters, dict[str, tuple[int, int]]()
+    if c.trajectories < LEAST_TRIED["trajectories"] and makesTrajectories(integrator):
+        few["trajectories"] = c.accepted, c.trajectories
+    if c.flips < LEAST_TRIED["flips"] and makesFlips(integrator):
+        few["flips"] = c.acceptedFlips, c.flips
     return {
         "acceptance": _rate(c.accepted, c.trajectories, "trajectories"),
         "divergence": _rate(c.diverged, c.trajectories, "trajectories"),
@@ -569,7 +566,7 @@ INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
 ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
 MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
-EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.05, 0, isLeast=True)
+EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.01, 0, isLeast=True)
 PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)

@@ -71,6 +71,12 @@ def countersOf(integrator: Any) -> Counters:
     )
 
 
-def hasMove(integrator: Any, kind: type) -> bool:
-    """Return whether an integrator makes moves of a class: whether it has one, with a probability that is not 0."""
-    return any(isinstance(move, kind) for move in movesOf(integrator, onlyUsed=True))
+def makesTrajectories(integrator: Any) -> bool:
+    """Return whether an integrator makes trajectories of Hybrid Monte Carlo."""
+    return any(isinstance(move, TrajectoryMove) for move in movesOf(integrator, onlyUsed=True))
+
+
+def makesFlips(integrator: Any) -> bool:
+    """Return whether an integrator tries flips."""
+    moves = movesOf(integrator, onlyUsed=True)
+    return any(isinstance(move, EdgeFlipIntegrator) and move.getFraction() > 0 for move in moves)
