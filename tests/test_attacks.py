@@ -35,7 +35,7 @@ MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
 @needsCompiler
 @pytest.mark.parametrize(
     "scene, every",
-    [("run", 61), ("resume", 97), ("more", 97), ("overwrite", 151), ("sweep", 601), ("sweepAgain", 601)],
+    [("run", 41), ("resume", 61), ("more", 61), ("overwrite", 101), ("sweep", 301), ("sweepAgain", 301)],
 )
 def testErrorsAndKillsOfRuns(scene, every):
     assert not findFaults("attacks.py", scene, *MODES, "--every", every)

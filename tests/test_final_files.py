@@ -1,6 +1,8 @@
 """Nobody is told that a run is complete unless its meshes, tables and pictures are those of its last step."""
 
+import errno
 import json
+import os
 import shutil
 import zipfile
 from pathlib import Path
@@ -9,7 +11,7 @@ import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich.pictures.plots import saveFigure
-from openmmhelfrich.runs import studies
+from openmmhelfrich.runs import outputs, studies
 from openmmhelfrich.runs.checkpoint import loadRunState
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.outputs import Outputs
@@ -215,6 +217,21 @@ def testFailureBeforeTheFirstCheckpointLeavesTheEarlierRun(copied, monkeypatch):
     assertSame(prefix, expected)
     with pytest.raises(ValueError, match="is complete"):
         resume(prefix)
+
+
+def testFailureBeforeTheFirstFrame(tmp_path, monkeypatch):
+    """Files that were not there yet are not said to have been deleted: the run goes on from its first checkpoint."""
+
+    def fail(*_):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    config = configure(tmp_path / "a", [{"kind": "sample", "steps": 6}])
+    with monkeypatch.context() as patch:
+        patch.setattr(outputs, "TrajectoryReporter", fail)
+        with pytest.raises(OSError, match="everything up to step 0 is safe: openmm-helfrich resume"):
+            run(config)
+    assert not (tmp_path / "a.dcd").exists()
+    assert resume(tmp_path / "a").steps == 6 and mh.readMeshTrajectory(tmp_path / "a.vtkhdf")[-1].step == 4
 
 
 def testFilesThatAreNotTheRuns(copied):

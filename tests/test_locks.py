@@ -315,3 +315,17 @@ def testFullDisk(tmp_path, monkeypatch):
     assert not lockOf(tmp_path / "a").exists()
     with locked(tmp_path / "a"):
         pass
+
+
+def testErrorsWhileALockIsClosedDoNoHarm(tmp_path, monkeypatch):
+    close = os.close
+
+    def fail(descriptor):
+        close(descriptor)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch, locked(tmp_path / "a"):
+        patch.setattr(os, "close", fail)
+    assert not lockOf(tmp_path / "a").exists()
+    with locked(tmp_path / "a"):
+        assert lockOf(tmp_path / "a").exists()

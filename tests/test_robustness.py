@@ -264,6 +264,9 @@ def edit(file, change, **parts):
             archive.writestr(name, text)
 
 
+HUGE = "\x7f" * 8  # 1.4e306
+
+
 def test_checkpoints_of_something_else(folder):
     mh.run(configOf())
     whole = Path("run.checkpoint").read_bytes()
@@ -274,6 +277,9 @@ def test_checkpoints_of_something_else(folder):
         (lambda run: None, {"system.xml": system}),
         (lambda run: None, {"state.xml": system}),
         (lambda run: None, {"integrator.xml": system}),
+        (lambda run: None, {"positions": "short"}),
+        (lambda run: None, {"positions": HUGE * 3 * 42}),
+        (lambda run: None, {"velocities": HUGE * 3 * 42}),
         (lambda run: run.update(stage=99), {}),
         (lambda run: run.update(step="x"), {}),
         (lambda run: run["stageState"].pop("startTargets"), {}),

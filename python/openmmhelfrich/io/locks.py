@@ -87,7 +87,7 @@ def locked(prefix: PathLike, seconds: float = 0.0) -> Iterator[None]:
         with contextlib.suppress(OSError):  # the folder may be gone
             if _isSame(descriptor, file):
                 file.unlink()
-        os.close(descriptor)
+        _close(descriptor)
 
 
 def lockOf(prefix: PathLike) -> Path:
@@ -125,9 +125,9 @@ def _tryToTake(file: Path, prefix: PathLike) -> int | None:
             _write(descriptor, file)
             return descriptor
     except BaseException:
-        os.close(descriptor)
+        _close(descriptor)
         raise
-    os.close(descriptor)
+    _close(descriptor)
     return None
 
 
@@ -144,6 +144,11 @@ def _open(file: Path) -> tuple[int, bool]:
                     raise FileNotFoundError(f"there is no folder {file.parent}") from None
             except OSError as error:
                 raise _unwritable(error, file) from None
+
+
+def _close(descriptor: int) -> None:
+    with contextlib.suppress(OSError):  # it is closed in any case, and nobody needs what was in the file
+        os.close(descriptor)
 
 
 def _write(descriptor: int, file: Path) -> None:

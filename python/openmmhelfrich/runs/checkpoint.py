@@ -158,6 +158,8 @@ def loadSimulation(
         simulation.context.setState(state)
         simulation.context.setPositions(positions)
         simulation.context.setVelocities(velocities)
+        if not np.isfinite(simulation.context.getState(energy=True).getKineticEnergy()._value):
+            raise ValueError("the velocities are not finite")
         return simulation, force
 
 

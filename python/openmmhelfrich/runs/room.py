@@ -17,7 +17,7 @@ from .scene import Scene
 PICTURES_LIBRARY, VERTEX = 40e6, 5000
 # Of the disk, in bytes: a vertex in a frame of each trajectory, and in the files that are there once (of a checkpoint
 # there are two while one takes the place of the other); a row of the table; pictures.
-DCD_FRAME, MESH_FRAME, SINGLE_FILES, PSF, ROW, PICTURES = 12, 30, 226, 149, 250, 200e3
+DCD_FRAME, MESH_FRAME, SINGLE_FILES, PSF, ROW, PICTURES = 12, 30, 192, 149, 250, 200e3
 
 
 def requireRoom(scene: Scene, outputs: Outputs, step: int = 0) -> None:

@@ -247,7 +247,8 @@ class MeshReporter:
 
     def _requireSameMembrane(self, file: PathLike) -> list[str]:
         """Raise a ValueError if a file is of another membrane; return the names of its data."""
-        with readMeshTrajectory(file) as trajectory:
+        trajectory = readMeshTrajectory(file)
+        with trajectory:
             found, names = trajectory.layout()
         own = len(self._vertices), self._force.getNumTriangles(), len(self._beads)
         if found != own:
