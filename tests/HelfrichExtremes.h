@@ -1,5 +1,5 @@
-/* Tests at the extremes of geometry and parameters, which every platform must pass: docs/extremes.md lists them.  This
- * is a part of TestHelfrichForce.h. */
+/* Tests at the extremes of geometry and parameters, which every platform must pass: docs/results/extremes.md lists
+ * them. This is a part of TestHelfrichForce.h. */
 
 /**
  * Move a membrane so that its first vertex is at the origin.  In extended precision that rounds nothing, and energies

@@ -175,7 +175,7 @@ def testScriptOfTheReadme(tmp_path):
 
 def testScriptOfReplicaExchange(tmp_path):
     """A fair part of the exchanges between neighbors succeeds."""
-    script = re.findall(r"```python\n(.*?)```", (ROOT / "docs/free-energies.md").read_text(), re.DOTALL)[0]
+    script = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/free-energies.md").read_text(), re.DOTALL)[0]
     (tmp_path / "script.py").write_text(script)
     rates = [float(rate) for rate in execute(tmp_path, "script.py").strip(" []\n").split()]
     assert len(rates) == 3 and 0.1 < min(rates) <= max(rates) < 0.7
@@ -203,7 +203,7 @@ def testLooking(tmp_path, examples):
 @needsPictures
 def testCommandsOfLooking(tmp_path, examples):
     """The commands of the page work one after the other, as they stand but for the length of the run."""
-    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs/looking.md").read_text(), re.DOTALL)
+    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs/how-to/looking.md").read_text(), re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
     (tmp_path / "examples").symlink_to(examples)
     for command in commands:
@@ -225,6 +225,6 @@ def testCommandsOfLooking(tmp_path, examples):
         "fromdcd.vtkhdf",
     } <= written
     assert all(
-        (ROOT / "docs" / picture).exists()
-        for picture in re.findall(r"\((\w+\.png)\)", (ROOT / "docs/looking.md").read_text())
+        (ROOT / "docs/how-to" / picture).exists()
+        for picture in re.findall(r"\((\w+\.png)\)", (ROOT / "docs/how-to/looking.md").read_text())
     )

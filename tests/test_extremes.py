@@ -1,5 +1,5 @@
 """Integrators at the extremes of temperature, step size, targets and length; geometry and parameters are
-HelfrichExtremes.h's.  docs/extremes.md lists them all.
+HelfrichExtremes.h's.  docs/results/extremes.md lists them all.
 """
 
 import math

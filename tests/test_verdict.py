@@ -128,7 +128,7 @@ def testWhatEachCheckFinds(check, level, other):
 
 def testEveryCheckIsTestedAndDescribed():
     """The page has each check with its limits, but for those that are computed."""
-    page = (ROOT / "docs/verdicts.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference/verdicts.md").read_text(encoding="utf-8")
     rows = {cells[1].strip(): cells for cells in (line.split("|") for line in page.splitlines()) if len(cells) == 7}
     assert {check for check, *_ in FOUND} == {check.title for check in CHECKS}
     for check in CHECKS:

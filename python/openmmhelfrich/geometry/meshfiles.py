@@ -1,8 +1,8 @@
 """Files of meshes: which module reads and writes each format.
 
-Every dialect of each format that programs write was read with several libraries; docs/meshes.md has the table.  VTK,
-VTU and VTP are read by VTK, which alone reads all of their dialects; glTF by trimesh; GMSH by meshio.  No library reads
-all of STL, PLY, OBJ and OFF: of 26 dialects of PLY, trimesh fails on lists of different lengths, VTK crashes on
+Every dialect of each format that programs write was read with several libraries; docs/how-to/meshes.md has the table.
+VTK, VTU and VTP are read by VTK, which alone reads all of their dialects; glTF by trimesh; GMSH by meshio.  No library
+reads all of STL, PLY, OBJ and OFF: of 26 dialects of PLY, trimesh fails on lists of different lengths, VTK crashes on
 elements in another order, and meshio reads a third; of OBJ, trimesh misplaces negative numbers, and VTK divides
 vertices.  These four are read here, by numpy, with the number of the line where something is wrong.
 """

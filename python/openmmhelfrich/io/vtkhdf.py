@@ -30,8 +30,8 @@ from ..geometry.mesh import Mesh
 from .drafts import Draft, GrowingFile, signalsLater
 
 VERSION = (2, 0)
-# Chosen by measurement (docs/looking.md): higher levels take longer for a percent or less.  Shuffled bytes of 64-bit
-# indices, which is what VTK reads into, compress as well as those of shorter ones.
+# Chosen by measurement (docs/how-to/looking.md): higher levels take longer for a percent or less.  Shuffled bytes of
+# 64-bit indices, which is what VTK reads into, compress as well as those of shorter ones.
 COMPRESSION = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 # VTK wants all four kinds of cells, in this order.
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")

@@ -20,7 +20,7 @@ FAR = 0.05
 # less than 2.
 TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
 # Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
-# proportion to the root of their number.  docs/studies.md has what comes of it.
+# proportion to the root of their number.  docs/how-to/studies.md has what comes of it.
 STEPS_PER_E_FOLD, VERTICES = 3000, 642
 
 

@@ -28,7 +28,7 @@ from .sections import SystemSection
 # folded: its trajectories are then accepted as the step size has it.
 _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
 # The number of vertices from which on fluid membranes of 20 kT did not fold on their way from a sphere to a reduced
-# volume, from the largest down: docs/verdicts.md has what was tried.
+# volume, from the largest down: docs/reference/verdicts.md has what was tried.
 LEAST_VERTICES = ((0.77, 162), (0.62, 252), (0.47, 362), (-np.inf, 642))
 # Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
 _ACCEPTED, _TRIED = 3, 24

@@ -1,7 +1,7 @@
 """How much memory a run takes, and how much room on the disk, before it begins.
 
-What is compared with what is there are the least that was measured (docs/safety.md), so that nothing is refused that
-would have gone well.
+What is compared with what is there are the least that was measured (docs/explanation/safety.md), so that nothing is
+refused that would have gone well.
 """
 
 import resource
