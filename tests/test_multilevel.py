@@ -8,9 +8,12 @@ from xml.etree import ElementTree
 import numpy as np
 import openmm as mm
 import pytest
+from openmm import app
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import Scene
 from test_flips import flipped, octahedron, stateOf
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
 
@@ -338,3 +341,29 @@ def test_settings():
     custom.setMultilevelWeight(0)
     with pytest.raises(mm.OpenMMException, match="the multilevel weight is 2"):
         custom.setMultilevelWeight(2)
+
+
+def test_configuration():
+    config = parseConfig(
+        {"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": 2}, "platform": {"name": "Reference"}}
+    )
+    assert Scene.of(config, mh.Mesh.icosphere(1)).createIntegrator().getMultilevelWeight() == 2
+    assert parseConfig({"mesh": {"icosphere": 1}}).sampling.multilevel_weight == 0
+    with pytest.raises(ValueError, match="multilevel_weight is -1"):
+        parseConfig({"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": -1}})
+
+
+def test_the_step_size_adapts():
+    mesh = mh.Mesh.icosphere(1)
+    system = mesh.createSystem()
+    system.addForce(softForce(mesh))
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(KT), 0.0003, 8, 0.2, 0.2)
+    integrator.setMultilevelWeight(2)
+    integrator.setRandomNumberSeed(1)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    mh.adaptStepSize(simulation, 300)
+    before = integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories()
+    simulation.step(500)
+    rate = (integrator.getNumAcceptedTrajectories() - before[1]) / (integrator.getNumTrajectories() - before[0])
+    assert integrator.getStepSize()._value > 0.001 and 0.5 < rate < 0.95
