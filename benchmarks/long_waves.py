@@ -3,9 +3,9 @@
     python benchmarks/long_waves.py SUBDIVISIONS WEIGHT STEP STEPS SECONDS [--volume 0.95] [--flips 0.3] [--seed 1]
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
-computations of forces and in processor time of one thread.  The scene is the sphere of docs/sampling.md: bending modulus
-30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.  Each trajectory is
-followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
+computations of forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
+bending modulus 30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.
+Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
 
 import argparse
