@@ -3,9 +3,9 @@
     python benchmarks/long_waves.py SUBDIVISIONS WEIGHT STEP STEPS SECONDS [--volume 0.95] [--flips 0.3] [--seed 1]
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
-computations of forces and in processor time of one thread.  The scene is the sphere of docs/sampling.md: bending modulus
-30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.  Each trajectory is
-followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
+computations of forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
+bending modulus 30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.
+Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
 
 import argparse
@@ -35,12 +35,12 @@ def createScene(arguments):
     force.setTether(100 * KT, 0.85, 1.35, 2)
     integrator = mh.HybridMonteCarloIntegrator(300, arguments.step, arguments.steps, arguments.flips, 0)
     integrator.setMultilevelWeight(arguments.weight)
-    integrator.setTrajectoryJitter(0.2)
-    integrator.setForcePrecision("mixed")
+    integrator.setTrajectoryJitter(arguments.jitter)
+    integrator.setForcePrecision(arguments.precision)
     integrator.setRandomNumberSeed(arguments.seed)
     system = mesh.createSystem(mass=1.0)
     system.addForce(force)
-    context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": "1"})
+    context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": str(arguments.threads)})
     context.setPositions(mesh.vertices)
     return mesh, force, integrator, context
 
@@ -134,5 +134,8 @@ if __name__ == "__main__":
     parser.add_argument("--volume", type=float, default=0.99)
     parser.add_argument("--flips", type=float, default=0.3)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jitter", type=float, default=0.2)
+    parser.add_argument("--precision", default="mixed")
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")
     print(json.dumps(measure(parser.parse_args()), default=float), flush=True)

@@ -21,10 +21,11 @@ def longFlips():
     return mh.EdgeFlipIntegrator(300, 1e6)
 
 
-def longTrajectory(refreshment=1.0, substeps=1):
+def longTrajectory(refreshment=1.0, substeps=1, weight=0.0):
     integrator = mh.HamiltonianTrajectoryIntegrator(300, 1e-9, 10**9)
     integrator.setMomentumRefreshment(refreshment)
     integrator.setTetherSubsteps(substeps)
+    integrator.setMultilevelWeight(weight)
     return integrator
 
 
@@ -36,6 +37,7 @@ LONG = {
     "flips": longFlips,
     "trajectory": longTrajectory,
     "partial refreshment": lambda: longTrajectory(0.3, 10**9),
+    "coarser meshes": lambda: longTrajectory(0.3, 1, 2.0),
     "shear waves": longWaves,
 }
 

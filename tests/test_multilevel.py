@@ -8,11 +8,16 @@ from xml.etree import ElementTree
 import numpy as np
 import openmm as mm
 import pytest
+from openmm import app
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf
+from openmmhelfrich.runs.config import parseConfig
+from openmmhelfrich.runs.scene import Scene
+from openmmhelfrich.sampling.coarsemeshes import makeCoarseMeshes
 from test_flips import flipped, octahedron, stateOf
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
+from test_minimization import createSimulation as createMinimization
 
 ALMOST_NONE = 1e-300  # keeps all velocities, to the last bit
 
@@ -338,3 +343,88 @@ def test_settings():
     custom.setMultilevelWeight(0)
     with pytest.raises(mm.OpenMMException, match="the multilevel weight is 2"):
         custom.setMultilevelWeight(2)
+
+
+def test_configuration():
+    config = parseConfig(
+        {"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": 2}, "platform": {"name": "Reference"}}
+    )
+    assert Scene.of(config, mh.Mesh.icosphere(1)).createIntegrator().getMultilevelWeight() == 2
+    assert parseConfig({"mesh": {"icosphere": 1}}).sampling.multilevel_weight == 0
+    with pytest.raises(ValueError, match="multilevel_weight is -1"):
+        parseConfig({"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": -1}})
+
+
+def test_the_step_size_adapts():
+    mesh = mh.Mesh.icosphere(1)
+    system = mesh.createSystem()
+    system.addForce(softForce(mesh))
+    integrator = mh.HybridMonteCarloIntegrator(kelvin(KT), 0.0003, 8, 0.2, 0.2)
+    integrator.setMultilevelWeight(2)
+    integrator.setRandomNumberSeed(1)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    mh.adaptStepSize(simulation, 300)
+    before = integrator.getNumTrajectories(), integrator.getNumAcceptedTrajectories()
+    simulation.step(500)
+    rate = (integrator.getNumAcceptedTrajectories() - before[1]) / (integrator.getNumTrajectories() - before[0])
+    assert integrator.getStepSize()._value > 0.001 and 0.5 < rate < 0.95
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_matrices_are_those_of_trajectories(platform):
+    """From rest, a step of leapfrog moves vertices by h^2/2m B B^T f."""
+    mesh, step, weight = createBlob(2), 1e-4, 1.7
+    isFixed = np.arange(len(mesh.vertices)) % 7 == 0
+    integrator = createIntegrator(step, 1, weight, kT=1e-25)
+    system = mesh.createSystem()
+    for i in np.flatnonzero(isFixed):
+        system.setParticleMass(int(i), 0)
+    system.addForce(createForce(mesh, ["bending"]))
+    context = mm.Context(system, integrator, mm.Platform.getPlatform(platform))
+    context.setPositions(mesh.vertices)
+    forces = forcesOf(context)
+    integrator.step(1)
+    assert integrator.getNumAccepted() == 1
+    meshes = makeCoarseMeshes(mesh.triangles, len(mesh.vertices), weight, isFixed)
+    forces[isFixed] = 0
+    motion = meshes.move(meshes.gather(forces))
+    motion[isFixed] = 0
+    found = (positionsOf(context) - mesh.vertices) * 2 / step**2
+    assert np.abs(found - motion).max() < 1e-6 * np.abs(motion).max()
+
+
+def test_minimization():
+    """Coarser meshes lead to the same minimum, in fewer iterations where there are many vertices."""
+    results = []
+    for weight in (0, 2):
+        mesh = mh.spheroid(2562, mh.spheroidAspectRatio(0.8, "prolate"))
+        force, simulation = createMinimization(mesh, 0.8)
+        results.append(mh.minimizeFluid(simulation, force, multilevelWeight=weight))
+        assert results[-1].converged
+        assert energyOf(simulation.context) == results[-1].energy._value == pytest.approx(results[-1].history[-1])
+    assert results[1].iterations < 0.7 * results[0].iterations
+    assert results[1].energy._value == pytest.approx(results[0].energy._value, rel=1e-3)
+    with pytest.raises(ValueError, match="the multilevel weight is -1"):
+        mh.minimize(simulation, force, multilevelWeight=-1)
+
+
+def test_minimization_keeps_what_is_fixed():
+    mesh = createBlob(1)
+    force = createForce(mesh)
+    system = mesh.createSystem()
+    for i in (0, 7):
+        system.setParticleMass(i, 0)
+    system.addForce(force)
+    simulation = app.Simulation(mesh.topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    calls = []
+    result = mh.minimize(
+        simulation,
+        force,
+        multilevelWeight=1,
+        progress=lambda n, energy: calls.append(energy) or n == 20,
+    )
+    moved = np.any(positionsOf(simulation.context) != mesh.vertices, axis=1)
+    assert np.array_equal(np.flatnonzero(~moved), [0, 7])
+    assert result.iterations == len(calls) == 20 and calls == sorted(calls, reverse=True)

@@ -168,6 +168,7 @@ def test_search(searched):
     assert {
         "tether",
         "moves together",
+        "coarser meshes",
         "length",
         "jitter",
         "momenta",

@@ -62,7 +62,6 @@ void testTrajectories() {
     move.setSplitting("bcss3");
     move.setTetherSubsteps(4);
     move.setMomentumRefreshment(0.4);
-    move.setMultilevelWeight(1.5);
     auto copy = testMove(move, "HamiltonianTrajectoryIntegrator");
     ASSERT_EQUAL(0.015, copy->getStepSize());
     ASSERT_EQUAL(42, copy->getStepsPerTrajectory());
@@ -71,7 +70,11 @@ void testTrajectories() {
     ASSERT_EQUAL("bcss3", copy->getSplitting());
     ASSERT_EQUAL(4, copy->getTetherSubsteps());
     ASSERT_EQUAL(0.4, copy->getMomentumRefreshment());
-    ASSERT_EQUAL(1.5, copy->getMultilevelWeight());
+    ASSERT_EQUAL(0.0, copy->getMultilevelWeight());
+    move.setMultilevelWeight(1.5);
+    assertRejected(toXml(move), "version=\"2\"", "version=\"7\"",
+                   "HamiltonianTrajectoryIntegrator: unsupported version 7");
+    ASSERT_EQUAL(1.5, copyThroughXml(move)->getMultilevelWeight());
 }
 
 void testCustomTrajectories() {

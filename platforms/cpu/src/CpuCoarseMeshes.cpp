@@ -1,5 +1,4 @@
 #include "CpuCoarseMeshes.h"
-#include "CpuHalfedges.h"
 #include "CpuThreads.h"
 #include <algorithm>
 #include <cmath>
@@ -19,11 +18,6 @@ static const int LEAST = 4;
  * The number of vertices that makes it worth to wake another thread, and that a thread takes at a time.
  */
 static const int VERTICES_PER_THREAD = 2000, VERTICES_PER_PART = 256;
-
-/**
- * How long before its turn a vertex's first triangle is asked for: it may be in no cache.
- */
-static const int VERTICES_AHEAD = 32;
 
 CpuCoarseMeshes::CpuCoarseMeshes(const HelfrichMesh& mesh, const vector<double>& masses)
         : mesh(mesh), loops(getForProcessor<CpuCoarseLoops>()) {
@@ -67,7 +61,7 @@ void CpuCoarseMeshes::update() {
 }
 
 void CpuCoarseMeshes::makeFinestGraph() {
-    // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.
+    // Neighbors are in the order of halfedges, which are read as they are in memory.
 
     const vector<int>& order = mesh.getOrder();
     int size = order.size();
@@ -77,20 +71,17 @@ void CpuCoarseMeshes::makeFinestGraph() {
     finer.vertices = order;
     finer.sequence = ranks;
     finer.starts.resize(size + 1);
-    finer.neighbors.resize(mesh.getNumHalfedges());
     finer.starts[0] = 0;
-    for (int i = 0; i < size; i++) {
-        prefetchTriangle(mesh.getArrays(), mesh.outgoing(order[min(i + VERTICES_AHEAD, size - 1)]));
-        int valence = mesh.valence(order[i]), *ring = &finer.neighbors[finer.starts[i]];
-        int halfedge = mesh.outgoing(order[i]), lowest = halfedge, first = 0;
-        for (int j = 0; j < valence; j++) {
-            ring[j] = ranks[mesh.tip(halfedge)];
-            first = (halfedge < lowest ? j : first);
-            lowest = min(halfedge, lowest);
-            halfedge = mesh.rotate(halfedge);
-        }
-        rotate(ring, ring + first, ring + valence);
-        finer.starts[i + 1] = finer.starts[i] + valence;
+    for (int i = 0; i < size; i++)
+        finer.starts[i + 1] = finer.starts[i] + mesh.valence(order[i]);
+    finer.neighbors.resize(mesh.getNumHalfedges());
+    found = finer.starts;
+    for (int h = 0; h < mesh.getNumHalfedges(); h += 3) {
+        int corners[3];
+        for (int i = 0; i < 3; i++)
+            corners[i] = ranks[mesh.origin(h + i)];
+        for (int i = 0; i < 3; i++)
+            finer.neighbors[found[corners[i]]++] = corners[i == 2 ? 0 : i + 1];
     }
 }
 
@@ -154,30 +145,33 @@ void CpuCoarseMeshes::findChosenNeighbors(const Graph& graph) {
 void CpuCoarseMeshes::fillRows(const Graph& graph, Level& level) {
     Matrix& matrix = level.prolongation;
     matrix.rows.resize(graph.size());
-    matrix.entries.clear();
+    found.resize(level.size() + 1);
     counts.assign(level.size(), 0);
+    size_t end = 0;
     for (int i = 0; i < graph.size(); i++) {
-        int start = matrix.entries.size(), total = 0;
+        int numFound = 0, total = 0;
         auto add = [&](int middle) {
             for (int j = chosenStarts[middle]; j < chosenStarts[middle + 1]; j++) {
-                if (counts[chosen[j]]++ == 0)
-                    matrix.entries.push_back({chosen[j], 0});
-                total++;
+                found[numFound] = chosen[j];
+                numFound += (counts[chosen[j]]++ == 0);
             }
+            total += chosenStarts[middle + 1] - chosenStarts[middle];
         };
         if (numLevels > 0 || !isFixed[graph.vertices[i]]) {
             add(i);
             for (int j = graph.starts[i]; j < graph.starts[i + 1]; j++)
                 add(graph.neighbors[j]);
         }
-        matrix.rows[i] = {start, int(matrix.entries.size()) - start};
-        for (size_t j = start; j < matrix.entries.size(); j++) {
-            CpuSparseEntry& entry = matrix.entries[j];
-            entry.value = float(double(counts[entry.offset]) / total);
-            counts[entry.offset] = 0;
-            entry.offset *= 4;
+        matrix.rows[i] = {int(end), numFound};
+        if (matrix.entries.size() < end + numFound)
+            matrix.entries.resize(2 * end + numFound + graph.size());
+        double inverse = 1.0 / max(total, 1);
+        for (int j = 0; j < numFound; j++) {
+            matrix.entries[end++] = {4 * found[j], float(counts[found[j]] * inverse)};
+            counts[found[j]] = 0;
         }
     }
+    matrix.entries.resize(end);
 }
 
 void CpuCoarseMeshes::connect(const Graph& graph, Graph& coarser) {

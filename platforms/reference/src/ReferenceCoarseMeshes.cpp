@@ -96,7 +96,7 @@ ReferenceCoarseMeshes::Graph ReferenceCoarseMeshes::coarsen(const Graph& graph) 
         bool isFixed = (levels.empty() && masses[mesh.getParticles()[i]] == 0);
         if (!isFixed)
             for (auto& ways : numWays)
-                level.rows.back().push_back({ways.first, double(float(double(ways.second) / total))});
+                level.rows.back().push_back({ways.first, double(float(ways.second * (1.0 / total)))});
     }
     if (!coarser.vertices.empty())
         levels.push_back(level);

@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import openmm as mm
 from openmm import app, unit
+from scipy import optimize
 
 from ..display import Brief
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
+from .coarsemeshes import makeCoarseMeshes
 from .moves import findMove
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
@@ -24,6 +26,8 @@ _TETHER_SHARE = 1e-3
 # A firm tether's bounds are nearer to each other by this part at either end, in logarithms, and its modulus is so many
 # bending moduli at least.
 _MARGIN, _FIRMNESS = 0.1, 1e3
+# The energy, in kJ/mol, where there is none, for SciPy; and its number of iterations where there is no limit.
+_VERY_HIGH, _UNLIMITED = 1e300, 10**9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,9 +82,12 @@ def minimize(
     tolerance: float | unit.Quantity | None = None,
     maxIterations: int = 0,
     progress: Callable[[int, float], bool] | None = None,
+    multilevelWeight: float = 0,
 ) -> MinimizationResult:
-    """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by OpenMM's
-    LocalEnergyMinimizer (L-BFGS).
+    """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by L-BFGS.
+
+    It is that of OpenMM's LocalEnergyMinimizer, or, with a multilevel weight, that of SciPy, which then moves vertices
+    of coarser meshes too.
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
 
@@ -104,6 +111,10 @@ def minimize(
     progress : callable, optional
         called after each iteration with their number so far and the energy in kJ/mol; if it returns True the
         minimization ends
+    multilevelWeight : float
+        0 to move vertices one by one, or the weight of coarser meshes that move them together, 1 to 2: long waves,
+        which take the more iterations the more vertices there are, then take as few as short ones.  See
+        HamiltonianTrajectoryIntegrator.setMultilevelWeight().
 
     Raises
     ------
@@ -113,7 +124,7 @@ def minimize(
         if the energy or a force is not finite at the start, or nowhere along the way down; the positions are then those
         at the start
     """
-    descent = _Descent(simulation, force, tolerance, maxIterations, progress)
+    descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force):
         reason = descent.run()
         return descent.result(reason, 0, 0)
@@ -127,6 +138,7 @@ def minimizeFluid(
     progress: Callable[[int, float], bool] | None = None,
     soften: bool = True,
     iterationsPerRound: int = 50,
+    multilevelWeight: float = 0,
 ) -> MinimizationResult:
     """Find a minimum of a fluid membrane's energy: L-BFGS takes turns with edge flips at zero temperature until neither
     lowers the energy.
@@ -149,7 +161,7 @@ def minimizeFluid(
         what to minimize, with an EdgeFlipIntegrator, or a HybridMonteCarloIntegrator that has one
     force : HelfrichForce
         the membrane
-    tolerance, progress
+    tolerance, progress, multilevelWeight
         as for :func:`minimize`
     maxIterations : int
         the number of iterations at which to stop
@@ -170,7 +182,7 @@ def minimizeFluid(
             f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must "
             "be at least 1"
         )
-    descent = _Descent(simulation, force, tolerance, maxIterations, progress)
+    descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
         for scale in _softening(simulation, force) if soften else [1.0]:
@@ -223,6 +235,7 @@ class _Descent:
         tolerance: float | unit.Quantity | None,
         maxIterations: int,
         progress: Callable[[int, float], Any] | None,
+        multilevelWeight: float,
     ) -> None:
         self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
         self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
@@ -230,6 +243,9 @@ class _Descent:
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         if maxIterations < 0 or maxIterations != int(maxIterations):
             raise ValueError(f"maxIterations is {maxIterations}; it must be a whole number, 0 or more")
+        if not (math.isfinite(multilevelWeight) and multilevelWeight >= 0):
+            raise ValueError(f"the multilevel weight is {multilevelWeight}; it must be finite, 0 or more")
+        self.multilevelWeight = multilevelWeight
         self.history: list[float] = []
         self.isOver = False
 
@@ -281,7 +297,10 @@ class _Descent:
         context, recorder = self.simulation.context, _Recorder(self, tolerance)
         start = context.getState(positions=True).getPositions(asNumpy=True)
         try:
-            mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
+            if self.multilevelWeight > 0:
+                self._descendByLevels(iterations, recorder)
+            else:
+                mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
         except mm.OpenMMException:
             # A step of the line search led where there is no finite energy.  From the best positions it may find
             # another way.
@@ -291,20 +310,74 @@ class _Descent:
         context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
         return recorder
 
-    def _measure(self) -> tuple[float, float]:
-        """Return the energy and the root mean square of the components of the forces."""
+    def _descendByLevels(self, iterations: int, recorder: "_Recorder") -> None:
+        """Run the L-BFGS of SciPy on the vectors of coarser meshes and those of the particles themselves."""
+        context = self.simulation.context
+        start = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        isFixed = np.ones(len(start), bool)
+        isFixed[self._free()] = False
+        triangles = self.force.getTrianglesInContext(context)
+        meshes = makeCoarseMeshes(triangles, len(start), self.multilevelWeight, isFixed)
+
+        last: tuple = (None, 0.0, start)  # vectors, and their energy and forces
+
+        def positionsAt(y: np.ndarray) -> np.ndarray:
+            motion = meshes.move(y)
+            motion[isFixed] = 0
+            return start + motion
+
+        def evaluate(y: np.ndarray) -> tuple[float, np.ndarray]:
+            nonlocal last
+            context.setPositions(positionsAt(y))
+            try:
+                energy, forces = self._evaluate()
+            except mm.OpenMMException:
+                # A step of the line search led where there is no finite energy; a shorter one may not.
+                if recorder.positions is None and not np.any(y):
+                    raise
+                return _VERY_HIGH, np.zeros(y.size)
+            forces[isFixed] = 0
+            last = (y.copy(), energy, forces)
+            return energy, -meshes.gather(forces).ravel()
+
+        def report(y: np.ndarray) -> None:
+            if not np.array_equal(last[0], y):
+                evaluate(y)
+            _, energy, forces = last
+            if recorder.report(0, positionsAt(y), -forces[~isFixed], {"system energy": energy}):
+                raise _Ended
+
+        options = {"maxiter": iterations or _UNLIMITED, "maxfun": _UNLIMITED, "ftol": 0, "gtol": 0, "maxls": 40}
+        with suppress(_Ended):
+            optimize.minimize(
+                evaluate, np.zeros(3 * meshes.size), jac=True, method="L-BFGS-B", callback=report, options=options
+            )
+
+    def _free(self) -> list[int]:
+        system = self.simulation.system
+        return [i for i in range(system.getNumParticles()) if system.getParticleMass(i)._value > 0]
+
+    def _evaluate(self) -> tuple[float, np.ndarray]:
+        """Return the energy and the forces."""
         groups = self.simulation.integrator.getIntegrationForceGroups()
         state = self.simulation.context.getState(energy=True, forces=True, groups=groups)
         forces = state.getForces(asNumpy=True).value_in_unit(_FORCE)
-        system = self.simulation.system
-        free = [i for i in range(system.getNumParticles()) if system.getParticleMass(i)._value > 0]
-        energy, rmsForce = state.getPotentialEnergy().value_in_unit(_ENERGY), math.sqrt(np.mean(forces[free] ** 2))
+        return state.getPotentialEnergy().value_in_unit(_ENERGY), forces
+
+    def _measure(self) -> tuple[float, float]:
+        """Return the energy and the root mean square of the components of the forces."""
+        energy, forces = self._evaluate()
+        rmsForce = math.sqrt(np.mean(forces[self._free()] ** 2))
         if not (math.isfinite(energy) and math.isfinite(rmsForce)):
             raise mm.OpenMMException(
                 f"minimization: the energy is {energy} kJ/mol and the root mean square force {rmsForce} kJ/mol/nm; "
                 "both must be finite"
             )
         return energy, rmsForce
+
+
+class _Ended(Exception):
+    """Ends SciPy's minimization."""
 
 
 class _Recorder(mm.MinimizationReporter):
