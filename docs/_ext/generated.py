@@ -33,6 +33,9 @@ KINDS = {
     "Tension": "energy per area, kT per squared length",
     "Force": "energy per length, kT per length",
     "Pressure": "energy per volume, kT per cubed length",
+    "Curvature": "one over a length",
+    "LineTensions": "energy per length, kT per length, or a table of pairs of species",
+    "PairEnergies": "table of pairs of species, with energies, kT",
     "Time": "time, ps",
     "Mass": "mass, Da",
     "Temperature": "temperature, K",
@@ -54,6 +57,8 @@ MEANINGS = {
     "flipAcceptance": "fraction of attempted flips accepted since the start",
     "waveAcceptance": "fraction of shear waves accepted since the start",
     "waveAmplitude": "standard deviation of the amplitude of the longest shear waves",
+    "exchangeAcceptance": "fraction of attempted exchanges of species accepted since the start",
+    "exchangesAlike": "fraction of attempted exchanges that would have changed nothing",
     "flipRate": "flips accepted per edge and sweep since the start",
     "flipsForbidden": "fraction of attempted flips that the rules forbid",
     "diverged": "number of trajectories that diverged, which are rejected",
@@ -72,14 +77,18 @@ LIMITS = {"ge": "at least {:g}", "gt": "more than {:g}", "le": "at most {:g}", "
 def configuration() -> str:
     """Return the description of every key of a configuration."""
     parts = [f"## `[{name}]`\n\n{_section(name, model)}" for name, model in sections().items()]
-    parts.append("## `[[stages]]`\n\nA stage has a `kind`, and the keys of that kind. Each may also give targets.\n")
+    parts.append(f"## `[[species]]`\n\n{_section('species', keys.SpeciesSection)}")
+    parts.append(
+        "## `[[stages]]`\n\nA stage has a `kind`, and the keys of that kind. Each may also give targets, moduli and the "
+        "like, as `continue` does.\n"
+    )
     parts += [f'### `kind = "{kind}"`\n\n{_section(f"stages.{kind}", model)}' for kind, model in STAGES.items()]
     return "\n\n".join(parts)
 
 
 def _section(name: str, model: Any) -> str:
     isStage = name.startswith("stages.")
-    leftOut = {"kind", *keys.Targets.model_fields} if isStage else set()
+    leftOut = {"kind", *keys.Conditions.model_fields} if isStage else set()
     if name == "stages.approach" or name == "stages.continue":
         leftOut = {"kind"}
     return "\n\n".join(
@@ -139,15 +148,25 @@ def _limits(field: FieldInfo) -> Iterator[str]:
 def commandTexts() -> str:
     """Return the description of every command."""
     group: Any = typer.main.get_command(commands)
-    return "\n\n".join(_command(command) for command in group.commands.values())
+    return "\n\n".join(_command(name, command) for name, command in _within(group))
 
 
-def _command(command: Any) -> str:
+def _within(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the whole name of each command of a group, and of the groups in it, and the command."""
+    for command in group.commands.values():
+        name = before + command.name
+        if hasattr(command, "commands"):
+            yield from _within(command, f"{name} ")
+        else:
+            yield name, command
+
+
+def _command(name: str, command: Any) -> str:
     help_, epilog = (_plain(inspect.cleandoc(text or "")) for text in (command.help, command.epilog))
     text, *examples = re.split(r"\n*Examples?:", help_)
     arguments = [parameter for parameter in command.params if not parameter.opts[0].startswith("-")]
-    usage = " ".join(["openmm-helfrich", command.name, *map(_value, arguments), "[OPTIONS]"])
-    parts = [f"## {command.name}", f"```text\n{usage}\n```", text, *map(_parameter, command.params)]
+    usage = " ".join(["openmm-helfrich", name, *map(_value, arguments), "[OPTIONS]"])
+    parts = [f"## {name}", f"```text\n{usage}\n```", text, *map(_parameter, command.params)]
     runs = re.findall(r"openmm-helfrich [^\n]*", "\n".join([*examples, epilog]))
     return "\n\n".join([*parts, *(["```bash\n" + "\n".join(runs) + "\n```"] if runs else [])])
 
