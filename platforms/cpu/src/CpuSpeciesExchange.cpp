@@ -249,11 +249,14 @@ void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempt
 }
 
 void CpuSpeciesExchange::decide(Part& part, int zone, SpeciesExchangeStatistics& statistics) {
+    // What belongs to an attempt on the border may be changing now, in another zone.
+
     const int* list = part.lists[zone];
     int different[Part::SIZE], numDifferent = 0;
     for (int i = 0; i < part.counts[zone]; i++) {
+        const Attempt& attempt = part.attempts[list[i]];
         different[numDifferent] = list[i];
-        numDifferent += !isAlike(part.attempts[list[i]]);
+        numDifferent += (!attempt.isDeferred && !isAlike(attempt));
     }
     for (int i = 0; i < numDifferent; i++)
         for (int vertex : getVertices(part.attempts[different[i]]))
