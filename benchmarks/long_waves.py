@@ -16,7 +16,7 @@ import numpy as np
 import openmm as mm
 
 import openmmhelfrich as mh
-from openmmhelfrich.analysis.fluctuations import _realHarmonics, _solidAngles
+from openmmhelfrich.analysis.fluctuations import realHarmonics, _solidAngles
 
 KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
@@ -66,7 +66,7 @@ def modesOf(x, triangles):
     r = np.linalg.norm(x, axis=1)
     directions = x / r[:, np.newaxis]
     weights = _solidAngles(directions, triangles)
-    return (weights * r) @ _realHarmonics(directions, max(DEGREES))[:, 4:] / np.average(r, weights=weights)
+    return (weights * r) @ realHarmonics(directions, max(DEGREES))[:, 4:] / np.average(r, weights=weights)
 
 
 def measure(arguments):

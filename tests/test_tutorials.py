@@ -12,6 +12,8 @@ from conftest import ROOT
 PAGES = ROOT / "docs/tutorials"
 SCRIPTS = sorted(path.name for path in PAGES.glob("*.py"))
 SAYS = {  # what a script prints at the small size
+    "budding_vesicle.py": r"hang on a boundary of \d\.\d\d nm",
+    "domains.py": r"step   30: .* domains, the largest has \d+%",
     "first_vesicle.py": r"prolate|oblate|sphere",
     "fluctuations.py": r"kappa = [\d.]+ \+- [\d.]+ kT",
     "minimize_and_anneal.py": r"oblate_minimized: oblate, v = 0.80.*sphere_annealed: prolate, v = 0.80",

@@ -79,8 +79,8 @@ def configuration() -> str:
     parts = [f"## `[{name}]`\n\n{_section(name, model)}" for name, model in sections().items()]
     parts.append(f"## `[[species]]`\n\n{_section('species', keys.SpeciesSection)}")
     parts.append(
-        "## `[[stages]]`\n\nA stage has a `kind`, and the keys of that kind. Each may also give targets, moduli and the "
-        "like, as `continue` does.\n"
+        "## `[[stages]]`\n\nA stage has a `kind`, and the keys of that kind. Each may also give targets, moduli and "
+        "the like, as `continue` does.\n"
     )
     parts += [f'### `kind = "{kind}"`\n\n{_section(f"stages.{kind}", model)}' for kind, model in STAGES.items()]
     return "\n\n".join(parts)

@@ -69,7 +69,7 @@ def findDomains(mesh: Mesh, species: int = 0) -> Domains:
     graph = coo_array((np.ones(len(inside), dtype=bool), inside.T), shape=(len(isOf), len(isOf)))
     _, part = connected_components(graph, directed=False)
     numbers, labels = np.unique(part[isOf], return_inverse=True)
-    areas = np.bincount(labels, mesh.vertexAreas[isOf], len(numbers))
+    areas = np.bincount(labels, mesh.vertexAreas[isOf], len(numbers)).astype(np.float64)
     order = np.argsort(-areas, kind="stable")
     domain = np.full(len(isOf), -1, dtype=np.int64)
     domain[isOf] = np.argsort(order)[labels]
@@ -139,7 +139,7 @@ def compositionProfile(
     """
     direction = np.asarray(axis, dtype=float)
     if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
-        raise ValueError(f"compositionProfile: axis is {axis}; it must be three numbers that are not all 0")
+        raise ValueError(f"compositionProfile: axis is {direction.tolist()}; it must be three numbers that are not all 0")
     if bins < 1:
         raise ValueError(f"compositionProfile: bins is {bins}; it must be 1 or more")
     heights, areas = mesh.vertices @ (direction / np.linalg.norm(direction)), mesh.vertexAreas

@@ -82,12 +82,13 @@ def meshFrame(step: int, mesh: Mesh) -> MeshFrame:
         a closed mesh
     """
     area, curvature = mesh.vertexAreas, mesh.vertexMeanCurvatures
-    data = {
+    data: dict[str, np.ndarray] = {
         "MeanCurvature": localMeanCurvatures(curvature, area),
         "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvature, area),
         "Area": area,
-        **({} if mesh.species is None else {"Species": mesh.species}),
     }
+    if mesh.species is not None:
+        data["Species"] = mesh.species
     return MeshFrame(step, mesh, data)
 
 

@@ -103,7 +103,7 @@ class Look:
         return power * max(n for n in (1, 2, 5) if n * power <= width / 5)
 
 
-def speciesColors(species: NDArray[np.intc]) -> NDArray[np.float64]:
+def speciesColors(species: NDArray[Any]) -> NDArray[np.float64]:
     """Return the color of each of some numbers of species: an (n, 3) array from 0 to 1."""
     from matplotlib import colormaps
 
@@ -112,7 +112,7 @@ def speciesColors(species: NDArray[np.intc]) -> NDArray[np.float64]:
 
 def speciesLegend(mesh: Mesh, most: int = 12) -> list[tuple[str, tuple[float, float, float]]]:
     """Return the names and colors of the species that a mesh has, but for those beyond a number."""
-    found, names = np.unique(mesh.species), mesh.speciesNames
+    found, names = np.unique([] if mesh.species is None else mesh.species).astype(int), mesh.speciesNames
     labels = [names[i] if i < len(names) else f"species {i}" for i in found[:most]]
     return [(label, tuple(color)) for label, color in zip(labels, speciesColors(found[:most]).tolist())]
 

@@ -232,7 +232,7 @@ class Stage(ABC):
         return endTargets(self._settings, self._startTargets)
 
     def _endConditions(self) -> dict[str, float]:
-        return conditionsOf(self._settings, self._scene.kT)
+        return stageConditions(self._settings, self._scene.kT)
 
     def _between(self, part: float) -> dict[str, float]:
         """Return the conditions at a part of the way from those at the start to those at the end."""
@@ -564,7 +564,7 @@ _KINDS: dict[type[StageSettings], type[Stage]] = {
 }
 
 
-def conditionsOf(settings: StageSettings, kT: float) -> dict[str, float]:
+def stageConditions(settings: StageSettings, kT: float) -> dict[str, float]:
     """Return the conditions that a stage gives, in kJ/mol and powers of nm."""
     given = settings.conditions()
     return {name: value * (1.0 if name == CURVATURE else kT) for name, value in given.items()}
@@ -574,7 +574,7 @@ def sceneDuring(scene: Scene, index: int) -> Scene:
     """Return a scene with the moduli that it has during one of its stages, at the end of it."""
     moduli = dict(scene.moduli)
     for settings in scene.stages[: index + 1]:
-        given = conditionsOf(settings, scene.kT)
+        given = stageConditions(settings, scene.kT)
         moduli |= {TERMS_OF_CONDITIONS[name]: value for name, value in given.items() if name in TERMS_OF_CONDITIONS}
     return replace(scene, moduli=moduli)
 

@@ -320,11 +320,12 @@ def _term(name: str) -> Observable:
 
 def withTerms(terms: Iterable[str]) -> "tuple[Observable, ...]":
     """Return the observables, with the energies of some terms also where these are off."""
-    names = {f"E_{term}": term for term in terms}
-    return tuple(
-        replace(o, compute=lambda m, term=names[o.name]: m.energies[term]) if o.name in names else o
-        for o in OBSERVABLES
-    )
+    own = {f"E_{term}": _energyOf(term) for term in terms}
+    return tuple(replace(o, compute=own[o.name]) if o.name in own else o for o in OBSERVABLES)
+
+
+def _energyOf(term: str) -> Callable[[Moment], float]:
+    return lambda moment: moment.energies[term]
 
 
 OBSERVABLES = (
