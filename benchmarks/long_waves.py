@@ -16,7 +16,7 @@ import numpy as np
 import openmm as mm
 
 import openmmhelfrich as mh
-from openmmhelfrich.analysis.fluctuations import realHarmonics, _solidAngles
+from openmmhelfrich.analysis.fluctuations import _solidAngles, realHarmonics
 
 KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)

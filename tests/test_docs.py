@@ -130,7 +130,7 @@ def testEveryKeyAndOptionIsDescribed():
     for name, section in sections().items():
         for key, field in section.model_fields.items():
             assert f"{{confval}} {name}.{key}\n" in keys and field.description
-    for name, command in typer.main.get_command(commands).commands.items():
+    for name, command in generated.commandsIn(typer.main.get_command(commands)):
         assert f"## {name}\n" in texts and command.help
         for parameter in command.params:
             assert parameter.help and (parameter.metavar or parameter.opts[0]) in texts

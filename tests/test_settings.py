@@ -29,6 +29,8 @@ FORCE_SETTERS = [
     ("setRepulsionLengthScale", [nm]),
     ("setTension", [kJ / nm**2]),
     ("setPressure", [kJ / nm**3]),
+    ("setSpontaneousCurvature", [nm**-1]),
+    ("setGaussianModulus", [kJ]),
 ]
 INTEGRATORS = [
     (mh.EdgeFlipIntegrator, [K, 1.0], []),
@@ -69,9 +71,11 @@ def testUnitsOfForce(name, wanted):
 
 def testEverySetterIsTested():
     """The list of setters with a dimension is complete."""
-    others = {"Triangle", "FixedEdge", "ForceGroup", "Name", "set_"}
+    others = {"Triangle", "FixedEdge", "ForceGroup", "Name", "set_", "Species"}
+    ofPairs = {"setLineTension", "setPairEnergy"}  # test_species.py has them
     setters = {name for name in dir(mh.HelfrichForce) if name.startswith("set")}
-    assert {name for name in setters if not any(word in name for word in others)} == dict(FORCE_SETTERS).keys()
+    found = {name for name in setters if not any(word in name for word in others)} - ofPairs
+    assert found == dict(FORCE_SETTERS).keys()
 
 
 @pytest.mark.parametrize("cls, wanted, setters", INTEGRATORS)

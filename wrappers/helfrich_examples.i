@@ -36,6 +36,21 @@ for _class, _example in (
     flips.step(10)
     print(flips.getNumAccepted(), force.getTrianglesInContext(context))
 """),
+    (SpeciesExchangeIntegrator, """
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.addSpecies(40, 0)
+    force.addSpecies(20, 0)
+    force.setLineTension(0, 1, 5)
+    force.setVertexSpecies(np.arange(len(mesh.vertices)) % 2)
+    system = mesh.createSystem()
+    system.addForce(force)
+    exchange = mh.SpeciesExchangeIntegrator(300 * unit.kelvin, 1.0)
+    context = mm.Context(system, exchange, mm.Platform.getPlatform("CPU"))
+    context.setPositions(mesh.vertices)
+    exchange.step(5)
+    print(exchange.getNumAccepted(), force.getVertexSpeciesInContext(context))
+"""),
     (ShearWaveIntegrator, """
     waves = mh.ShearWaveIntegrator(300 * unit.kelvin, 0.03 * unit.nanometer, 1.0, 3.0)
     integrator = mh.HybridMonteCarloIntegrator(300 * unit.kelvin, 4e-4 * unit.picoseconds)

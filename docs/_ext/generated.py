@@ -98,7 +98,7 @@ def _section(name: str, model: Any) -> str:
 
 
 def _key(name: str, field: FieldInfo) -> str:
-    hasDefault = field.default is not None and not field.is_required() and field.default != {}
+    hasDefault = field.default is not None and not field.is_required() and field.default not in ({}, [])
     lines = [f"```{{confval}} {name}", f":type: {'; '.join([kindOf(field), *_limits(field)])}"]
     if hasDefault:
         lines.append(f":default: `{_toml(field.default)}`")
@@ -107,6 +107,8 @@ def _key(name: str, field: FieldInfo) -> str:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
     return str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else f"{value:g}"
 
 
@@ -148,15 +150,15 @@ def _limits(field: FieldInfo) -> Iterator[str]:
 def commandTexts() -> str:
     """Return the description of every command."""
     group: Any = typer.main.get_command(commands)
-    return "\n\n".join(_command(name, command) for name, command in _within(group))
+    return "\n\n".join(_command(name, command) for name, command in commandsIn(group))
 
 
-def _within(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+def commandsIn(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the whole name of each command of a group, and of the groups in it, and the command."""
     for command in group.commands.values():
         name = before + command.name
         if hasattr(command, "commands"):
-            yield from _within(command, f"{name} ")
+            yield from commandsIn(command, f"{name} ")
         else:
             yield name, command
 

@@ -19,14 +19,14 @@ struct SpeciesProposal;
  * setProposal() says what is proposed:
  *
  * <ul>
- * <li>"neighbors", the default: the two ends of an edge exchange their species (Kawasaki, 1966).  The edge is drawn
- * uniformly from all edges of the membrane.</li>
- * <li>"anywhere": two vertices exchange their species.  Each is drawn uniformly from all vertices of the membrane, also
- * from those of its other surfaces.  The composition comes to equilibrium sooner than by diffusion.</li>
- * <li>"mutation": a vertex, drawn uniformly from all vertices, gets a species, drawn uniformly from all species.  The
- * composition is then that of the chemical potentials (the semi-grand canonical ensemble): states are as likely as
- * exp(-(E-sum mu)/kT), with the chemical potential mu of the species of each vertex.</li>
+ * <li>"neighbors", the default: the two ends of an edge, drawn uniformly, exchange their species (Kawasaki, 1966)</li>
+ * <li>"anywhere": two vertices, each drawn uniformly from all of the membrane's, exchange their species</li>
+ * <li>"mutation": a vertex, drawn uniformly from all vertices, gets a species, drawn uniformly from all species</li>
  * </ul>
+ *
+ * With "anywhere" vertices of different surfaces exchange too, and the composition comes to equilibrium sooner than by
+ * diffusion.  With "mutation" the composition is that of the chemical potentials (the semi-grand canonical ensemble):
+ * states are as likely as exp(-(E-sum mu)/kT), with the chemical potential mu of the species of each vertex.
  *
  * Nothing happens, and the attempt counts as one of alike vertices, where both vertices are of one species, or the
  * vertex has the species already.

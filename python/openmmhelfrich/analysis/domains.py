@@ -139,7 +139,9 @@ def compositionProfile(
     """
     direction = np.asarray(axis, dtype=float)
     if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
-        raise ValueError(f"compositionProfile: axis is {direction.tolist()}; it must be three numbers that are not all 0")
+        raise ValueError(
+            f"compositionProfile: axis is {direction.tolist()}; it must be three numbers that are not all 0"
+        )
     if bins < 1:
         raise ValueError(f"compositionProfile: bins is {bins}; it must be 1 or more")
     heights, areas = mesh.vertices @ (direction / np.linalg.norm(direction)), mesh.vertexAreas
