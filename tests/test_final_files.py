@@ -1,6 +1,8 @@
 """Nobody is told that a run is complete unless its meshes, tables and pictures are those of its last step."""
 
+import builtins
 import errno
+import io
 import json
 import os
 import shutil
@@ -12,7 +14,7 @@ import pytest
 import openmmhelfrich as mh
 from openmmhelfrich.pictures.plots import saveFigure
 from openmmhelfrich.runs import outputs, studies
-from openmmhelfrich.runs.checkpoint import loadRunState
+from openmmhelfrich.runs.checkpoint import addRecord, loadRunState
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.outputs import Outputs
 from openmmhelfrich.runs.studies import resume, run
@@ -232,6 +234,23 @@ def testFailureBeforeTheFirstFrame(tmp_path, monkeypatch):
             run(config)
     assert not (tmp_path / "a.dcd").exists()
     assert resume(tmp_path / "a").steps == 6 and mh.readMeshTrajectory(tmp_path / "a.vtkhdf")[-1].step == 4
+
+
+def testAnErrorWhileTheRecordIsAdded(copied, monkeypatch):
+    """The checkpoint is as it was: zipfile, if it cannot open a file, begins another."""
+    file, original = Path(f"{copied[0]}.checkpoint"), io.open
+    before = file.read_bytes()
+
+    def fail(name, mode="r", *arguments, **options):
+        if mode == "r+b":
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return original(name, mode, *arguments, **options)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        for module in (io, builtins):
+            patch.setattr(module, "open", fail)
+        addRecord(file, {})
+    assert file.read_bytes() == before
 
 
 def testFilesThatAreNotTheRuns(copied):

@@ -146,7 +146,7 @@ def _stateOf(folder):
 
 def _bytesOf(file):
     content = file.read_bytes()
-    if zipfile.is_zipfile(file):
+    with contextlib.suppress(zipfile.BadZipFile):  # what is no archive, or a torn one
         return _partsOf(file)
     return re.sub(rb"\d+", b"", content) if file.suffix == ".lock" else re.sub(OWN, b"", content)
 

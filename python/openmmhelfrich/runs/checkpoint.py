@@ -119,7 +119,8 @@ def addRecord(file: PathLike, record: dict[str, Any]) -> None:
     """Add the record of the files of a run to its checkpoint, in a single step."""
     with replacing(file) as part:
         shutil.copyfile(file, part)
-        with zipfile.ZipFile(part, "a", zipfile.ZIP_DEFLATED) as archive:
+        # Of a name that it cannot open ZipFile would make an empty file.
+        with open(part, "r+b") as content, zipfile.ZipFile(content, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(RECORD, json.dumps(record, indent=1))
 
 
