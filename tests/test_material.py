@@ -259,3 +259,29 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
 def test_mistakes_of_stages_are_named(tmp_path, stage, message):
     with pytest.raises(ValueError, match=message):
         runStages(tmp_path / "run", [{"kind": "sample", **stage}])
+
+
+@pytest.mark.parametrize("suffix", ["ply", "vtu", "vtk"])
+def test_a_field_of_the_mesh_file_says_where_species_are(tmp_path, suffix):
+    own, file = (np.arange(len(MESH.vertices)) % 2).astype(np.intc), tmp_path / f"mesh.{suffix}"
+    mh.Mesh(MESH.vertices, MESH.triangles, species=own).write(file)
+    mesh = {"file": str(file), "species_field": "Species"}
+    scene = mh.Scene.of(configOf(mesh=mesh, species=[{"name": "a"}, {"name": "b"}]))
+    assert np.array_equal(scene.vertexSpecies, own)
+    for change, message in (
+        ({"species": [{"name": "a"}]}, "has the value 1; with 1 species"),
+        ({"mesh": {**mesh, "species_field": "x"}}, "has no array of vertices of this name: it has Species"),
+        ({"species": [{"name": "a", "fraction": 0.5}, {"name": "b"}]}, "has a fraction or vertices of its own"),
+        ({"species": []}, "species_field has no effect without"),
+        ({"mesh": {"icosphere": 1, "species_field": "x"}}, "there is no file that has it"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mh.Scene.of(configOf(**{"mesh": mesh, "species": [{"name": "a"}, {"name": "b"}], **change}))
+
+
+def test_a_mesh_with_species_keeps_them():
+    own = (np.arange(len(MESH.vertices)) % 2).astype(np.intc)
+    mesh = mh.Mesh(MESH.vertices, MESH.triangles, species=own)
+    assert np.array_equal(mh.Scene.of({"species": LO_LD, "sampling": {"seed": 1}}, mesh).vertexSpecies, own)
+    with pytest.raises(ValueError, match="has the value 1; with 1 species"):
+        mh.Scene.of({"species": [{"name": "a"}], "sampling": {"seed": 1}}, mesh)

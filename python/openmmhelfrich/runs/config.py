@@ -75,7 +75,7 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _material(self) -> "Config":
-        checkSpecies(self.species, self.membrane, self.sampling)
+        checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
         return self
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import meshio
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
@@ -11,6 +12,45 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from .config import Config
 from .sections import SpeciesSection
+
+
+def speciesOf(config: Config, mesh: Mesh) -> NDArray[np.intc]:
+    """Return the number of the species of each vertex that a resolved Config asks for, none if there are none.
+
+    A mesh that has species, as that of a run that goes on, keeps them.
+    """
+    name = config.mesh.species_field
+    if config.species and mesh.species is not None:
+        name, values = "of the mesh", mesh.species.astype(float)
+    elif name is None:
+        return placeSpecies(config.species, mesh, config.sampling.seed or 0)
+    else:
+        values = _fieldOf(str(config.mesh.file), name)
+    if len(values) != len(mesh.vertices):
+        raise ValueError(
+            f"[mesh] species_field {name} has {len(values)} values, and the mesh {len(mesh.vertices)} vertices; a mesh "
+            "that is repaired or remeshed cannot have it"
+        )
+    count = len(config.species)
+    wrong = values[(values != np.rint(values)) | (values < 0) | (values >= count)]
+    if len(wrong):
+        raise ValueError(
+            f"[mesh] species_field {name} has the value {wrong[0]:g}; with {count} species they must be whole numbers "
+            f"from 0 to {count - 1}"
+        )
+    return values.astype(np.intc)
+
+
+def _fieldOf(file: str, name: str) -> NDArray[np.float64]:
+    """Return an array of a mesh file with a value for each vertex."""
+    try:
+        found = meshio.read(file).point_data
+    except (meshio.ReadError, OSError, KeyError, ValueError, SystemExit) as error:
+        raise ValueError(f"[mesh] species_field: {file} cannot be read for its arrays: {error}") from None
+    if name not in found:
+        has = f"it has {', '.join(found)}" if found else "it has none"
+        raise ValueError(f"[mesh] species_field is '{name}'; {file} has no array of vertices of this name: {has}")
+    return np.asarray(found[name], dtype=float).reshape(-1)
 
 
 def placeSpecies(species: Sequence[SpeciesSection], mesh: Mesh, seed: int) -> NDArray[np.intc]:

@@ -31,7 +31,7 @@ from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import TARGET_FACTORS, withApproaches
 from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
-from .material import bendingModulusOf, gaussianStepOf, placeSpecies, setMaterial, spontaneousCurvatureOf
+from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings
 
@@ -167,7 +167,7 @@ class Scene:
             config = resolve(config, mesh)
             ownMeasures = measuresOf(mesh)
             checkSizes(config, mesh, ownMeasures)
-            vertexSpecies = placeSpecies(config.species, mesh, config.sampling.seed or 0)
+            vertexSpecies = speciesOf(config, mesh)
             platform, properties = platformOf(config)
         sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
         surfaces = _surfaces(config, mesh)

@@ -213,6 +213,12 @@ class MeshSection(Section):
         description="mend the mesh as the command repair does, and say what was done: weld corners, take away facets "
         "without area and specks, turn surfaces outwards",
     )
+    species_field: str | None = Field(
+        None,
+        min_length=1,
+        description="the name of an array of the file (VTU, VTK or PLY) with the number of the species of each vertex, "
+        "from 0, in the order of [[species]]; final meshes have one called Species",
+    )
     length_unit: str = Field(
         "nm",
         min_length=1,
@@ -230,6 +236,8 @@ class MeshSection(Section):
 
     @model_validator(mode="after")
     def _oneMesh(self) -> "MeshSection":
+        if self.species_field is not None and self.file is None:
+            raise ValueError("species_field is given, and there is no file that has it")
         if (self.file is None) == (self.icosphere is None):
             raise ValueError(
                 "file is missing; the mesh to begin with has no default"
@@ -640,7 +648,9 @@ class OutputSection(Section):
     overwrite: bool = Field(False, description="replace the files of an earlier run")
 
 
-def checkSpecies(species: list[SpeciesSection], membrane: MembraneSection, sampling: SamplingSection) -> None:
+def checkSpecies(
+    species: list[SpeciesSection], mesh: MeshSection, membrane: MembraneSection, sampling: SamplingSection
+) -> None:
     """Raise a ValueError if species do not go with each other, or with what names them."""
     names = [each.name for each in species]
     for name in names:
@@ -661,12 +671,22 @@ def checkSpecies(species: list[SpeciesSection], membrane: MembraneSection, sampl
             if key == "line_tension" and len(set(pair.split(", "))) == 1:
                 raise ValueError(f"[membrane] line_tension has the pair '{pair}'; it must be of two different species")
     if not species:
+        if mesh.species_field is not None:
+            raise ValueError("[mesh] species_field has no effect without [[species]], whose numbers it has")
         if membrane.line_tension:
             raise ValueError("[membrane] line_tension has no effect without [[species]], whose boundaries it is of")
         if sampling.exchange_probability > 0:
             raise ValueError("[sampling] exchange_probability has no effect without [[species]], which exchange places")
         return
-    _checkShares(species)
+    if mesh.species_field is None:
+        _checkShares(species)
+        return
+    placed = [each.name for each in species if not each.isRest]
+    if placed:
+        raise ValueError(
+            f"[mesh] species_field says where species are, and the species {placed[0]} has a fraction or vertices of "
+            "its own; give one of them"
+        )
 
 
 def _checkShares(species: list[SpeciesSection]) -> None:
