@@ -15,6 +15,7 @@ from openmmhelfrich.pictures.rendering import render
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import asDict, parseConfig
+from openmmhelfrich.runs.configfile import configText
 from openmmhelfrich.runs.material import flatEnergy, placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
 from openmmhelfrich.units import thermalEnergy
@@ -285,3 +286,18 @@ def test_a_mesh_with_species_keeps_them():
     assert np.array_equal(mh.Scene.of({"species": LO_LD, "sampling": {"seed": 1}}, mesh).vertexSpecies, own)
     with pytest.raises(ValueError, match="has the value 1; with 1 species"):
         mh.Scene.of({"species": [{"name": "a"}], "sampling": {"seed": 1}}, mesh)
+
+
+def test_a_sweep_over_species_goes_on(tmp_path):
+    """Axes may be membrane.line_tension and membrane.spontaneous_curvature; a second command finds every point done."""
+    (tmp_path / "base.toml").write_text(
+        configText(configOf(species=LO_LD, sampling={"seed": 1, "steps": 2, "exchange_probability": 0.5}))
+    )
+    (tmp_path / "grid.toml").write_text(
+        'base = "base.toml"\n[grid]\nmembrane.line_tension = [1, 2]\nmembrane.spontaneous_curvature = [0.1]\n'
+    )
+    tables = []
+    for _ in range(2):
+        found = mh.sweep(tmp_path / "grid.toml", tmp_path / "out", workers=1)
+        tables.append(found.table.read_text())
+    assert tables[0] == tables[1] and tables[0].count("\n") == 3

@@ -8,7 +8,7 @@ import tomli_w
 
 from ..files import PathLike, replacing
 from .config import Config, asDict, sections
-from .sections import Section, Targets
+from .sections import Conditions, Section, SpeciesSection, Targets
 from .stagesettings import STAGES
 
 _HEAD = """\
@@ -18,8 +18,9 @@ Numbers without a unit: lengths in the mesh's length_unit, energies in kT, tempe
 A number with a unit in quotes may stand for each of them: "80 kJ/mol", "0.5 um", "12 um^2", "90 fL", "37 C", "1 fs"."""
 _STAGES = """\
 Stages, one after the other, each a table [[stages]] with its kind; without any, [sampling] steps is one that samples.
-Take away the first "# " of each line to use one.  All may also set targets, which stay: target_area, target_volume or \
-reduced_volume, target_area_difference."""
+Take away the first "# " of each line to use one.  All may also set targets, moduli and the like, which stay: \
+target_area, target_volume or reduced_volume, target_area_difference; bending_modulus, gaussian_modulus, \
+spontaneous_curvature, line_tension, area_modulus, volume_modulus, area_difference_modulus, tension, pressure."""
 
 
 def defaultText() -> str:
@@ -27,13 +28,16 @@ def defaultText() -> str:
     parts = [_comment(_HEAD)]
     for name, model in sections().items():
         parts.append(f"{_purpose(model)}\n[{name}]\n{_keys(model)}")
+    parts.append(_commentedOut(f"{_purpose(SpeciesSection)}\n[[species]]\n{_keys(SpeciesSection)}"))
     parts.append(_comment(_STAGES))
     for kind, model in STAGES.items():
-        keys = _keys(model, leaveOut={"kind", *Targets.model_fields})
-        parts.append(
-            "\n".join("# " + line for line in f'{_purpose(model)}\n[[stages]]\nkind = "{kind}"\n{keys}'.splitlines())
-        )
+        keys = _keys(model, leaveOut={"kind", *Conditions.model_fields})
+        parts.append(_commentedOut(f'{_purpose(model)}\n[[stages]]\nkind = "{kind}"\n{keys}'))
     return "\n\n".join(parts) + "\n"
+
+
+def _commentedOut(text: str) -> str:
+    return "\n".join("# " + line for line in text.splitlines())
 
 
 def settingsText(config: Config, comments: Iterable[str] = ()) -> str:
@@ -68,7 +72,7 @@ def _keys(model: type[Section], leaveOut: Collection[str] = ()) -> str:
         if name in leaveOut:
             continue
         lines.append(_comment(field.description or ""))
-        hasValue = field.default is not None and not field.is_required() and field.default != {}
+        hasValue = field.default is not None and not field.is_required() and field.default not in ({}, [])
         lines.append(tomli_w.dumps({name: field.default}).strip() if hasValue else f"# {name} =")
     return "\n".join(lines)
 

@@ -323,9 +323,7 @@ class MembraneSection(Targets):
     )
     area_modulus: Energy = Field(1e6, ge=0, description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%")
     volume_modulus: Energy = Field(1e6, ge=0, description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%")
-    area_difference_modulus: Energy = Field(
-        0.0, ge=0, description="kappa_dA in kT; off by default, which is the spontaneous-curvature-free model"
-    )
+    area_difference_modulus: Energy = Field(0.0, ge=0, description="kappa_dA in kT; off by default")
     leaflet_separation: Length = Field(
         1.0, gt=0, description="h in dA = 2hM; it cancels from the energy, where only dA/dA_0 counts"
     )

@@ -315,10 +315,15 @@ def _comparable(config: Config) -> dict[str, Any]:
             "platform": {"threads"},
         },
     )
-    stages = data.pop("stages")
+    lists = {"stage": data.pop("stages"), "[[species]]": data.pop("species")}
     return {
         **{f"[{section}] {key}": value for section, values in data.items() for key, value in values.items()},
-        **{f"stage {i + 1} {key}": value for i, stage in enumerate(stages) for key, value in stage.items()},
+        **{
+            f"{name} {i + 1} {key}": value
+            for name, tables in lists.items()
+            for i, table in enumerate(tables)
+            for key, value in table.items()
+        },
     }
 
 
