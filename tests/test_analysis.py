@@ -95,7 +95,7 @@ def test_area_difference_of_a_cylinder_with_caps():
 @pytest.mark.parametrize("l, m", [(2, 0), (2, -2), (3, 1), (5, 4)])
 def test_an_imposed_harmonic(l, m):
     mesh = mh.Mesh.icosphere(3)
-    harmonics = fluctuations._realHarmonics(mesh.vertices, 6)
+    harmonics = fluctuations.realHarmonics(mesh.vertices, 6)
     assert np.allclose(harmonics.T @ harmonics * 4 * np.pi / len(harmonics), np.eye(49), atol=0.05)
     x = mesh.vertices * (1 + 0.02 * harmonics[:, [l * l + l + m]])
     u = analysis.sphericalHarmonicCoefficients(7 * x + [1, 2, 3], 6)
@@ -117,7 +117,7 @@ def test_spectrum_of_known_fluctuations(seed):
     for u in amplitudes:
         x = mesh.vertices + 0.15 * mesh.edgeLengths.mean() * random.normal(size=mesh.vertices.shape)
         x /= np.linalg.norm(x, axis=1)[:, np.newaxis]
-        frames.append(7 * x * (1 + fluctuations._realHarmonics(x, 9) @ u)[:, np.newaxis])
+        frames.append(7 * x * (1 + fluctuations.realHarmonics(x, 9) @ u)[:, np.newaxis])
     spectrum = analysis.fluctuationSpectrum(frames, 6)
     drawn = [np.mean(amplitudes[:, l == degree] ** 2) for degree in spectrum.degrees]
     assert spectrum.radius == pytest.approx(7, rel=2e-3) and spectrum.powers == pytest.approx(drawn, rel=0.03)
@@ -141,7 +141,7 @@ def test_stiffness_of_a_mesh(subdivisions, deviation):
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(1)
     context = createContext(mesh, force, "CPU")
-    harmonics = fluctuations._realHarmonics(mesh.vertices, 8)
+    harmonics = fluctuations.realHarmonics(mesh.vertices, 8)
 
     def energy(l, m, u):
         context.setPositions(mesh.vertices * (1 + u * harmonics[:, [l * l + l + m]]))

@@ -90,10 +90,10 @@ def test_what_does_not_move_has_no_time():
 
 def test_shape_of_a_sphere_is_its_modes_of_degree_2():
     """Of each mode, the amplitude comes out in one column alone; that of another degree in none."""
-    from openmmhelfrich.analysis.fluctuations import _realHarmonics
+    from openmmhelfrich.analysis.fluctuations import realHarmonics
 
     mesh = mh.Mesh.icosphere(3)
-    harmonics = _realHarmonics(mesh.vertices, 3)
+    harmonics = realHarmonics(mesh.vertices, 3)
     series = shapeSeries(
         np.array(
             [
