@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 from openmmhelfrich.runs.config import Config, sections
+from openmmhelfrich.runs.sections import SpeciesSection
 from openmmhelfrich.runs.stagesettings import STAGES
 
 OUTPUTS = [
@@ -268,7 +269,7 @@ def testPlaceThatTakesNoFiles(folder):
 
 
 def testEveryKeyIsDescribed():
-    for name, model in (sections() | STAGES).items():
+    for name, model in (sections() | STAGES | {"species": SpeciesSection}).items():
         assert model.__doc__, name
         assert all(field.description for field in model.model_fields.values()), name
-    assert [*sections(), "stages"] == list(Config.model_fields)
+    assert [*sections(), "species", "stages"] == list(Config.model_fields)

@@ -60,13 +60,13 @@ class Config(Section):
 
     mesh: MeshSection
     membrane: MembraneSection = MembraneSection()
-    species: list[SpeciesSection] = Field(default_factory=list)
     tether: TetherSection = TetherSection()
     repulsion: RepulsionSection = RepulsionSection()
     system: SystemSection = SystemSection()
     sampling: SamplingSection = SamplingSection()
     platform: PlatformSection = PlatformSection()
     output: OutputSection = OutputSection()
+    species: list[SpeciesSection] = Field(default_factory=list)
     stages: list[AnyStage] = Field(default_factory=list)
 
     @property
