@@ -8,6 +8,7 @@ import openmmhelfrich as mh
 
 PLATFORMS = ["Reference", "CPU"]
 TERMS = ["bending", "area", "volume", "areaDifference", "tether", "repulsion", "tension", "pressure"]
+TERMS_OF_SPECIES = ["gaussian", "line", "pair"]
 
 
 def createBlob(subdivisions=2, noise=0.1, seed=1):

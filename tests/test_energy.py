@@ -10,7 +10,17 @@ import pytest
 from openmm import unit
 
 import openmmhelfrich as mh
-from membranes import PLATFORMS, TERMS, createBlob, createContext, createForce, energyOf, forcesOf, termsOf
+from membranes import (
+    PLATFORMS,
+    TERMS,
+    TERMS_OF_SPECIES,
+    createBlob,
+    createContext,
+    createForce,
+    energyOf,
+    forcesOf,
+    termsOf,
+)
 
 DATA = Path(__file__).parent / "data"
 PEER = {case["name"]: case for case in json.loads((DATA / "peer_values.json").read_text())["cases"]}
@@ -146,14 +156,15 @@ def test_terms_add_up(platform):
     force = createForce(mesh)
     context = createContext(mesh, force, platform)
     terms = termsOf(force, context)
-    assert list(terms) == TERMS
+    assert list(terms) == [*TERMS, *TERMS_OF_SPECIES]
+    assert all(terms.pop(name) == 0 for name in TERMS_OF_SPECIES)  # test_species.py has them
     assert all(energy > 1 for energy in terms.values())
     assert sum(terms.values()) == pytest.approx(energyOf(context), rel=1e-15)
     for term in TERMS:
         alone = createForce(mesh, [term])
         context = createContext(mesh, alone, platform)
         assert termsOf(alone, context) == pytest.approx(
-            {name: terms[name] if name == term else 0 for name in TERMS}, rel=1e-13
+            {name: terms[name] if name == term else 0 for name in (*TERMS, *TERMS_OF_SPECIES)}, rel=1e-13
         )
 
 
