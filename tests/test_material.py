@@ -16,8 +16,9 @@ from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import asDict, parseConfig
 from openmmhelfrich.runs.configfile import configText
-from openmmhelfrich.runs.material import flatEnergy, placeSpecies
+from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
+from openmmhelfrich.sampling.conditions import flatEnergy
 from openmmhelfrich.units import thermalEnergy
 
 MESH = mh.Mesh.icosphere(2, 2.0)
@@ -92,7 +93,21 @@ def test_spontaneous_curvature_without_species():
     force = scene.createForce()
     assert force.getSpontaneousCurvature()._value == 0.5 and force.getNumSpecies() == 0
     assert force.getGaussianModulus()._value == -10 * scene.kT
-    assert flatEnergy(scene.config, MESH, 20, 0.5) == pytest.approx(20 * 0.5**2 / 2 * MESH.area)
+    simulation = scene.createSimulation(force)
+    assert flatEnergy(simulation.context, force, MESH) == pytest.approx(20 * scene.kT * 0.5**2 / 2 * MESH.area)
+
+
+def test_the_energy_of_a_flat_mesh_is_that_of_the_species_it_has():
+    scene = mh.Scene.of(configOf(species=LO_LD, membrane={"spontaneous_curvature": 0.1}))
+    force = scene.createForce()
+    context, kT = scene.createSimulation(force).context, scene.kT
+    areas = scene.mesh.vertexAreas
+    for species in (scene.vertexSpecies, 1 - scene.vertexSpecies):
+        force.setVertexSpeciesInContext(context, species)
+        mesh = mh.Mesh(scene.mesh.vertices, scene.mesh.triangles, species=species)
+        lo, ld = areas[species == 0].sum(), areas[species == 1].sum()
+        expected = kT * (40 * 0.1**2 / 2 * lo + 20 * 0.4**2 / 2 * ld)
+        assert flatEnergy(context, force, mesh) == pytest.approx(expected)
 
 
 def test_a_run_with_exchanges_goes_on_to_the_same_bits(tmp_path):

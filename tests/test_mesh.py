@@ -304,6 +304,22 @@ def testCheckSeesCoordinatesThatWereChanged(sphere):
         sphere.check()
 
 
+def testSpeciesGoWithTheirVertices(tmp_path, sphere):
+    both = np.vstack([sphere.triangles, sphere.triangles + len(sphere.vertices)])
+    vertices = np.vstack([sphere.vertices, sphere.vertices + 5])
+    species = np.arange(len(vertices)) % 3
+    mesh = mh.Mesh(vertices, both, species=species, speciesNames=("a", "b", "c"))
+    parts = mesh.components()
+    assert np.array_equal(np.concatenate([part.species for part in parts]), species)
+    assert np.array_equal(mesh.reversed().species, species) and mesh.reversed().speciesNames == ("a", "b", "c")
+    assert mesh.repaired().species is None  # which has other vertices
+    mesh.write(tmp_path / "a.ply", data={"Species": species.astype(float)})
+    assert meshio.read(tmp_path / "a.ply").point_data["Species"].dtype.kind == "i"
+    for name in ("a.stl", "a.off", "a.q", "a.h5"):
+        mesh.write(tmp_path / name)
+        assert mh.Mesh.read(tmp_path / name).species is None
+
+
 def testSeveralMembranesPass(sphere):
     together(
         sphere, mh.Mesh(0.5 * sphere.vertices, sphere.triangles), mh.Mesh(sphere.vertices + 3, sphere.triangles)

@@ -374,6 +374,34 @@ def test_replicas_must_have_the_same_energy():
     ReplicaExchange(exchange.simulations, ladder).run(1, 1)
 
 
+SPECIES = [{"name": "a", "fraction": 0.3}, {"name": "b", "spontaneous_curvature": 2.0}]
+
+
+def test_replicas_may_have_other_species_and_spontaneous_curvatures():
+    """They are a Context's own, while the moduli of the species are not."""
+    sections = [{"species": SPECIES, "membrane": {"spontaneous_curvature": c}} for c in (0.0, 0.3)]
+    sections[1]["sampling"] = {"seed": 2, "approach": "none"}
+    ladder = [ThermodynamicState(300, {"HelfrichForceSpontaneousCurvature": c}) for c in (0.0, 0.3)]
+    exchange = ReplicaExchange(scenes(*sections), ladder)
+    exchange.run(2, 2)
+    assert "crumpled" not in str(exchange.verdict) and exchange.numRounds == 2
+    other = {**sections[0], "species": [SPECIES[0], {**SPECIES[1], "spontaneous_curvature": 2.5}]}
+    with pytest.raises(ValueError, match="the forces of simulation 1 are not those of simulation 0"):
+        ReplicaExchange(scenes(sections[0], other), ladder)
+    plain = [{"membrane": {"spontaneous_curvature": c}} for c in (0.0, 0.3)]
+    ReplicaExchange(scenes(*plain), ladder).run(1, 1)
+
+
+@pytest.mark.parametrize("rounds", [0, 3])
+def test_an_exchange_without_a_membrane_is_saved(tmp_path, rounds):
+    exchange, again = oscillators([50, 60]), oscillators([50, 60])
+    exchange.run(rounds, 1, tmp_path / "exchange.zip")
+    exchange.save(tmp_path / "exchange.zip")
+    again.load(tmp_path / "exchange.zip")
+    assert again.numRounds == rounds and np.array_equal(again.history, exchange.history)
+    assert str(again) == str(exchange)
+
+
 def test_an_integrator_without_temperature():
     system = mm.System()
     system.addParticle(1)

@@ -285,6 +285,7 @@ def test_checkpoints_of_something_else(folder):
         (lambda run: run["stageState"].pop("startTargets"), {}),
         (lambda run: run["stageState"].update(startTargets={"area": "x"}), {}),
         (lambda run: run["stageState"].update(position=-3), {}),
+        (lambda run: run["stageState"].update(startConditions={"tension": 1.0}), {}),
     ):
         Path("run.checkpoint").write_bytes(whole)
         edit("run.checkpoint", change, **parts)

@@ -7,6 +7,7 @@ import numpy as np
 from openmm import unit
 
 from ..geometry.mesh import Mesh
+from ..sampling.conditions import flatEnergy
 from ..sampling.replicaexchange import ReplicaExchange
 from ..sampling.targets import moduliOf
 from .verdict import DRIFT, LEVELS, OF_EXCHANGES, OF_MOVES, OF_SHAPES, ROWS, Evidence, Finding, Verdict, judge, ratesOf
@@ -55,11 +56,14 @@ def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
         return Evidence(rows=exchange.observables(state), **rates)
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
-    mesh = Mesh(positions[: triangles.max() + 1], triangles)
+    species = force.getVertexSpeciesInContext(simulation.context)
+    mesh = Mesh(positions[: triangles.max() + 1], triangles, species=species)
     return Evidence(
         rows=exchange.observables(state),
         mesh=mesh,
         moduli={name: modulus / kT for name, modulus in moduliOf(simulation.context, force).items()},
+        flatEnergy=flatEnergy(simulation.context, force, mesh) / kT,
+        isUniform=force.getNumSpecies() == 0,
         moved=exchange.displacement(replica) / float(mesh.edgeLengths.mean()),
         **rates,
     )

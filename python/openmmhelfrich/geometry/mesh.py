@@ -238,7 +238,7 @@ class Mesh:
         length = _lengthOf(unit)
         box = None if self.box is None else self.box / length
         own = {} if self.species is None else {"Species": self.species}
-        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**own, **(data or {})} or None, box)
+        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box)
 
     def repaired(
         self,
@@ -287,19 +287,22 @@ class Mesh:
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
-        result = Mesh(self.vertices, self.triangles[:, ::-1], self.box)
+        result = self._with(slice(None), self.triangles[:, ::-1])
         result.notes = list(self.notes)
         return result
 
     def components(self) -> "list[Mesh]":
-        """Return each connected surface as a mesh, in the order of their first triangles."""
+        """Return each connected surface as a mesh, in the order of their first triangles.
+
+        They keep the species of their vertices; beads belong to none of several.
+        """
         count, label = mending.surfaces(self.triangles, len(self.vertices))
         if count == 1:
             return [self]
         order = np.argsort(label, kind="stable")
         parts = np.split(self.triangles[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
         whole = (np.unique(part, return_inverse=True) for part in parts)
-        return [Mesh(self.vertices[used], part.reshape(-1, 3), self.box) for used, part in whole]
+        return [self._with(used, part.reshape(-1, 3)) for used, part in whole]
 
     def check(self) -> None:
         """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
@@ -464,11 +467,16 @@ class Mesh:
         """Return the mesh with coordinates and box multiplied by a factor."""
         return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
 
+    def _with(self, vertices: Any, triangles: ArrayLike) -> "Mesh":
+        """Return a mesh of some of the vertices, with their species, and other triangles."""
+        species = None if self.species is None else self.species[vertices]
+        return Mesh(self.vertices[vertices], triangles, self.box, None, species, self.speciesNames)
+
     def _withoutLooseVertices(self, notes: Iterable[str] = ()) -> "Mesh":
         """Return the mesh without vertices that belong to no triangle, with notes."""
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.triangles] = True
-        result = Mesh(self.vertices[used], (np.cumsum(used) - 1)[self.triangles], self.box)
+        result = self._with(used, (np.cumsum(used) - 1)[self.triangles])
         result.notes = list(notes)
         return result
 

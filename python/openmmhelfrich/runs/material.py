@@ -135,20 +135,6 @@ def gaussianStepOf(config: Config) -> float:
     return max(moduli) - min(moduli) if moduli else 0.0
 
 
-def flatEnergy(config: Config, mesh: Mesh, bendingModulus: float, spontaneousCurvature: float) -> float:
-    """Return the bending energy, in kT, of a mesh that is flat everywhere, given the modulus, in kT, of a membrane
-    without species, and the spontaneous curvature that is added to that of each species.
-    """
-    if mesh.species is None:
-        return bendingModulus * spontaneousCurvature**2 / 2 * mesh.area
-    own = [
-        (modulusOf(s.bending_modulus, config.membrane.bending_modulus), s.spontaneous_curvature) for s in config.species
-    ]
-    moduli, curvatures = np.transpose(own)
-    energies = moduli * (spontaneousCurvature + curvatures) ** 2 / 2
-    return float(energies[mesh.species] @ mesh.vertexAreas)
-
-
 def lineTensionsOf(config: Config) -> dict[tuple[int, int], float]:
     """Return the line tensions, in kT per length unit, by the numbers of two species."""
     names, tension = [each.name for each in config.species], config.membrane.line_tension

@@ -32,7 +32,7 @@ from ..sampling.adaptation import (
     StepSizeTracker,
 )
 from ..sampling.averages import averageWindows, lateRows
-from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, setConditions
+from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, flatEnergy, setConditions
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
@@ -43,7 +43,6 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
-from .material import flatEnergy
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
@@ -171,7 +170,9 @@ class Stage(ABC):
         """Go on from a state that getState() returned; raise a ValueError or KeyError if it is not like one."""
         TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
-        self._startConditions = state.get("startConditions", {})
+        self._startConditions = state.get("startConditions", {})  # before there were any, none were kept
+        if self._startConditions.keys() != self._settings.conditions().keys():
+            raise ValueError(f"the stage began with other conditions than {', '.join(self._settings.conditions())}")
         self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
         self._startAdaptation()
         if self._adapter:
@@ -194,7 +195,7 @@ class Stage(ABC):
             rows=rows,
             mesh=mesh,
             moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
-            flatEnergy=flatEnergy(scene.config, mesh, scene.moduli["bending"] / scene.kT, self._spontaneousCurvature()),
+            flatEnergy=flatEnergy(self._simulation.context, self._force, mesh) / scene.kT,
             isUniform=not scene.config.species,
             heat=self._heat(rows),
             **ratesOf(Counters(*counters.tolist()), integrator),
@@ -203,9 +204,6 @@ class Stage(ABC):
             isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
         )
-
-    def _spontaneousCurvature(self) -> float:
-        return currentConditions(self._simulation.context, self._force, [CURVATURE])[CURVATURE]
 
     def _heat(self, rows: Table) -> float:
         """Return the temperature of the averages over the one whose kT is the unit of energies."""

@@ -8,8 +8,10 @@ curvature are parameters of a Context; the others are those of a HelfrichForce, 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import numpy as np
 import openmm as mm
 
+from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 
 CURVATURE, LINE_TENSION = "spontaneous_curvature", "line_tension"
@@ -47,6 +49,17 @@ def setConditions(context: mm.Context, force: HelfrichForce, conditions: Mapping
             _MODULI[name][1](force, value)
     if ofForce:
         force.updateParametersInContext(context)
+
+
+def flatEnergy(context: mm.Context, force: HelfrichForce, mesh: Mesh) -> float:
+    """Return the bending energy, in kJ/mol, that a Context's mesh, with its species, would have if it were flat
+    everywhere.
+    """
+    species = [force.getSpeciesParameters(i)[:2] for i in range(force.getNumSpecies())]
+    plain = [[value._value for value in each] for each in species] or [[force.getBendingModulus()._value, 0.0]]
+    moduli, curvatures = np.transpose(plain)
+    energies = moduli * (_current(context, force, CURVATURE) + curvatures) ** 2 / 2
+    return float((energies[0 if mesh.species is None else mesh.species] * mesh.vertexAreas).sum())
 
 
 def _current(context: mm.Context, force: HelfrichForce, name: str) -> float:

@@ -32,8 +32,8 @@ from .moves import Counters, countersOf, movesOf, trajectoriesOf
 from .observables import OBSERVABLES, Moment, isTarget, observe
 
 FORMATS = (1, 2)  # the first one has no observables and counters
-# What of a serialized force a Context has of its own, and the version, which follows from what there is.
-_LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default", "version"}
+# What of a serialized force a Context has of its own.
+_LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default"}
 _LIVE |= {"Triangles", "SurfaceTargets"}
 # What a round tells of a replica: what can be averaged over those that were in a state.
 _OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarget(o)]
@@ -327,9 +327,9 @@ class ReplicaExchange:
             "columns": self._columns,
             "counters": self._counters.tolist(),
         }
-        arrays, observed = io.BytesIO(), np.array(self._observed).reshape(-1, len(self.states), len(self._columns))
+        arrays = io.BytesIO()
         contents: dict[str, Any] = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
-        contents |= {"history": self.history, "reducedEnergies": self.reducedEnergies, "observed": observed}
+        contents |= {"history": self.history, "reducedEnergies": self.reducedEnergies, "observed": self._observed}
         np.savez(arrays, **contents)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
@@ -527,9 +527,15 @@ def _kept(context: mm.Context, exchanged: Iterable[str]) -> dict[str, float]:
 
 
 def _forcesOf(system: mm.System) -> list[bytes]:
-    """Return the forces of a System as texts, without what a Context has of its own: parameters and triangles."""
+    """Return the forces of a System as texts, without what a Context has of its own: parameters, triangles and the
+    species of vertices.
+    """
     texts = []
-    for force in system.getForces():
+    for force in map(mm.XmlSerializer.clone, system.getForces()):
+        if HelfrichForce.isinstance(force):
+            membrane = HelfrichForce.cast(force)
+            membrane.setVertexSpecies([])
+            membrane.setSpontaneousCurvature(1.0)  # a parameter, with which all are written as the same version
         root = ElementTree.fromstring(mm.XmlSerializer.serialize(force))
         for element in root.iter():
             element.attrib = {name: value for name, value in element.attrib.items() if name not in _LIVE}

@@ -6,9 +6,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ...files import requireStored
 from .content import Content
-
-_PACKED = 1100  # bytes that one byte of gzip can stand for, at most
 
 
 def read(content: bytes) -> Content:
@@ -33,8 +32,7 @@ def _rows(file: h5py.File, name: str, kinds: str, size: int) -> NDArray:
     if data.ndim != 2 or data.shape[1] != 3 or data.dtype.kind not in kinds:
         what = "numbers" if kinds == "f" else "integers"
         raise ValueError(f"'{name}' has the shape {data.shape} of {data.dtype}; it must be (N, 3), of {what}")
-    if data.nbytes > _PACKED * size:
-        raise ValueError(f"'{name}' claims {data.shape[0]} rows, for which the file is too small")
+    requireStored(f"'{name}'", data.nbytes, size)
     return np.asarray(data[()])
 
 
