@@ -17,6 +17,7 @@ from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import asDict, parseConfig
 from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
+from openmmhelfrich.runs.stages import checkStages
 from openmmhelfrich.sampling.conditions import flatEnergy
 from openmmhelfrich.units import thermalEnergy
 
@@ -268,9 +269,25 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
         ({"bending_modulus": 3}, "the membrane has species, each of which has its own"),
         ({"area_modulus": -3}, "area_modulus is -3"),
         ({"kind": "continue"}, "has no target to go to"),
+        (
+            {"kind": "continue", "area_modulus": 0, "path": {"area_modulus": [0, 1.5]}, "windows": 1},
+            r"stage 1 \(continue\): the path of area_modulus leads to -500000; it must not be negative",
+        ),
         ({"kind": "continue", "line_tension": 2, "path": {"tension": [0, 1]}, "windows": 1}, "path has 'tension'"),
     ],
 )
 def test_mistakes_of_stages_are_named(tmp_path, stage, message):
     with pytest.raises(ValueError, match=message):
         runStages(tmp_path / "run", [{"kind": "sample", **stage}])
+
+
+@pytest.mark.parametrize("tensions", [{"a, b": 2.0, "a, c": 1.0, "b, c": 1.0}, {"a, b": 2.0}])
+def test_no_stage_leads_line_tensions_that_differ(tensions):
+    species = [{"name": "a", "fraction": 0.3}, {"name": "b", "fraction": 0.3}, {"name": "c"}]
+    stages = [{"kind": "approach", "line_tension": 3.0, "steps": 5}]
+    membrane = {"line_tension": tensions}
+    config = configOf(species=species, membrane=membrane, stages=stages, sampling={"seed": 1})
+    with pytest.raises(ValueError, match=r"stage 1 \(approach\): it leads all line tensions to one value"):
+        checkStages(mh.Scene.of(config))
+    checkStages(mh.Scene.of({**config, "membrane": {"line_tension": 2.0}}))
+    checkStages(mh.Scene.of({**config, "stages": [{"kind": "sample", "steps": 1, "line_tension": 2.0}, *stages]}))
