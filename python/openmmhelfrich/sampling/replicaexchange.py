@@ -24,7 +24,7 @@ from openmm import app, unit
 
 from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
-from ..helfrich import HelfrichForce
+from ..helfrich import HelfrichForce, SpeciesExchangeIntegrator
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn
 from .marks import displacement, markedPositions
@@ -133,6 +133,7 @@ class ReplicaExchange:
         self._energies: list[NDArray[np.float64]] = []
         self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
         self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
+        self._requireSameComposition()
         self._observed: list[NDArray[np.float64]] = []
         self._columns: list[str] = []
         self._counters = np.zeros((len(self.states), len(Counters._fields)), dtype=int)
@@ -383,6 +384,21 @@ class ReplicaExchange:
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
 
+    def _requireSameComposition(self) -> None:
+        """Raise a ValueError if replicas have other numbers of vertices of each species, and no move changes these."""
+        if all(_hasMutations(simulation.integrator) for simulation in self.simulations):
+            return
+        first, *others = (
+            [] if force is None else np.bincount(force.getVertexSpeciesInContext(simulation.context)).tolist()
+            for simulation, force in zip(self.simulations, self._membranes)
+        )
+        for k, counts in enumerate(others, 1):
+            if counts != first:
+                raise ValueError(
+                    f"ReplicaExchange: the species of simulation {k} have {counts} vertices, and those of simulation 0 "
+                    f"{first}; they must be the same, unless moves of all simulations are mutations"
+                )
+
     def _propagate(self, steps: int) -> None:
         """Make steps of every replica, and count what they try for its state."""
         integrators = [simulation.integrator for simulation in self.simulations]
@@ -543,6 +559,12 @@ def _forcesOf(system: mm.System) -> list[bytes]:
             root.remove(child)
         texts.append(ElementTree.tostring(root))
     return texts
+
+
+def _hasMutations(integrator: Any) -> bool:
+    """Return whether an integrator changes how many vertices are of each species."""
+    moves = movesOf(integrator, onlyUsed=True)
+    return any(isinstance(move, SpeciesExchangeIntegrator) and move.getProposal() == "mutation" for move in moves)
 
 
 def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> ThermodynamicState:
