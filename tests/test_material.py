@@ -18,6 +18,7 @@ from openmmhelfrich.runs.config import asDict, parseConfig
 from openmmhelfrich.runs.configfile import configText
 from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
+from openmmhelfrich.runs.stages import checkStages
 from openmmhelfrich.sampling.conditions import flatEnergy
 from openmmhelfrich.units import thermalEnergy
 
@@ -269,6 +270,10 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
         ({"bending_modulus": 3}, "the membrane has species, each of which has its own"),
         ({"area_modulus": -3}, "area_modulus is -3"),
         ({"kind": "continue"}, "has no target to go to"),
+        (
+            {"kind": "continue", "area_modulus": 0, "path": {"area_modulus": [0, 1.5]}, "windows": 1},
+            r"stage 1 \(continue\): the path of area_modulus leads to -500000; it must not be negative",
+        ),
         ({"kind": "continue", "line_tension": 2, "path": {"tension": [0, 1]}, "windows": 1}, "path has 'tension'"),
     ],
 )
@@ -316,3 +321,44 @@ def test_a_sweep_over_species_goes_on(tmp_path):
         found = mh.sweep(tmp_path / "grid.toml", tmp_path / "out", workers=1)
         tables.append(found.table.read_text())
     assert tables[0] == tables[1] and tables[0].count("\n") == 3
+
+
+@pytest.mark.parametrize("tensions", [{"a, b": 2.0, "a, c": 1.0, "b, c": 1.0}, {"a, b": 2.0}])
+def test_no_stage_leads_line_tensions_that_differ(tensions):
+    species = [{"name": "a", "fraction": 0.3}, {"name": "b", "fraction": 0.3}, {"name": "c"}]
+    stages = [{"kind": "approach", "line_tension": 3.0, "steps": 5}]
+    membrane = {"line_tension": tensions}
+    config = configOf(species=species, membrane=membrane, stages=stages, sampling={"seed": 1})
+    with pytest.raises(ValueError, match=r"stage 1 \(approach\): it leads all line tensions to one value"):
+        checkStages(mh.Scene.of(config))
+    checkStages(mh.Scene.of({**config, "membrane": {"line_tension": 2.0}}))
+    checkStages(mh.Scene.of({**config, "stages": [{"kind": "sample", "steps": 1, "line_tension": 2.0}, *stages]}))
+
+
+def test_what_follows_a_way_there_and_back_has_the_moduli_before_it():
+    there = {"kind": "continue", "volume_modulus": 0, "there_and_back": True, "windows": 1, "steps": 1}
+    after = {"kind": "sample", "steps": 1, "reduced_volume": 0.97}
+    scene = mh.Scene.of(configOf(stages=[there, after], sampling={"seed": 1, "approach": "none"}))
+    checkStages(scene)
+    with pytest.raises(ValueError, match="volume, whose modulus is 0"):
+        checkStages(
+            mh.Scene.of({**configOf(stages=[{**there, "there_and_back": False}, after]), "sampling": {"seed": 1}})
+        )
+
+
+@pytest.mark.parametrize("unit", ["nm", "100 nm"])
+def test_the_lambdas_of_a_path_have_no_unit(unit):
+    stage = {"kind": "continue", "target_area": 50.0, "path": {"target_area": [0, 0.25, 1]}, "windows": 2}
+    mesh = {"icosphere": 2, "scale": 2.0, "length_unit": unit}
+    config = configOf(stages=[stage], mesh=mesh, sampling={"seed": 1})
+    checkStages(mh.Scene.of(config))
+    assert parseConfig(config).stages[0].path == {"target_area": [0, 0.25, 1]}
+    with pytest.raises(ValueError, match="must be a number"):
+        parseConfig({**config, "stages": [{**stage, "path": {"target_area": [0, "0.5 nm^2", 1]}}]})
+
+
+@pytest.mark.parametrize("value", ["5 kT", True, [1], {"lo, ld": "five"}, float("nan")])
+def test_a_line_tension_that_is_none_is_one_line(value):
+    with pytest.raises(ValueError, match=r"\[membrane\] line_tension") as found:
+        parseConfig(configOf(species=LO_LD, membrane={"line_tension": value}))
+    assert len(str(found.value).splitlines()) == 1 and "function" not in str(found.value)

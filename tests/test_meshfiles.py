@@ -1,5 +1,6 @@
 """Readers of mesh files: every dialect gives the same triangles, and every damaged file a sentence."""
 
+import io
 import json
 import os
 import resource
@@ -7,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -31,6 +33,15 @@ def randomMesh(seed):
     order = random.permutation(len(vertices))
     triangles = np.argsort(order)[mesh.triangles][random.permutation(len(mesh.triangles))]
     return mh.Mesh(vertices[order], triangles)
+
+
+def emptyCheckpoint():
+    """Return a checkpoint of TriMem that claims 100 million vertices, and has none."""
+    out = io.BytesIO()
+    with h5py.File(out, "w") as file:
+        for name, kind in (("points", "f8"), ("cells", "i4")):
+            file.create_dataset(name, shape=(10**8, 3), dtype=kind, chunks=True)
+    return out.getvalue()
 
 
 def facets(vertices, triangles):
@@ -327,6 +338,7 @@ TSI = b"version 1.1\nbox 9 9 9\nvertex 1\n0 0 0 0\ntriangle 1\n0 0 0 0\n"
         ("a.h5", checkpoint(points=np.eye(3)), "it has no dataset 'cells'; a checkpoint of TriMem has 'points' and"),
         ("a.h5", checkpoint(points=np.ones(3)), r"'points' has the shape \(3,\) of float64; it must be \(N, 3\), of n"),
         ("a.h5", checkpoint(points=np.eye(3), cells=np.eye(3)), "'cells' .* float64; it must be .* of integers"),
+        ("a.h5", emptyCheckpoint(), "'points' claims 2400000000 bytes, of which "),
         ("a.q", b"9 9 9\nfour\n", "line 2 is 'four'; it must be the number of vertices"),
         ("a.vtk", IMAGE, "vtkStructuredPoints; it must hold"),
         ("a.vtu", b"<?xml version='1.0'?>\n<VTKFile>\n<a></b>\n", "VTK cannot read it: "),

@@ -388,6 +388,18 @@ def test_replicas_may_have_other_species_and_spontaneous_curvatures():
     other = {**sections[0], "species": [SPECIES[0], {**SPECIES[1], "spontaneous_curvature": 2.5}]}
     with pytest.raises(ValueError, match="the forces of simulation 1 are not those of simulation 0"):
         ReplicaExchange(scenes(sections[0], other), ladder)
+    more = [{**SPECIES[0], "fraction": 0.5}, SPECIES[1]]
+    with pytest.raises(
+        ValueError, match=r"simulation 1 have \[21, 21\] vertices, and those of simulation 0 \[13, 29\]"
+    ):
+        ReplicaExchange(scenes(sections[0], {**sections[0], "species": more}), ladder)
+    mutations = {"seed": 1, "approach": "none", "exchange_probability": 0.3, "exchange_proposal": "mutation"}
+    sections = [{"species": species, "sampling": mutations} for species in (SPECIES, more)]
+    ReplicaExchange(scenes(*sections), ladder).run(1, 1)
+    for section in sections:
+        section["species"] = [section["species"][0], {**section["species"][1], "chemical_potential": 1.0}]
+    with pytest.raises(ValueError, match="simulation 0 has mutations at chemical potentials that are not 0"):
+        ReplicaExchange(scenes(*sections), ladder)
     plain = [{"membrane": {"spontaneous_curvature": c}} for c in (0.0, 0.3)]
     ReplicaExchange(scenes(*plain), ladder).run(1, 1)
 

@@ -256,6 +256,8 @@ def _explain(mistake: ErrorDetails) -> str:
     if kind == "extra_forbidden":
         return _explainUnknown(place)
     name = _placeName(place)
+    if not place and kind == "value_error":  # of several sections
+        return requirement(mistake)
     if kind == "missing":
         return f"{name} is missing{'; the mesh to begin with has no default' if place[0] == 'mesh' else ''}"
     message = requirement(mistake)

@@ -94,9 +94,9 @@ def placeSpecies(species: Sequence[SpeciesSection], mesh: Mesh, seed: int) -> ND
 
 def setMaterial(force: HelfrichForce, config: Config, vertexSpecies: NDArray[np.intc], kT: float) -> None:
     """Give a HelfrichForce the moduli of a resolved Config, which are those of species where there are some."""
-    membrane, names = config.membrane, [each.name for each in config.species]
+    membrane = config.membrane
     force.setSpontaneousCurvature(membrane.spontaneous_curvature)
-    if not names:
+    if not config.species:
         force.setBendingModulus(membrane.bending_modulus * kT)
         force.setGaussianModulus(membrane.gaussian_modulus * kT)
         return
@@ -107,8 +107,7 @@ def setMaterial(force: HelfrichForce, config: Config, vertexSpecies: NDArray[np.
     force.setVertexSpecies(vertexSpecies)
     for (a, b), value in lineTensionsOf(config).items():
         force.setLineTension(a, b, value * kT)
-    for pair, value in membrane.pair_energies.items():
-        a, b = map(names.index, pair.split(", "))
+    for (a, b), value in _byNumbers(config, membrane.pair_energies).items():
         force.setPairEnergy(a, b, value * kT)
 
 
@@ -137,14 +136,17 @@ def gaussianStepOf(config: Config) -> float:
 
 def lineTensionsOf(config: Config) -> dict[tuple[int, int], float]:
     """Return the line tensions, in kT per length unit, by the numbers of two species."""
-    names, tension = [each.name for each in config.species], config.membrane.line_tension
+    count, tension = len(config.species), config.membrane.line_tension
     if isinstance(tension, dict):
-        return {(names.index(a), names.index(b)): value for (a, b), value in _pairs(tension)}
-    return {(a, b): tension for b in range(len(names)) for a in range(b)} if tension else {}
+        return _byNumbers(config, tension)
+    return {(a, b): tension for b in range(count) for a in range(b)} if tension else {}
 
 
-def _pairs(values: dict[str, float]) -> list[tuple[list[str], float]]:
-    return [(pair.split(", "), value) for pair, value in values.items()]
+def _byNumbers(config: Config, values: dict[str, float]) -> dict[tuple[int, int], float]:
+    """Return what is given of pairs of species, by the numbers of the two."""
+    names = [each.name for each in config.species]
+    numbers = {pair: [names.index(name) for name in pair.split(", ")] for pair in values}
+    return {(a, b): values[pair] for pair, (a, b) in numbers.items()}
 
 
 def _take(result: NDArray[np.intc], i: int, species: Sequence[SpeciesSection], vertices: NDArray[np.int64]) -> None:

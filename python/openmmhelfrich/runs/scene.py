@@ -408,6 +408,11 @@ def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
             f"[sampling] flip_fraction is {sampling.flip_fraction:g}; with the mesh's {numEdges} edges it must be at "
             f"most {MOST_ATTEMPTS / numEdges:.4g}"
         )
+    if sampling.exchange_fraction * numEdges > MOST_ATTEMPTS:
+        raise ValueError(
+            f"[sampling] exchange_fraction is {sampling.exchange_fraction:g}; with the mesh's {numEdges} edges it must "
+            f"be at most {MOST_ATTEMPTS / numEdges:.4g}"
+        )
     radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")

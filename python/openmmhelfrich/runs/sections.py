@@ -177,8 +177,21 @@ def _separated(value: Any) -> Any:
     return pairs
 
 
+def _lineTension(value: Any, info: ValidationInfo) -> Any:
+    """Return a number, or a table of numbers by pairs of species."""
+
+    def one(given: Any) -> float:
+        number = plainNumber(given, "energy per length", _scalesOf(info))
+        if not isinstance(number, (int, float)) or isinstance(number, bool) or not math.isfinite(number):
+            raise ValueError("it must be a finite number, or a table of such numbers by pairs, like {'lo, ld' = 2}")
+        return float(number)
+
+    pairs = _separated(value)
+    return {pair: one(number) for pair, number in pairs.items()} if isinstance(pairs, dict) else one(pairs)
+
+
 # By the names of two species.
-LineTensions: TypeAlias = Annotated[Force | dict[str, Force], BeforeValidator(_separated)]
+LineTensions: TypeAlias = Annotated[Any, PlainValidator(_lineTension)]
 PairEnergies: TypeAlias = Annotated[dict[str, Energy], BeforeValidator(_separated)]
 
 
@@ -369,8 +382,8 @@ class SpeciesSection(Section):
     @field_validator("name")
     @classmethod
     def _plainName(cls, name: str) -> str:
-        if "," in name or name != name.strip():
-            raise ValueError("it must have no comma, and no blank at its ends")
+        if "," in name or name != name.strip() or not name.isprintable() or len(name) > 60:
+            raise ValueError("it must have at most 60 characters that print, no comma, and no blank at its ends")
         return name
 
     @model_validator(mode="after")
@@ -668,6 +681,8 @@ def checkSpecies(
                     )
             if key == "line_tension" and len(set(pair.split(", "))) == 1:
                 raise ValueError(f"[membrane] line_tension has the pair '{pair}'; it must be of two different species")
+    if len(species) < 2 and sampling.exchange_probability > 0 and species:
+        raise ValueError("[sampling] exchange_probability has no effect with one of [[species]]; it takes two")
     if not species:
         if mesh.species_field is not None:
             raise ValueError("[mesh] species_field has no effect without [[species]], whose numbers it has")

@@ -43,6 +43,7 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
 from .config import namingSource
+from .material import lineTensionsOf
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
@@ -52,7 +53,7 @@ from .scene import (
     requireComparableTarget,
     requireTrajectories,
 )
-from .sections import SamplingSection
+from .sections import Conditions, SamplingSection
 from .stagesettings import (
     TERMS_OF_CONDITIONS,
     AnnealStage,
@@ -571,15 +572,19 @@ def stageConditions(settings: StageSettings, kT: float) -> dict[str, float]:
 def sceneDuring(scene: Scene, index: int) -> Scene:
     """Return a scene with the moduli that it has during one of its stages, at the end of it."""
     moduli = dict(scene.moduli)
-    for settings in scene.stages[: index + 1]:
+    for i, settings in enumerate(scene.stages[: index + 1]):
+        if isinstance(settings, ContinueStage) and settings.there_and_back and i < index:
+            continue
         given = stageConditions(settings, scene.kT)
         moduli |= {TERMS_OF_CONDITIONS[name]: value for name, value in given.items() if name in TERMS_OF_CONDITIONS}
     return replace(scene, moduli=moduli)
 
 
-def _checkConditions(settings: StageSettings, scene: Scene) -> None:
-    """Raise a ValueError if a stage changes what its membrane has not."""
-    given, count = settings.conditions(), len(scene.config.species)
+def _checkConditions(settings: StageSettings, before: Scene) -> None:
+    """Raise a ValueError if a stage changes what its membrane has not, or leads where nothing can be, from a scene with
+    the moduli that it has before the stage.
+    """
+    given, count = settings.conditions(), len(before.config.species)
     for name in given:
         if name in ("bending_modulus", "gaussian_modulus") and count:
             raise ValueError(f"it has a {name}, and the membrane has species, each of which has its own")
@@ -587,6 +592,33 @@ def _checkConditions(settings: StageSettings, scene: Scene) -> None:
             raise ValueError(
                 "it has a line_tension, and the membrane has no two [[species]], whose boundaries it is of"
             )
+    if LINE_TENSION in given and isinstance(settings, ApproachStage | ContinueStage):
+        _requireOneLineTension(before)
+    if isinstance(settings, ContinueStage):
+        _checkPaths(settings, before)
+
+
+def _requireOneLineTension(before: Scene) -> None:
+    """Raise a ValueError if the line tensions of pairs of species differ, so that there is no one to begin with."""
+    count, tensions = len(before.config.species), lineTensionsOf(before.config)
+    values = {*tensions.values(), *([] if len(tensions) == count * (count - 1) // 2 else [0.0])}
+    if len(values) > 1 and TERMS_OF_CONDITIONS[LINE_TENSION] not in before.moduli:
+        raise ValueError(
+            "it leads all line tensions to one value, and those of [membrane] differ; let a stage of kind sample or "
+            "minimize before it give a line_tension for all"
+        )
+
+
+def _checkPaths(settings: ContinueStage, before: Scene) -> None:
+    """Raise a ValueError if a path leads to a modulus that is negative and must not be."""
+    for name, end in settings.conditions().items():
+        mayBeNegative = not any(getattr(bound, "ge", None) == 0 for bound in Conditions.model_fields[name].metadata)
+        if mayBeNegative or name not in settings.path:
+            continue
+        start = before.moduli[TERMS_OF_CONDITIONS[name]] / before.kT
+        least = min((1 - part) * start + part * end for part in settings.path[name])
+        if least < 0:
+            raise ValueError(f"the path of {name} leads to {least:g}; it must not be negative")
 
 
 def createStage(settings: StageSettings, scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> Stage:
@@ -615,7 +647,7 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     for i, settings in enumerate(scene.stages[first:], first):
         with namingSource(scene.config):
             try:
-                _checkConditions(settings, scene)
+                _checkConditions(settings, sceneDuring(scene, i - 1))
                 found.append(_KINDS[type(settings)].check(settings, sceneDuring(scene, i), found[-1]))
             except ValueError as error:
                 raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None

@@ -9,9 +9,8 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
-from ..units import plainNumber
 from .sections import GREATEST_COUNT, MODULI, Conditions, Force, StepSize, Temperature
 
 Own = TypeVar("Own", bound="StageSettings")
@@ -210,19 +209,6 @@ def termsOfStages(stages: Iterable[StageSettings]) -> set[str]:
     return {TERMS_OF_CONDITIONS[name] for stage in stages for name in stage.conditions() if name in TERMS_OF_CONDITIONS}
 
 
-def _pathInNamedUnit(path: Any, info: ValidationInfo) -> Any:
-    """Return a path whose plain numbers are in the named unit of length."""
-    kinds, scales = {"target_area": "area", "target_volume": "volume", "target_area_difference": "area"}, info.context
-    if scales is None or not isinstance(path, dict):
-        return path
-    return {
-        name: [plainNumber(value, kinds.get(name, ""), scales) for value in values]
-        if isinstance(values, list)
-        else values
-        for name, values in path.items()
-    }
-
-
 class ContinueStage(StageSettings):
     """Goes to its targets, moduli and the like along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its
     start, window by window.
@@ -239,8 +225,10 @@ class ContinueStage(StageSettings):
     )
     steps: int = Field(100, ge=1, description="Monte Carlo steps over which each window is averaged")
     there_and_back: bool = Field(False, description="go back to lambda = 0 by the same windows, to see hysteresis")
-    path: Annotated[dict[str, list[float]], BeforeValidator(_pathInNamedUnit)] = Field(
-        {}, description="a lambda of its own for a target: a value for each of the windows+1 points, by name"
+    path: dict[str, list[float]] = Field(
+        {},
+        description="a lambda of its own for a target or the like, from 0 at the start to 1 at its end: a plain number "
+        "for each of the windows+1 points, by name",
     )
     temperature: Temperature | None = Field(None, gt=0, description="in K; that of [sampling] by default")
 

@@ -24,7 +24,7 @@ from openmm import app, unit
 
 from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
-from ..helfrich import HelfrichForce
+from ..helfrich import HelfrichForce, SpeciesExchangeIntegrator
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn
 from .marks import displacement, markedPositions
@@ -133,6 +133,7 @@ class ReplicaExchange:
         self._energies: list[NDArray[np.float64]] = []
         self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
         self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
+        self._requireSameComposition()
         self._observed: list[NDArray[np.float64]] = []
         self._columns: list[str] = []
         self._counters = np.zeros((len(self.states), len(Counters._fields)), dtype=int)
@@ -383,6 +384,27 @@ class ReplicaExchange:
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
 
+    def _requireSameComposition(self) -> None:
+        """Raise a ValueError if replicas have other numbers of vertices of each species, and no move changes these."""
+        for k, (simulation, force) in enumerate(zip(self.simulations, self._membranes)):
+            if force is not None and _hasChemicalPotentials(simulation.integrator, force.getNumSpecies()):
+                raise ValueError(
+                    f"ReplicaExchange: simulation {k} has mutations at chemical potentials that are not 0, which it "
+                    "does not know of; leave these 0, or exchange species instead"
+                )
+        if all(_hasMutations(simulation.integrator) for simulation in self.simulations):
+            return
+        first, *others = (
+            [] if force is None else np.bincount(force.getVertexSpeciesInContext(simulation.context)).tolist()
+            for simulation, force in zip(self.simulations, self._membranes)
+        )
+        for k, counts in enumerate(others, 1):
+            if counts != first:
+                raise ValueError(
+                    f"ReplicaExchange: the species of simulation {k} have {counts} vertices, and those of simulation 0 "
+                    f"{first}; they must be the same, unless moves of all simulations are mutations"
+                )
+
     def _propagate(self, steps: int) -> None:
         """Make steps of every replica, and count what they try for its state."""
         integrators = [simulation.integrator for simulation in self.simulations]
@@ -543,6 +565,19 @@ def _forcesOf(system: mm.System) -> list[bytes]:
             root.remove(child)
         texts.append(ElementTree.tostring(root))
     return texts
+
+
+def _hasMutations(integrator: Any) -> bool:
+    """Return whether an integrator changes how many vertices are of each species."""
+    moves = movesOf(integrator, onlyUsed=True)
+    return any(isinstance(move, SpeciesExchangeIntegrator) and move.getProposal() == "mutation" for move in moves)
+
+
+def _hasChemicalPotentials(integrator: Any, numSpecies: int) -> bool:
+    """Return whether an integrator has mutations, and a species' chemical potential that is not 0."""
+    moves = movesOf(integrator, onlyUsed=True)
+    mutations = [m for m in moves if isinstance(m, SpeciesExchangeIntegrator) and m.getProposal() == "mutation"]
+    return any(move.getChemicalPotential(i)._value != 0 for move in mutations for i in range(numSpecies))
 
 
 def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> ThermodynamicState:
