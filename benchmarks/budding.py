@@ -1,7 +1,7 @@
 """Budding of a domain: where bud and flat domain have the same energy, and where the flat one gives way.
 
     python benchmarks/budding.py caps [--plot budding.png]
-    python benchmarks/budding.py minima [--vertices 150]
+    python benchmarks/budding.py minima [--angle 20]
 
 A domain of area pi L^2 with a line tension lambda at its boundary has, as a cap of curvature C, the energy
 2 pi kappa (LC)^2 + 2 pi L lambda sqrt(1 - (LC)^2/4) + pi kappabar (LC)^2.  The membrane around it is a catenoid, which
@@ -13,8 +13,8 @@ J0(kr), whose curvature is 0 at the boundary, and which costs less: it gives way
 
 Here a collar of the domain's own material surrounds it.  What closes the surface behind the collar costs nothing, or in
 `minima` a fiftieth, so that the membrane is as good as endless.  `caps` takes the energies of shapes as they are built,
-ring by ring, without any minimization: caps, and J0.  `minima` lets shallow caps go, at one lambda after another.  Its
-connectivity stays, and every triangle of the domain keeps its area, so that the line cannot squeeze the domain.
+ring by ring, without any minimization: caps, and J0.  `minima` lets caps go, shallow ones or buds, at one lambda after
+another.  Its connectivity stays, and every triangle of the domain keeps its area, so that the line cannot squeeze it.
 """
 
 import argparse
@@ -183,14 +183,14 @@ def keepAreas(mesh, species):
 
 
 def minima(options):
-    L, angle = radiusOf(options.vertices), math.radians(20)
+    L, angle = radiusOf(options.vertices), math.radians(options.angle)
     print(f"lambda L/kappa   boundary over 2 pi L ({math.cos(angle / 2):.3f} at first), every 150 iterations")
     for tension in options.tensions:
         mesh, species = build(cap(angle, L), L)
         force = createForce(mesh, species, tension * KAPPA / L, soft=0.02)
         force.setTether(1e3, 0.5, 1.9, 2)
         simulation = createContext(mesh, force, keepAreas(mesh, species))
-        lengths = []
+        lengths, energy = [], 0.0
         for _ in range(6):
             mh.minimize(simulation, force, maxIterations=150)
             positions = simulation.context.getState(getPositions=True).getPositions(asNumpy=True)._value
@@ -198,14 +198,18 @@ def minima(options):
             moved.species = species
             domain = mh.findDomains(moved, DOMAIN)
             lengths.append(domain.boundaryLengths[0] / (2 * math.sqrt(math.pi * domain.areas[0])))
-        print(f"{tension:14.2f}  ", *(f"{length:.3f}" for length in lengths), flush=True)
+            bending = (2 * moved.vertexMeanCurvatures**2 * moved.vertexAreas)[species != REST].sum()
+            energy = bending + tension * domain.boundaryLengths[0] / L
+        print(f"{tension:14.2f}  ", *(f"{length:.3f}" for length in lengths),
+              f" energy/kappa {energy:.2f}, flat {2 * math.pi * tension:.2f}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["caps", "minima"])
     parser.add_argument("--vertices", type=int, default=150, help="of the domain")
-    parser.add_argument("--tensions", type=float, nargs="+", default=[4, 5, 5.5, 6, 6.5, 7, 8, 9])
+    parser.add_argument("--tensions", type=float, nargs="+", default=[4, 5, 5.5, 6, 6.5, 7, 9])
+    parser.add_argument("--angle", type=float, default=20, help="to which the caps open, in degrees")
     parser.add_argument("--plot")
     options = parser.parse_args()
     {"caps": caps, "minima": minima}[options.what](options)
