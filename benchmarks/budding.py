@@ -1,7 +1,8 @@
 """Budding of a domain: where bud and flat domain have the same energy, and where the flat one gives way.
 
     python benchmarks/budding.py caps [--plot budding.png]
-    python benchmarks/budding.py minima [--vertices 150]
+    python benchmarks/budding.py outlines
+    python benchmarks/budding.py minima [--angle 20]
 
 A domain of area pi L^2 with a line tension lambda at its boundary has, as a cap of curvature C, the energy
 2 pi kappa (LC)^2 + 2 pi L lambda sqrt(1 - (LC)^2/4) + pi kappabar (LC)^2.  The membrane around it is a catenoid, which
@@ -13,8 +14,9 @@ J0(kr), whose curvature is 0 at the boundary, and which costs less: it gives way
 
 Here a collar of the domain's own material surrounds it.  What closes the surface behind the collar costs nothing, or in
 `minima` a fiftieth, so that the membrane is as good as endless.  `caps` takes the energies of shapes as they are built,
-ring by ring, without any minimization: caps, and J0.  `minima` lets shallow caps go, at one lambda after another.  Its
-connectivity stays, and every triangle of the domain keeps its area, so that the line cannot squeeze the domain.
+ring by ring, without any minimization: caps, and J0.  `minima` lets caps go, shallow ones or buds, at one lambda after
+another.  Its connectivity stays, and every triangle of the domain keeps its area, so that the line cannot squeeze it.
+`outlines` minimizes the energy of free domains of revolution, from their outlines alone, as a check of both.
 """
 
 import argparse
@@ -24,6 +26,7 @@ from itertools import pairwise
 import numpy as np
 import openmm as mm
 from openmm import app
+from scipy.optimize import minimize
 from scipy.special import j0, jn_zeros
 
 import openmmhelfrich as mh
@@ -167,6 +170,31 @@ def plot(path, y, found, flat):
     figure.savefig(path, dpi=120)
 
 
+def outlineEnergy(angles, tension):
+    """Return the energy over kappa of a domain of revolution, from the angle of its outline at equal distances, and the
+    radius of its boundary over L.  Its scale does not matter.
+    """
+    step, angles = 1 / len(angles), np.append(0, angles)
+    middle = (angles[1:] + angles[:-1]) / 2
+    r = np.append(0, np.cumsum(np.cos(middle)) * step)
+    between = np.maximum((r[1:] + r[:-1]) / 2, 1e-4)
+    bending = math.pi * np.sum((np.diff(angles) / step + np.sin(middle) / between) ** 2 * between) * step
+    L = math.sqrt(2 * np.sum(between) * step)
+    return bending + tension * 2 * math.pi * abs(r[-1]) / L + 1e6 * min(0, r.min()) ** 2, r[-1] / L
+
+
+def outlines(_):
+    print("from      lambda L/kappa  energy/kappa  radius of the boundary over L  flat domain")
+    s = np.arange(1, 101) / 100
+    for start, angle, tensions in (("bud", 150, (3.5, 3.75, 4.0, 4.25)), ("shallow", 10, (5.6, 5.7, 5.8, 5.9, 6.0))):
+        for tension in tensions:
+            found = minimize(lambda x: outlineEnergy(x, tension)[0], math.radians(angle) * s,  # noqa: B023
+                             method="L-BFGS-B", options={"maxfun": 100000})  # fmt: skip
+            radius = outlineEnergy(found.x, tension)[1]
+            print(f"{start:8}  {tension:14.2f}  {found.fun:12.3f}  {radius:29.3f}  {2 * math.pi * tension:11.3f}",
+                  flush=True)  # fmt: skip
+
+
 def keepAreas(mesh, species):
     """Return a force that keeps the area of each triangle that has a vertex of the domain."""
     force = mm.CustomCompoundBondForce(
@@ -183,14 +211,14 @@ def keepAreas(mesh, species):
 
 
 def minima(options):
-    L, angle = radiusOf(options.vertices), math.radians(20)
+    L, angle = radiusOf(options.vertices), math.radians(options.angle)
     print(f"lambda L/kappa   boundary over 2 pi L ({math.cos(angle / 2):.3f} at first), every 150 iterations")
     for tension in options.tensions:
         mesh, species = build(cap(angle, L), L)
         force = createForce(mesh, species, tension * KAPPA / L, soft=0.02)
         force.setTether(1e3, 0.5, 1.9, 2)
         simulation = createContext(mesh, force, keepAreas(mesh, species))
-        lengths = []
+        lengths, energy = [], 0.0
         for _ in range(6):
             mh.minimize(simulation, force, maxIterations=150)
             positions = simulation.context.getState(getPositions=True).getPositions(asNumpy=True)._value
@@ -198,14 +226,18 @@ def minima(options):
             moved.species = species
             domain = mh.findDomains(moved, DOMAIN)
             lengths.append(domain.boundaryLengths[0] / (2 * math.sqrt(math.pi * domain.areas[0])))
-        print(f"{tension:14.2f}  ", *(f"{length:.3f}" for length in lengths), flush=True)
+            bending = (2 * moved.vertexMeanCurvatures**2 * moved.vertexAreas)[species != REST].sum()
+            energy = bending + tension * domain.boundaryLengths[0] / L
+        print(f"{tension:14.2f}  ", *(f"{length:.3f}" for length in lengths),
+              f" energy/kappa {energy:.2f}, flat {2 * math.pi * tension:.2f}", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["caps", "minima"])
+    parser.add_argument("what", choices=["caps", "outlines", "minima"])
     parser.add_argument("--vertices", type=int, default=150, help="of the domain")
-    parser.add_argument("--tensions", type=float, nargs="+", default=[4, 5, 5.5, 6, 6.5, 7, 8, 9])
+    parser.add_argument("--tensions", type=float, nargs="+", default=[4, 5, 5.5, 6, 6.5, 7, 9])
+    parser.add_argument("--angle", type=float, default=20, help="to which the caps open, in degrees")
     parser.add_argument("--plot")
     options = parser.parse_args()
-    {"caps": caps, "minima": minima}[options.what](options)
+    {"caps": caps, "outlines": outlines, "minima": minima}[options.what](options)
