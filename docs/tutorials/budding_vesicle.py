@@ -56,8 +56,8 @@ print(result)
 # ## The boundary
 #
 # The energy of the line over the line tension is the length of the boundary. On a flat membrane theory puts the bud and
-# the flat domain at the same energy where λL/κ is 4, with L the radius of the flat domain. A domain that bulges as a cap
-# leaves the flat shape at 8 (Lipowsky, J. Phys. II France 2, 1825, 1992), one of any shape
+# the flat domain at the same energy where λL/κ is 4, with L the radius of the flat domain. A domain that bulges as a
+# cap leaves the flat shape at 8 (Lipowsky, J. Phys. II France 2, 1825, 1992), one of any shape
 # [at 5.8](../results/materials.md). On a vesicle the domain is curved from the start.
 
 # %%
