@@ -37,6 +37,8 @@ else:
     import tomli as tomllib
 
 
+# So many known words end a sentence about one that is not.
+MOST_WORDS = 16
 # What is left out where there is nothing in it.
 _EMPTY: dict[str, Any] = {"system": {}, "species": []}
 # Keys whose default is a length of 1, and the key that brings them into use.
@@ -311,6 +313,12 @@ def _explainUnknown(place: Sequence[Any]) -> str:
 
 
 def nearest(word: Any, known: Iterable[str], otherwise: str = "it has") -> str:
-    """Return the end of a sentence about an unknown word: the known one that it resembles, or all of them."""
-    match = difflib.get_close_matches(str(word).lower(), known, n=1)
-    return f"; did you mean '{match[0]}'?" if match else f"; {otherwise} {', '.join(known)}"
+    """Return the end of a sentence about an unknown word: the known one that it resembles, or all of them, or some of
+    many.
+    """
+    words = list(known)
+    match = difflib.get_close_matches(str(word).lower(), words, n=1)
+    if match:
+        return f"; did you mean '{match[0]}'?"
+    rest = ", and more, which openmm-helfrich config prints" if len(words) > MOST_WORDS else ""
+    return f"; {otherwise} {', '.join(words[:MOST_WORDS])}{rest}"
