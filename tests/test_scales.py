@@ -178,7 +178,7 @@ def test_plain_numbers_are_in_multiples(inFolder):
             "repulsion": {"modulus": 1.0, "onset": 0.1},
             "stages": [
                 {"kind": "minimize", "tolerance": 7.0},
-                {"kind": "continue", "windows": 1, "target_area": 11.0, "path": {"target_area": [12, 11.0]}},
+                {"kind": "continue", "windows": 1, "target_area": 11.0, "path": {"target_area": [0, 1.0]}},
             ],
         }
     )
@@ -191,7 +191,7 @@ def test_plain_numbers_are_in_multiples(inFolder):
     assert (config.repulsion.onset, config.repulsion.length_scale) == pytest.approx((10, 100))
     minimize, proceed = config.stages
     assert minimize.tolerance == pytest.approx(0.07)
-    assert (proceed.target_area, proceed.path) == (11e4, {"target_area": [12e4, 11e4]})
+    assert (proceed.target_area, proceed.path) == (11e4, {"target_area": [0.0, 1.0]})  # lambdas have no unit
     assert parseConfig(asDict(config)) == config
 
 
