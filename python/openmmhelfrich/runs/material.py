@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import meshio
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
@@ -43,6 +42,8 @@ def speciesOf(config: Config, mesh: Mesh) -> NDArray[np.intc]:
 
 def _fieldOf(file: str, name: str) -> NDArray[np.float64]:
     """Return an array of a mesh file with a value for each vertex."""
+    import meshio  # which takes a while, and is for those few who ask for it
+
     try:
         found = meshio.read(file).point_data
     except (meshio.ReadError, OSError, KeyError, ValueError, SystemExit) as error:
