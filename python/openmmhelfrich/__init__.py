@@ -54,6 +54,7 @@ _HOMES = {
         "describeTrajectory",
         "findDomains",
         "fluctuationSpectrum",
+        "heightSpectrum",
         "meanAndError",
         "speciesCurvature",
         "vertexDiffusion",

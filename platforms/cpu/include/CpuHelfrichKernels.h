@@ -38,20 +38,20 @@ struct CpuMembraneSums {
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
-            : CalcHelfrichForceKernel(name, platform), loops(getForProcessor<CpuHelfrichLoops>()) {
+            : CalcHelfrichForceKernel(name, platform), loops(&getForProcessor<CpuHelfrichLoops>()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    void computeGeometry(OpenMM::ContextImpl& context, const PeriodicBox& box, HelfrichGeometry& geometry);
     /**
      * Get the neighbors of each vertex for the present positions, partitioned as the present mesh is.  Who changes the
      * mesh may partition them anew.
      *
-     * @param context  the Context in which to execute the kernel
-     * @param onset    the onset of the repulsion, measured in nm
+     * @param context     the Context in which to execute the kernel
+     * @param parameters  those of the repulsion
      */
-    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
+    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     bool canMakeTrajectory() const {
         return true;
     }
@@ -110,8 +110,9 @@ private:
     int getLastGroup(int chunk) const;
     int getFirstSlot(int chunk) const;
     int getLastSlot(int chunk) const;
-    const CpuHelfrichLoops& loops;
+    const CpuHelfrichLoops* loops;
     const HelfrichMesh* mesh;
+    bool isPeriodic;
     int numThreads;
     long long revision;
     CpuHelfrichLayout layout;

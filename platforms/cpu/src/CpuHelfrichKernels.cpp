@@ -35,7 +35,10 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
                                             const HelfrichMesh& mesh) {
     this->mesh = &mesh;
-    setLayoutWidth(loops.inDouble.width);
+    isPeriodic = force.usesPeriodicBoundaryConditions();
+    if (isPeriodic)
+        loops = &getForProcessor<CpuPeriodicHelfrichLoops>();
+    setLayoutWidth(loops->inDouble.width);
 }
 
 void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
@@ -77,6 +80,7 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
+    repulsion.setBox(parameters.box);
     if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -84,6 +88,7 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
     }
     CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL,
                                       reinterpret_cast<Real*>(anglesPerLength.data())};
+    arrays.box = parameters.box;
     if constexpr (is_same<Real, float>::value) {
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
@@ -164,7 +169,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeEnergyOfMaterials : loops.in<Real>().computeEnergy;
+    auto compute = hasMaterials ? loops->in<Real>().computeEnergyOfMaterials : loops->in<Real>().computeEnergy;
     forEachChunk([&](int chunk) {
         compute(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
         if (hasMaterials)
@@ -189,7 +194,7 @@ void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
             ;
         HelfrichTotals& totals = sums.totals[surface];
         totals.area = addUp(chunkSums, &CpuHelfrichSums::area, first, last);
-        totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
+        totals.volume = isPeriodic ? 0 : addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
         totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature, first, last);
         sums.area += totals.area;
     }
@@ -218,7 +223,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeGradientOfMaterials : loops.in<Real>().computeGradient;
+    auto compute = hasMaterials ? loops->in<Real>().computeGradientOfMaterials : loops->in<Real>().computeGradient;
     compute(layout, parameters, sums.slopes[chunks[chunk].surface], arrays, getFirstGroup(chunk), getLastGroup(chunk),
             gradients);
     if (hasMaterials)
@@ -282,7 +287,7 @@ double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameter
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     loadPositions(*getData(context).positions, chunk);
-    chunkBoxes[chunk] = loops.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+    chunkBoxes[chunk] = loops->findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     const vector<Vec3>& source = *getData(context).velocities;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
@@ -328,7 +333,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         }
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -361,7 +366,7 @@ void CpuCalcHelfrichForceKernel::drift(const CpuHelfrichArrays<Real>& arrays, in
             nextPositions[4 * slot + i] = (v[3] == 0 ? x[i] : x[i] + time * (v[i] + motion[i]));
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -401,10 +406,12 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
     frexp(extent, &exponent);
     double unit = ldexp(1, exponent - 31);
     forEachChunk([&](int chunk) {
-        loops.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
-                             arrays.fixedPositions);
+        loops->roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
+                              arrays.fixedPositions);
     });
     arrays.fixedUnit = unit;
+    for (int i = 0; i < 3; i++)
+        arrays.fixedBox[i] = (uint32_t) (uint64_t) llround(min(arrays.box.lengths[i] / unit, 0x1p62));
     return true;
 }
 
@@ -437,7 +444,7 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
     // known.
 
-    setLayoutWidth(loops.in<Real>().width);
+    setLayoutWidth(loops->in<Real>().width);
     chooseNumThreads(context);
     auto arrays = prepareArrays<Real>(parameters);
     nextPositions.resize(positions.size());
@@ -477,9 +484,11 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
-void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
+void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
+                                                 HelfrichGeometry& geometry) {
     chooseNumThreads(context);
     HelfrichParameters parameters;
+    parameters.box = box;
     parameters.moduli[Term::Bending] = 1;
     auto arrays = prepareArrays<double>(parameters);
     nextPositions.resize(positions.size());
@@ -501,15 +510,17 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     });
 }
 
-CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context,
+                                                                     const HelfrichParameters& parameters) {
     chooseNumThreads(context);
     updateLayout();
+    repulsion.setBox(parameters.box);
     const vector<Vec3>& source = *getData(context).positions;
     forEachChunk([&](int chunk) {
         loadPositions(source, chunk);
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     });
-    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
+    return repulsion.getNeighborList(*mesh, layout, positions.data(), parameters.repulsionOnset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
 }
 
@@ -522,14 +533,14 @@ void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichFor
 bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
                                       long long numAttempts, const Philox& random, long long sweep,
                                       EdgeFlipStatistics& statistics) {
-    calculation->computeGeometry(context, geometry);
+    calculation->computeGeometry(context, parameters.box, geometry);
     if (!isFinite(geometry, parameters.needsCurvature()))
         return false;
     if (!edgeFlips)
         edgeFlips.reset(new CpuEdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
     CpuHelfrichNeighborList* neighbors = NULL;
     if (CpuEdgeFlipSweep::needsNeighborList(parameters))
-        neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
+        neighbors = &calculation->getNeighborList(context, parameters);
     edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
     statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
     return true;
@@ -547,7 +558,7 @@ bool CpuExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParam
     if (!exchange)
         exchange.reset(new CpuSpeciesExchange(*mesh, getData(context).threads.getNumThreads()));
     if (parameters.hasForcesOfSpecies()) {
-        calculation->computeGeometry(context, geometry);
+        calculation->computeGeometry(context, parameters.box, geometry);
         if (!isFinite(geometry, parameters.needsCurvature()))
             return false;
     }

@@ -163,6 +163,11 @@ class Scene:
         """
         config = asConfig(config, hasMesh=mesh is not None)
         mesh = loadMesh(config) if mesh is None else mesh
+        if mesh.isPeriodic:
+            raise ValueError(
+                "the mesh is periodic; configurations are for closed membranes. Make a HelfrichForce of it by hand, "
+                "with setUsesPeriodicBoundaryConditions(True)"
+            )
         with namingSource(config), _overflowsExplained(config):
             config = resolve(config, mesh)
             ownMeasures = measuresOf(mesh)
