@@ -7,6 +7,7 @@ from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
+from openmmhelfrich.geometry import quality
 
 TERMS = ["bending", "area", "areaDifference", "tether", "repulsion", "tension", "gaussian", "line", "pair"]
 
@@ -234,3 +235,130 @@ def test_geometry_of_mesh_and_force(platform):
     assert geometry.area.value_in_unit(unit.nanometer**2) == pytest.approx(mesh.area, rel=1e-12)
     assert geometry.volume.value_in_unit(unit.nanometer**3) == 0
     assert np.allclose(geometry.vertexMeanCurvatures.value_in_unit(unit.nanometer), mesh.vertexMeanCurvatures)
+
+
+def test_meshes_of_sheets():
+    mesh = mh.Mesh.sheet(12, 9, 1.0)
+    mesh.check()
+    assert mesh.isPeriodic and np.allclose(mesh.vertexMeanCurvatures, 0)
+    assert mesh.area == pytest.approx(12 * 9, rel=1e-12)
+    assert mesh.edgeLengths.mean() == pytest.approx(1, rel=0.05) and mesh.edgeLengths.std() < 0.05
+    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 0
+    vectors = mesh.createSystem().getDefaultPeriodicBoxVectors()
+    assert np.array_equal([vector / unit.nanometer for vector in vectors], mesh.box)
+    with pytest.raises(ValueError, match="encloses no volume"):
+        mesh.volume  # noqa: B018
+    for width, edge, problem in ((0, 1, "must be positive"), (9, 2, "at most a fifth"), (9, 0, "at most a fifth")):
+        with pytest.raises(ValueError, match=problem):
+            mh.Mesh.sheet(width, 9, edge)
+
+
+def test_the_box_changes_no_measure_of_a_mesh():
+    """Lengths, areas, angles, curvatures and what is close do not depend on which image of a vertex is taken."""
+    mesh = createSheet()
+    other = mh.Mesh(wrapped(mesh), mesh.triangles, mesh.box)
+    assert other.isPeriodic
+    for name in ("edgeLengths", "triangleAreas", "vertexMeanCurvatures"):
+        assert np.allclose(getattr(mesh, name), getattr(other, name), atol=1e-12)
+    one, two = quality.assess(mesh), quality.assess(other)
+    assert np.allclose(one.angles, two.angles) and np.allclose(one.dihedrals, two.dihedrals)
+    assert one.closestPair == pytest.approx(two.closestPair)
+    assert len(one.crossings) == len(two.crossings) == 0
+    open_ = other.unwrapped()
+    assert open_.area == pytest.approx(mesh.area, rel=1e-12) and open_.edgeLengths.max() < 2 * mesh.edgeLengths.max()
+    assert np.ptp(open_.vertices[:, 2]) == pytest.approx(np.ptp(mesh.vertices[:, 2]))
+
+
+def test_crossings_through_the_border():
+    """A sheet so rough that it passes through itself everywhere does so as often in each of its tiles."""
+    mesh = createSheet(noise=0.7)
+    count = len(quality.crossings(mesh))
+    assert count > 10
+    assert len(quality.crossings(mh.Mesh(wrapped(mesh), mesh.triangles, mesh.box))) == count
+    assert len(quality.crossings(tiled(mesh))) == 4 * count
+
+
+@pytest.mark.parametrize("suffix", ["tsi", "q", "ply"])
+def test_files_keep_the_box(tmp_path, suffix):
+    mesh = createSheet()
+    mesh.write(tmp_path / f"sheet.{suffix}")
+    read = mh.Mesh.read(tmp_path / f"sheet.{suffix}")
+    assert read.isPeriodic and np.allclose(read.box, mesh.box) and np.array_equal(read.triangles, mesh.triangles)
+    assert read.area == pytest.approx(mesh.area, rel=1e-6)
+    with pytest.raises(ValueError, match="files of this format have no box"):
+        mesh.write(tmp_path / "sheet.stl")
+    with pytest.raises(ValueError, match="periodic"):
+        read.remeshed(100)
+
+
+def test_trajectories_keep_the_box(tmp_path):
+    mesh = createSheet()
+    frames = [mh.meshFrame(step, mh.Mesh(mesh.vertices + step, mesh.triangles, mesh.box)) for step in range(3)]
+    mh.writeMeshTrajectory(tmp_path / "sheet.vtkhdf", frames)
+    for frame in mh.readMeshTrajectory(tmp_path / "sheet.vtkhdf"):
+        assert frame.mesh.isPeriodic and frame.mesh.area == pytest.approx(mesh.area, rel=1e-12)
+    with pytest.raises(ValueError, match="another periodic box"):
+        other = mh.meshFrame(3, mh.Mesh(2 * mesh.vertices, mesh.triangles, 2 * mesh.box))
+        mh.writeMeshTrajectory(tmp_path / "sheet.vtkhdf", [*frames, other])
+
+
+REFUSED = [
+    (lambda force: force.setVolumeModulus(1) or force.setTargetVolume(1), "volume term is on.*encloses no volume"),
+    (lambda force: force.setPressure(1), "pressure term is on.*encloses no volume"),
+    (lambda force: force.setRepulsion(1, 4, 2), "repulsion's onset 4 nm; it must be at most a third"),
+]
+
+
+@pytest.mark.parametrize("change, problem", REFUSED)
+def test_what_has_no_meaning_is_refused(change, problem):
+    mesh = createSheet()
+    force = createForce(mesh, ["bending"])
+    change(force)
+    with pytest.raises(mm.OpenMMException, match=problem):
+        energyOf(createContext(mesh, force))
+
+
+def test_boxes_and_moves_that_are_refused():
+    mesh = createSheet()
+    force = createForce(mesh, ["bending"])
+    context = createContext(mesh, force)
+    energy = energyOf(context)
+    lengths = np.diag(mesh.box)
+    for box, problem in (
+        (np.diag(lengths / 4), "at least twice as long as any edge"),
+        (np.diag(lengths) + np.eye(3, k=-1)[[0, 1, 0]], r"box vector b is \(1, .* needs a rectangular box"),
+    ):
+        context.setPeriodicBoxVectors(*box)
+        with pytest.raises(mm.OpenMMException, match=problem):
+            energyOf(context)
+    context.setPeriodicBoxVectors(*mesh.box)
+    assert energyOf(context) == energy
+    context.setParameter(force.getPressureParameter(), 1)
+    with pytest.raises(mm.OpenMMException, match="pressure term is on"):
+        energyOf(context)
+    with pytest.raises(mm.OpenMMException, match="is periodic, and waves in any direction would tear it"):
+        createContext(mesh, createForce(mesh, ["bending"]), "CPU", mh.ShearWaveIntegrator(300, 0.1, 0.1, 1))
+
+
+def test_runs_of_sheets(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = {
+        "mesh": {"sheet": [8, 8, 1.0]},
+        "sampling": {"steps": 30, "step_size": 0.004, "seed": 3},
+        "output": {"prefix": "sheet", "trajectory_interval": 5, "observables_interval": 1},
+    }
+    summary = mh.run(config)
+    assert "volume" not in summary.table and "reducedVolume" not in summary.table
+    trajectory = mh.readMeshTrajectory("sheet.vtkhdf")
+    assert trajectory[-1].mesh.isPeriodic
+    assert mh.Mesh.read("sheet.ply").area == pytest.approx(summary.table["area"][-1], rel=1e-5)
+    mh.resume("sheet", 10)
+    assert mh.readObservables("sheet.csv")["step"][-1] == 40
+    for section, key, value, problem in (
+        ("membrane", "volume_modulus", 10.0, "encloses no volume"),
+        ("membrane", "reduced_volume", 0.9, "encloses no volume"),
+        ("membrane", "pressure", 0.1, "encloses no volume"),
+        ("sampling", "shear_wave_probability", 0.1, "would tear it"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})

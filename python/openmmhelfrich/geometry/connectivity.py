@@ -102,7 +102,8 @@ def edgeLengthsOf(
     """Return the length of each edge."""
     lengths = np.empty(len(edges))
     for block in blocks(len(edges)):
-        lengths[block] = np.linalg.norm(edgeVectors(vertices, *edges[block].T, box), axis=1)
+        a, b = edges[block].T
+        lengths[block] = np.linalg.norm(edgeVectors(vertices, a, b, box), axis=1)
     return lengths
 
 
@@ -134,20 +135,28 @@ class Patch(NamedTuple):
     triangleOf: IndexArray
 
 
+def _middleOf(vertices: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where the vertices of a surface in a periodic box are on average, along each axis, and the middle of the
+    box where they are everywhere.
+    """
+    mean = np.exp(2j * np.pi * vertices / lengths).mean(axis=0)
+    return np.where(np.abs(mean) < 0.5, 0.5, np.angle(mean) / (2 * np.pi)) * lengths
+
+
 def patchOf(
     vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64], margin: float = 0.0
 ) -> Patch:
     """Return each triangle of a surface in a rectangular periodic box where its first corner is in the box, and its
-    images that have theirs up to a margin beyond.
+    images that have theirs up to a margin beyond.  Across a sheet, the box is around its middle.
     """
     lengths = np.diag(box)
-    cell = np.floor(vertices / lengths).astype(np.int64)
-    inside = vertices - cell * lengths
+    low = _middleOf(vertices, lengths) - lengths / 2
+    inside = vertices - np.floor((vertices - low) / lengths) * lengths
     images = np.rint((cornersOf(vertices, triangles, box) - inside[triangles]) / lengths).astype(np.int64)
     images -= images[:, :1].copy()
     owner = np.arange(len(triangles))
     for axis in range(3 * (margin > 0)):
-        first = inside[triangles[owner, 0], axis]
+        first = inside[triangles[owner, 0], axis] - low[axis]
         for step, isNear in ((1, first < margin), (-1, first > lengths[axis] - margin)):
             more = images[: len(first)][isNear]
             more[..., axis] += step

@@ -287,19 +287,21 @@ class Mesh:
         Raises
         ------
         ValueError
-            if no format has this suffix, or the mesh is periodic and the format has no box, which only TSI and Q have
+            if no format has this suffix, or the mesh is periodic and the format has no box: PLY, TSI and Q have
         OSError
             if the file cannot be written
         """
         length = _lengthOf(unit)
-        if self.isPeriodic and Path(file).suffix.lower() not in (".tsi", ".q"):
+        if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
             raise ValueError(
-                f"{file}: the mesh is periodic, and files of this format have no box; write .tsi, or unwrapped() to "
-                "look at it"
+                f"{file}: the mesh is periodic, and files of this format have no box; use one of "
+                f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
             )
         box = None if self.box is None else self.box / length
         own = {} if self.species is None else {"Species": self.species}
-        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box)
+        meshfiles.write(
+            Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
+        )
 
     def repaired(
         self,

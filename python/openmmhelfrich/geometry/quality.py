@@ -1,6 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +68,7 @@ class MeshQuality:
         lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
         return [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
-            ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
+            ("surface", self._kind(u)),
             *self._measures(u),
             ("edges", f"{_range(lengths)} {u} long, standard deviation {lengths.std() / mean:.1%} of the mean"),
             ("angles", f"{_range(self.angles)} degrees; between facets at most {np.abs(self.dihedrals).max():.4g}"),
@@ -104,13 +104,21 @@ class MeshQuality:
             )
         return found
 
+    def _kind(self, u: str) -> str:
+        if not self.mesh.isPeriodic:
+            return f"closed, manifold, oriented outwards: {_components(self.genera)}"
+        sides = " x ".join(f"{side:.4g}" for side in np.diag(np.asarray(self.mesh.box)))
+        return f"periodic in a box of {sides} {u}, manifold: {_components(self.genera)}"
+
     def _measures(self, u: str) -> list[tuple[str, str]]:
         """Return area, volume and reduced volume, of each surface in a column of its own if there are several."""
-        rows = (
+        rows: list[tuple[str, Callable[[Mesh], str], str]] = [
             ("area", lambda surface: f"{surface.area:.6g}", f" {u}^2"),
             ("volume", lambda surface: f"{surface.volume:.6g}", f" {u}^3"),
             ("reduced volume", lambda surface: f"{surface.reducedVolume:.4f}", ""),
-        )
+        ]
+        if self.mesh.isPeriodic:
+            del rows[1:]
         if len(self.surfaces) == 1:
             return [(label, text(self.mesh) + suffix) for label, text, suffix in rows]
         shown = self.surfaces[:_COLUMNS]

@@ -658,7 +658,7 @@ def _append(root: Any, frame: MeshFrame) -> None:
             f"{sorted(expected[2])}"
         )
     box = root.file.attrs.get("periodicBox")
-    if not np.array_equal(np.zeros(0) if box is None else box, mesh.box if mesh.isPeriodic else np.zeros(0)):
+    if (box is not None) != mesh.isPeriodic or (mesh.isPeriodic and not np.array_equal(box, np.asarray(mesh.box))):
         raise ValueError(
             f"the frame of step {frame.step} has another periodic box than those before it; a file has one box"
         )
