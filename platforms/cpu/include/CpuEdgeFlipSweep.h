@@ -62,7 +62,7 @@ public:
      * @param neighborList  the neighbors at these positions if needsNeighborList(), else NULL.  Sweeps partition them
      * as the flipped mesh does
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry& geometry,
                       CpuHelfrichNeighborList* neighborList);
     /**
      * Get whether a sweep needs to know which vertices are close to each other.
@@ -165,6 +165,8 @@ private:
     std::exception_ptr exception;
     std::atomic<bool> isAbandoned;
     std::vector<HelfrichTotals> totals;
+    /// the vertices of accepted flips
+    std::vector<int> flippedVertices;
     /// what the energy would change by with the totals of each surface
     std::vector<ChangeByTotals> changes;
     EdgeFlipStatistics statistics;

@@ -1,6 +1,7 @@
 #ifndef OPENMM_CPUSPECIESEXCHANGE_H_
 #define OPENMM_CPUSPECIESEXCHANGE_H_
 
+#include "CpuVertexGeometry.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
@@ -35,11 +36,11 @@ public:
      * Set all that does not change during a sweep.
      *
      * @param positions   the position of each particle
-     * @param geometry    the areas and curvatures at these positions, which are needed where species have forces
+     * @param geometry    the areas and curvatures at these positions where species have forces, else NULL
      * @param parameters  the moduli
      * @param proposal    what an attempt proposes
      */
-    void prepare(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
+    void prepare(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry* geometry,
                  const HelfrichParameters& parameters, const SpeciesProposal& proposal);
     /**
      * Make a sweep.  See ExchangeSpeciesKernel::execute() for the parameters.
@@ -127,7 +128,7 @@ private:
     void prepareRings();
     void collectRing(int vertex);
     int findZone(int vertex) const;
-    void prepareVertex(const HelfrichGeometry& geometry, int vertex);
+    void prepareVertex(const CpuVertexGeometry* geometry, int vertex);
     void makeBlock(long long firstAttempt, int numAttempts);
     void draw(Part& part, long long firstAttempt, int numAttempts) const;
     void decide(Part& part, int zone, SpeciesExchangeStatistics& statistics);

@@ -29,7 +29,7 @@ static const int MAX_THREADS = 8;
  * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time
  * than it saves.
  */
-static const int MIN_FETCHED_AHEAD = 15000;
+static const int MIN_FETCHED_AHEAD = 5000;
 
 /**
  * The number of vertices whose positions or neighbors a thread finds at a time.
@@ -58,12 +58,10 @@ CpuEdgeFlipSweep::CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCo
             copies.emplace_back(new Copy(mesh));
 }
 
-void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const CpuVertexGeometry& geometry,
                                     CpuHelfrichNeighborList* neighborList) {
     this->neighborList = neighborList;
-    totals.clear();
-    for (auto& surface : geometry.surfaces)
-        totals.push_back({surface.area, surface.volume, surface.integratedMeanCurvature});
+    totals = geometry.totals;
     state.setNeighborList(neighborList);
     CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
         // To gather them once for the states of all threads takes less time than to let each thread fill its own.
@@ -83,6 +81,7 @@ EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameter
     this->sweep = sweep;
     this->observer = &observer;
     changes.clear();
+    flippedVertices.clear();
     for (size_t surface = 0; surface < totals.size(); surface++)
         changes.emplace_back(p, surface, totals[surface]);
     exception = NULL;
@@ -153,7 +152,7 @@ void CpuEdgeFlipSweep::decideAll() {
     if (exception)
         isAbandoned = true;
     if (statistics.accepted > 0)
-        mesh.markChanged();
+        mesh.markChanged(flippedVertices);
 }
 
 void CpuEdgeFlipSweep::help(Copy* copy) {
@@ -295,8 +294,10 @@ void CpuEdgeFlipSweep::accept(Place& place, int batch, const CpuEdgeFlipAttempt&
     HelfrichTotals& ofSurface = totals[attempt.surface];
     ofSurface += {attempt.area, attempt.volume, attempt.curvature};
     changes[attempt.surface] = ChangeByTotals(p, attempt.surface, ofSurface);
-    for (int vertex : attempt.vertex)
+    for (int vertex : attempt.vertex) {
         lastFlips[vertex] = batch;
+        flippedVertices.push_back(vertex);
+    }
     state.carryOut(flip);
     place.acceptedFlips.add(flip);
     statistics.accepted++;

@@ -53,7 +53,7 @@ void CpuSpeciesExchange::forEachVertex(const Function& function) const {
     });
 }
 
-void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const CpuVertexGeometry* geometry,
                                  const HelfrichParameters& parameters, const SpeciesProposal& proposal) {
     this->proposal = proposal;
     p = parameters;
@@ -140,10 +140,10 @@ int CpuSpeciesExchange::findZone(int v) const {
     return zone;
 }
 
-void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) {
+void CpuSpeciesExchange::prepareVertex(const CpuVertexGeometry* geometry, int v) {
     Vertex& vertex = vertices[v];
     if (p.has(Term::Bending)) {
-        double A = geometry.vertexAreas[order[v]], M = (A == 0 ? 0 : geometry.vertexMeanCurvatures[order[v]]);
+        double A = geometry->getArea(order[v]), M = (A == 0 ? 0 : geometry->getCurvature(order[v]));
         vertex.factors = {A == 0 ? 0 : M * M / A, M, A, 0};
     }
     else
