@@ -28,13 +28,21 @@ struct CpuVertexGeometry {
         return curvatures[slots[vertex]];
     }
     /**
+     * Bring a vertex's into the cache.
+     */
+    void prefetch(int vertex) const {
+        __builtin_prefetch(&areas[slots[vertex]]);
+        __builtin_prefetch(&curvatures[slots[vertex]]);
+    }
+    /**
      * Get whether the totals are finite, that of the curvature if it is needed.
      */
     bool isFinite(bool needsCurvature) const {
         HelfrichTotals sum;
         for (auto& ofSurface : totals)
             sum += ofSurface;
-        return std::isfinite(sum.area) && std::isfinite(sum.volume) && (!needsCurvature || std::isfinite(sum.curvature));
+        return std::isfinite(sum.area) && std::isfinite(sum.volume) &&
+               (!needsCurvature || std::isfinite(sum.curvature));
     }
 };
 

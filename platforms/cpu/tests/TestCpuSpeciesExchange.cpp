@@ -209,7 +209,8 @@ void testRevisions() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, Pair);
     HelfrichMesh mesh = createMesh(blob);
-    Sweep sweep(blob, ExactGeometry(blob), mesh, p, SpeciesProposal::Neighbors);
+    ExactGeometry geometry(blob);
+    Sweep sweep(blob, geometry, mesh, p, SpeciesProposal::Neighbors);
     long long revision = mesh.getSpeciesRevision();
     ASSERT(sweep.execute(HOT, 500, EXCHANGE_RANDOM, 0).accepted > 100);
     ASSERT_EQUAL(revision + 1, mesh.getSpeciesRevision());
