@@ -20,6 +20,7 @@ from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
 from openmmhelfrich.runs.stages import checkStages
 from openmmhelfrich.sampling.conditions import flatEnergy
+from openmmhelfrich.sampling.observables import OBSERVABLES, PANELS, curves, observableUnits
 from openmmhelfrich.units import thermalEnergy
 
 MESH = mh.Mesh.icosphere(2, 2.0)
@@ -173,6 +174,7 @@ def test_files_have_the_species(results):
     assert np.any(frames[0].mesh.species != frames[-1].mesh.species)
     final = meshio.read(f"{results[1]}.ply")
     assert np.array_equal(final.point_data["Species"], frames[-1].mesh.species)
+    assert not {o.name for o in OBSERVABLES if o.condition} & set(results[0].table)
     assert results[0].table["E_line"].min() > 0 and np.ptp(results[0].table["E_line"]) > 0
 
 
@@ -235,6 +237,27 @@ def test_stages_change_moduli_and_the_like(tmp_path):
     assert force.getAreaDifferenceModulus()._value == pytest.approx(100 * kT)
 
 
+def test_tables_have_what_stages_change(tmp_path):
+    """And nothing else; windows have it too, and plots a panel where it changes."""
+    summary = runStages(tmp_path / "run")
+    table, first, second, third = summary.table, *(summary.table["stage"] == k for k in (1, 2, 3))
+    names = {o.name for o in OBSERVABLES if o.condition} & set(table)
+    assert names == {"volumeModulus", "pressure", "spontaneousCurvature", "lineTension", "areaDifferenceModulus"}
+    assert np.all(table["volumeModulus"][1:] == 0) and table["volumeModulus"][0] == pytest.approx(1e6)
+    assert np.allclose(table["pressure"][1:], 3)
+    windows = table["window"][second].astype(int)
+    assert np.allclose(table["spontaneousCurvature"][second], np.array([0, 0.2, 0.4, 0.2, 0])[windows])
+    assert np.allclose(table["lineTension"][second], np.array([2, 2.5, 4, 2.5, 2])[windows])
+    assert np.all(table["lineTension"][first] == table["lineTension"][third][-1])
+    assert np.allclose(table["areaDifferenceModulus"][third], [25, 50, 75, 100])
+    path = mh.readObservables(tmp_path / "run_path.csv")
+    assert np.allclose(path["lineTension"], [2, 2.5, 4, 2.5, 2]) and np.allclose(path["lineTensionDeviation"], 0)
+    units = observableUnits(tmp_path / "run.csv")
+    assert [units[name] for name in ("spontaneousCurvature", "lineTension", "pressure")] == ["1/nm", "kT/nm", "kT/nm^3"]
+    drawn = [panel.title for panel in PANELS if curves(panel, table)]
+    assert "line tension" in drawn and "volume modulus" in drawn and "tension" not in drawn
+
+
 def test_a_path_of_a_line_tension_is_the_one_given(tmp_path):
     table = runStages(tmp_path / "run").table
     # The line energy over the line tension is a length, which changes little in so few steps.
@@ -260,7 +283,7 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
     )
     assert mh.run(config, progress=progress).interrupted
     resumed = mh.resume(tmp_path / "part")
-    for name in ("energy", "E_line", "E_bending"):
+    for name in ("energy", "E_line", "E_bending", "lineTension", "spontaneousCurvature"):
         assert np.array_equal(whole.table[name], resumed.table[name])
 
 

@@ -87,6 +87,17 @@ def valueOf(config: Config, name: str) -> Any:
     return getattr(getattr(config, section), key)
 
 
+def during(config: Config, index: int) -> Config:
+    """Return a Config with the moduli and the like that its membrane has during one of its stages, at the end of it, or
+    before all stages: -1.
+    """
+    membrane = config.membrane
+    for i, stage in enumerate(config.stages[: index + 1]):
+        if i == index or not stage.returns:
+            membrane = membrane.model_copy(update=stage.conditions())
+    return config.model_copy(update={"membrane": membrane})
+
+
 def stagesOf(config: Config) -> list[Any]:
     """Return the stages of a Config: those it lists, or one that samples.
 

@@ -109,15 +109,19 @@ class Coarse(NamedTuple):
 
 def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[Coarse]:
     """Return the surfaces that have too few vertices for the smallest of some reduced volumes to which their targets
-    lead them.
+    lead them, those at the start of each stage and at the end.
     """
-    if not (scene.moduli["area"] > 0 and scene.moduli["volume"] > 0):
-        return []
+    holding = [i for i in range(len(scene.stages)) if _holdsVolume(scene.during(i))]
+    acting = [targets[i + end] for i in holding for end in (0, 1)]
     found = []
-    for k, surface in enumerate(scene.mesh.components()):
-        volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in targets]
+    for k, surface in enumerate(scene.mesh.components() if acting else ()):
+        volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in acting]
         found.append(coarse(surface, min(volumes)))
     return [each for each in found if each is not None]
+
+
+def _holdsVolume(scene: Scene) -> bool:
+    return scene.moduli["area"] > 0 and scene.moduli["volume"] > 0
 
 
 def coarse(surface: Mesh, volume: float) -> Coarse | None:

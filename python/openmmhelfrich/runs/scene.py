@@ -7,7 +7,7 @@ import random
 import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,11 +29,11 @@ from ..messages import shortened
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import TARGET_FACTORS, withApproaches
-from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
+from .approach import MODULUS_NAMES, TARGET_FACTORS, withApproaches
+from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
 from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
-from .stagesettings import StageSettings
+from .stagesettings import StageSettings, conditionsOf
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
@@ -179,8 +179,7 @@ class Scene:
             lengthUnit=config.mesh.length_unit,
             temperature=sampling.temperature,
             kT=kT,
-            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()}
-            | {"bending": bendingModulusOf(config) * kT},
+            moduli=_moduliOf(config, kT),
             targets=_targets(surfaces),
             ownMeasures=ownMeasures,
             tether=tether,
@@ -198,6 +197,11 @@ class Scene:
             platformProperties=properties,
             setup=setup,
         )
+
+    def during(self, index: int) -> "Scene":
+        """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
+        config = during(self.config, index)
+        return replace(self, config=config, moduli=_moduliOf(config, self.kT))
 
     def createForce(self) -> HelfrichForce:
         """Create the membrane's force."""
@@ -284,6 +288,12 @@ class Scene:
             sampling.shear_wave_cutoff / radius,
             sampling.shear_waves_per_step,
         )
+
+
+def _moduliOf(config: Config, kT: float) -> dict[str, float]:
+    """Return the modulus of each term, in kJ/mol and powers of nm."""
+    moduli = {term: valueOf(config, key) * kT for term, key in MODULI.items()}
+    return moduli | {"bending": bendingModulusOf(config) * kT}
 
 
 def loadMesh(config: Config) -> Mesh:
@@ -439,9 +449,15 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
     }
 
 
+def _held(config: Config) -> set[str]:
+    """Return the totals that a Config's membrane is held to targets of, before its stages."""
+    return {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+
+
 def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what the mesh has of the targets whose terms are on, by their names."""
-    on = {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+    """Return what the mesh has of the targets whose terms are on at some time, by their names."""
+    given = [stage.conditions() for stage in config.stages]
+    on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
     measures = measuresOf(mesh) | (_ownAreaDifferences(config, mesh) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}
 
@@ -480,9 +496,10 @@ def requireEffectiveTargets(config: Config, scene: Scene) -> None:
     The mesh's own area, volume or area difference does no harm.
     """
     membrane = config.membrane
+    parts = [scene.during(index) for index in range(-1, len(scene.stages))]
     for total, (modulus, keys) in _TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
-        if not given or scene.moduli[total] > 0:
+        if not given or any(part.moduli[total] > 0 for part in parts):
             continue
         own = _ownAreaDifferences(config, scene.mesh) if total == "areaDifference" else scene.ownMeasures
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
@@ -536,7 +553,9 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     targets = _targets(surfaces)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
-        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices))
+        config.stages, targets = withApproaches(
+            config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices), _held(config)
+        )
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
         listedTargets(targets, "area"),
@@ -587,7 +606,22 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
 
 
 def defaultStepSize(config: Config, mesh: Mesh) -> float:
-    """Return the size of a leapfrog step, in ps, for a Config that names none.
+    """Return the size of a leapfrog step, in ps, for a resolved Config that names none: that of the stiffest membrane
+    that its stages make.
+    """
+    return min(stepSizeOf(each, mesh) for each in _inForce(config))
+
+
+def _inForce(config: Config) -> list[Config]:
+    """Return a Config with each of the moduli and the like that its membrane has in its stages."""
+    if not conditionsOf(config.stages):
+        return [config]
+    gradual = [i - 1 for i, stage in enumerate(config.stages) if stage.isGradual]
+    return [during(config, i) for i in (*gradual, *range(len(config.stages)))]
+
+
+def stepSizeOf(config: Config, mesh: Mesh) -> float:
+    """Return the size of a leapfrog step, in ps, for the moduli of a Config.
 
     Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
     trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on
