@@ -125,7 +125,7 @@ def test_a_target_of_the_membrane_may_wait_for_its_modulus(tmp_path):
     del config["sampling"]["steps"]
     mh.run(config)
     config["stages"][1]["volume_modulus"] = 0.0
-    with pytest.raises(ValueError, match="reduced_volume is 0.9, and has no effect, since volume_modulus is 0"):
+    with pytest.raises(ValueError, match=r"reduced_volume is 0\.9, and has no effect, since volume_modulus is 0"):
         mh.run(config)
 
 

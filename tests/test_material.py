@@ -240,7 +240,8 @@ def test_stages_change_moduli_and_the_like(tmp_path):
 def test_tables_have_what_stages_change(tmp_path):
     """And nothing else; windows have it too, and plots a panel where it changes."""
     summary = runStages(tmp_path / "run")
-    table, first, second, third = summary.table, *(summary.table["stage"] == k for k in (1, 2, 3))
+    table = summary.table
+    first, second, third = (table["stage"] == k for k in (1, 2, 3))
     names = {o.name for o in OBSERVABLES if o.condition} & set(table)
     assert names == {"volumeModulus", "pressure", "spontaneousCurvature", "lineTension", "areaDifferenceModulus"}
     assert np.all(table["volumeModulus"][1:] == 0) and table["volumeModulus"][0] == pytest.approx(1e6)

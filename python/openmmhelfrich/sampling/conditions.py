@@ -71,6 +71,18 @@ def setConditions(context: mm.Context, force: HelfrichForce, conditions: Mapping
         force.updateParametersInContext(context)
 
 
+def singleNames(force: HelfrichForce, name: str) -> list[str]:
+    """Return the names of the single numbers that a condition stands for: that of the Context parameter that it is,
+    those of all pairs, or its own, with the numbers of a pair in order.
+    """
+    key, numbers = _parts(name)
+    if name in _PARAMETERS:
+        return [_PARAMETERS[name](force)]
+    if name == LINE_TENSION:
+        return [f"{name}[{a},{b}]" for a, b in _pairs(force)]
+    return [f"{key}[{','.join(map(str, sorted(numbers)))}]"] if numbers else [name]
+
+
 def putConditions(force: HelfrichForce, conditions: Mapping[str, float]) -> None:
     """Change some conditions of a force that are no parameters of a Context."""
     for name, value in conditions.items():
@@ -88,14 +100,18 @@ def putConditions(force: HelfrichForce, conditions: Mapping[str, float]) -> None
             _MODULI[key][1](force, value)
 
 
-def requireConditions(force: HelfrichForce, names: Iterable[str]) -> None:
-    """Raise a ValueError unless a force has the conditions of some names that are no parameters of a Context."""
+def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterable[str] = ()) -> None:
+    """Raise a ValueError unless a force has the conditions of some names, which may have been other names too."""
     count = force.getNumSpecies()
     for name in names:
+        if name in _PARAMETERS:
+            continue
         key, numbers = _parts(name)
         known: Iterable[str] = _OF_SPECIES if len(numbers) == 1 else _OF_PAIRS if numbers else [*_MODULI, LINE_TENSION]
         if key not in known:
-            raise ValueError(f"there is no condition '{name}'; it must be one of {', '.join(_known(count))}")
+            raise ValueError(
+                f"there is no parameter '{name}'; it must be one of {', '.join([*_known(count), *others])}"
+            )
         for number in numbers:
             if number >= count:
                 raise ValueError(f"'{name}' is of the species {number}, and there are {count}, from 0 on")
@@ -145,6 +161,7 @@ def _pairs(force: HelfrichForce) -> Iterable[tuple[int, int]]:
 
 
 def _known(numSpecies: int) -> list[str]:
-    """Return the names of conditions that are no parameters of a Context."""
+    """Return the names of conditions."""
     ofSpecies = [f"{name}[0]" for name in _OF_SPECIES] + [f"{name}[0,1]" for name in _OF_PAIRS]
-    return [*_MODULI] if numSpecies == 0 else [*list(_MODULI)[2:], LINE_TENSION, *ofSpecies]
+    ofAll = [*_MODULI] if numSpecies == 0 else [*list(_MODULI)[2:], LINE_TENSION, *ofSpecies]
+    return [*_PARAMETERS, *ofAll]
