@@ -21,7 +21,7 @@ from ..sampling.targets import nameOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
-from .scene import Scene, currentMesh
+from .scene import Scene, createScene, currentMesh
 from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -237,7 +237,7 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
     """Return whether trajectories are accepted from a mesh, at the targets that it has."""
     if scene.config.sampling.flip_probability == 1:
         return True
-    trial = Scene.of(_withOwnTargets(scene.config), mesh, additionsTo(simulation, len(mesh.vertices)))
+    trial = createScene(_withOwnTargets(scene.config), mesh, additionsTo(simulation, len(mesh.vertices)))
     try:
         steps = trial.createSimulation(trial.createForce())
         trajectories = trajectoriesOf(steps.integrator)

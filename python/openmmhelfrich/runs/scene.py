@@ -31,7 +31,7 @@ from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import MODULUS_NAMES, TARGET_FACTORS, withApproaches
 from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
-from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
+from .material import bendingModulusOf, gaussianStepOf, requireOnePlace, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings, conditionsOf
 
@@ -162,41 +162,11 @@ class Scene:
             if the mesh cannot be simulated, or a value of the configuration does not go with it
         """
         config = asConfig(config, hasMesh=mesh is not None)
-        mesh = loadMesh(config) if mesh is None else mesh
-        with namingSource(config), _overflowsExplained(config):
-            config = resolve(config, mesh)
-            ownMeasures = measuresOf(mesh)
-            checkSizes(config, mesh, ownMeasures)
-            vertexSpecies = speciesOf(config, mesh)
-            platform, properties = platformOf(config)
-        sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-        surfaces = _surfaces(config, mesh)
-        tether = tetherOf(config, mesh)
-        adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
-        return cls(
-            config=config,
-            mesh=mesh,
-            lengthUnit=config.mesh.length_unit,
-            temperature=sampling.temperature,
-            kT=kT,
-            moduli=_moduliOf(config, kT),
-            targets=_targets(surfaces),
-            ownMeasures=ownMeasures,
-            tether=tether,
-            vertexSpecies=vertexSpecies,
-            repulsionOnset=config.repulsion.onset or tether.minLength,
-            stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
-            adaptsStepSize=adaptsStepSize,
-            waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
-            if adaptsWaves
-            else sampling.shear_wave_amplitude,
-            adaptsWaveAmplitude=adaptsWaves,
-            seed=sampling.seed or 0,
-            stages=tuple(config.stages),
-            platform=platform,
-            platformProperties=properties,
-            setup=setup,
-        )
+        if mesh is None:
+            return createScene(config, loadMesh(config), setup)
+        with namingSource(config):
+            requireOnePlace(config, mesh)
+        return createScene(config, mesh, setup)
 
     def during(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
@@ -290,6 +260,47 @@ class Scene:
         )
 
 
+def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene:
+    """Return the Scene of a Config with a mesh, which keeps the species that it has.
+
+    Species of the Config may have places: those of a run that goes on say where they were at its start.
+    """
+    with namingSource(config), _overflowsExplained(config):
+        config = resolve(config, mesh)
+        ownMeasures = measuresOf(mesh)
+        checkSizes(config, mesh, ownMeasures)
+        vertexSpecies = speciesOf(config, mesh)
+        platform, properties = platformOf(config)
+    sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
+    surfaces = _surfaces(config, mesh)
+    tether = tetherOf(config, mesh)
+    adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
+    return Scene(
+        config=config,
+        mesh=mesh,
+        lengthUnit=config.mesh.length_unit,
+        temperature=sampling.temperature,
+        kT=kT,
+        moduli=_moduliOf(config, kT),
+        targets=_targets(surfaces),
+        ownMeasures=ownMeasures,
+        tether=tether,
+        vertexSpecies=vertexSpecies,
+        repulsionOnset=config.repulsion.onset or tether.minLength,
+        stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
+        adaptsStepSize=adaptsStepSize,
+        waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
+        if adaptsWaves
+        else sampling.shear_wave_amplitude,
+        adaptsWaveAmplitude=adaptsWaves,
+        seed=sampling.seed or 0,
+        stages=tuple(config.stages),
+        platform=platform,
+        platformProperties=properties,
+        setup=setup,
+    )
+
+
 def _moduliOf(config: Config, kT: float) -> dict[str, float]:
     """Return the modulus of each term, in kJ/mol and powers of nm."""
     moduli = {term: valueOf(config, key) * kT for term, key in MODULI.items()}
@@ -305,7 +316,10 @@ def loadMesh(config: Config) -> Mesh:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
     else:
         source = str(config.mesh.file)
-        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair)
+        field = config.mesh.species_field
+        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair, speciesField=field)
+        if field is None:
+            mesh.species = None  # [[species]] say where they are
     try:
         mesh.check()
         if config.mesh.remesh is not None:
@@ -313,6 +327,8 @@ def loadMesh(config: Config) -> Mesh:
                 mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
+    if config.mesh.species_field is not None and mesh.species is None:
+        raise ValueError(f"{source}: the mesh has been repaired or remeshed, and so cannot have a species_field")
     return mesh
 
 

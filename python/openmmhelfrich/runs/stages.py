@@ -592,6 +592,8 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
             raise ValueError(
                 "it has a line_tension, and the membrane has no two [[species]], whose boundaries it is of"
             )
+    if given.get(CURVATURE) and before.moduli["bending"] == 0 and not given.get("bending_modulus"):
+        raise ValueError("it has a spontaneous_curvature, and the bending_modulus is 0; give it one")
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):

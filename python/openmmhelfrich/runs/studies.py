@@ -37,7 +37,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
+from .scene import Scene, changedIntervals, createScene, currentMesh, platformOf, requireEffectiveTargets
 from .stages import Stage, averagesOf, checkStages, createStage
 from .stagesettings import conditionsOf
 from .summary import Summary
@@ -171,7 +171,7 @@ def resume(
             raise CompleteError(prefix, state)
         _changePlatform(config, state, platform, threads)
         simulation, force = loadSimulation(file, *platformOf(config))
-        scene = Scene.of(config, currentMesh(simulation, force), setup)
+        scene = createScene(config, currentMesh(simulation, force), setup)
         if setup is not None:
             requireSame(simulation.system, scene.createSystem(scene.createForce())[0], prefix)
         study = Study(scene, outputs, simulation, force, state)
