@@ -1,5 +1,6 @@
 """Species and spontaneous curvature in a configuration: which vertices have them, and what a run makes of them."""
 
+import base64
 import itertools
 import signal
 
@@ -10,7 +11,7 @@ import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich.geometry.formats import vtkfiles
-from openmmhelfrich.pictures.look import Look
+from openmmhelfrich.pictures.look import Look, speciesColors, speciesCount, speciesLegend
 from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.pictures.rendering import render
 from openmmhelfrich.pictures.report import writeReport
@@ -23,6 +24,7 @@ from openmmhelfrich.runs.stages import checkStages
 from openmmhelfrich.sampling.conditions import flatEnergy
 from openmmhelfrich.sampling.observables import OBSERVABLES, PANELS, curves, observableUnits
 from openmmhelfrich.units import thermalEnergy
+from test_report import partsOf
 
 MESH = mh.Mesh.icosphere(2, 2.0)
 LO_LD = [{"name": "lo", "fraction": 0.25, "bending_modulus": 40}, {"name": "ld", "spontaneous_curvature": 0.3}]
@@ -291,6 +293,44 @@ def test_a_report_names_the_species(results):
         or '"legend":[["lo","#1f77b4"],["ld","#ff7f0e"]]' in page
     )
     assert '"species":' in page
+
+
+def withSpecies642(numbers, names=()):
+    mesh = mh.Mesh.icosphere(3)
+    mesh.speciesNames, mesh.species = names, numbers(mesh)
+    return mesh
+
+
+def test_few_species_have_colors_of_their_own_and_many_a_scale():
+    for count in (1, 2, 10, 11, 40, 642, 5000):
+        colors = speciesColors(np.arange(count), count)
+        assert len(np.unique(colors, axis=0)) >= min(count, 100)
+    few = withSpecies642(lambda mesh: np.arange(642) % 12 % 10)
+    assert [label for label, _ in speciesLegend(few, speciesCount(few))] == [f"species {k}" for k in range(10)]
+    names = [f"C0 = {k}" for k in range(33)]
+    many = withSpecies642(lambda mesh: np.arange(642) % 30, names)
+    legend = speciesLegend(many, speciesCount(many))
+    assert [label for label, _ in legend] == ["C0 = 0", "C0 = 8", "C0 = 16", "C0 = 24", "C0 = 32"]
+    assert np.array_equal([color for _, color in legend], speciesColors(np.arange(0, 33, 8), 33))
+
+
+def test_a_field_of_a_species_each_is_shown_where_numbers_say_something():
+    byHeight = withSpecies642(lambda mesh: np.argsort(np.argsort(mesh.vertices[:, 2])))
+    anyhow = withSpecies642(lambda mesh: np.random.default_rng(1).permutation(642))
+    mixed = withSpecies642(lambda mesh: np.random.default_rng(1).integers(0, 12, 642))
+    assert Look().species(byHeight) is not None and Look().species(mixed) is not None
+    assert Look().species(anyhow) is None and Look(colorBy="species").species(anyhow) is not None
+
+
+def test_a_report_shows_many_species_by_a_scale(tmp_path):
+    frames = [mh.meshFrame(k, withSpecies642(lambda mesh: np.argsort(np.argsort(mesh.vertices[:, 2])))) for k in (0, 1)]
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", frames)
+    shape = partsOf(writeReport(tmp_path / "a"))[0]["shape"]
+    places = np.frombuffer(base64.b64decode(shape["frames"][0]["species"]), np.uint8)
+    order = np.argsort(frames[0].mesh.species)
+    assert len(shape["speciesColors"]) == 256 and places.min() == 0 and places.max() == 255
+    assert np.all(np.diff(places[order].astype(int)) >= 0)
+    assert [label for label, _ in shape["legend"]] == [f"species {k}" for k in (0, 160, 320, 481, 641)]
 
 
 STAGES = [
