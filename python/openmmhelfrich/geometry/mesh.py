@@ -15,12 +15,17 @@ from ..display import drawing
 from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, mending, meshfiles
+from .formats.content import Content
 from .measures import reducedVolume
 from .relaxation import TorusSurface, Triangulation, relax, torusTriangulation
 from .remeshing import remesh
 from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
+
+
+# What the array of files is called that has the numbers of species.
+SPECIES_FIELD = "Species"
 
 
 class Mesh:
@@ -46,7 +51,8 @@ class Mesh:
     beads : (B, 3) float64 array
         positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
     species : (N,) array of int, or None
-        the number of the species of each vertex, in the frames and pictures of a membrane with species
+        the number of the species of each vertex, from 0.  An array of their names may be assigned, too; one that is
+        neither of these is a ValueError
     speciesNames : tuple of str
         what the species are called; empty if they have numbers only
     notes : list of str
@@ -74,8 +80,8 @@ class Mesh:
             the vectors of a periodic box, in nm unless they carry a unit
         beads : (B, 3) array or Quantity, optional
             the positions of particles that are no vertices
-        species : (N,) array of integers, optional
-            the number of the species of each vertex, from 0; an empty one is like None
+        species : (N,) array of integers or names, optional
+            the number of the species of each vertex, from 0, or its name; an empty one is like None
         speciesNames : iterable of str
             what they are called
 
@@ -90,14 +96,17 @@ class Mesh:
         self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
         self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
         self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
-        self.species = None if species is None or not len(np.asarray(species)) else np.array(species, dtype=np.intc)
-        if self.species is not None and self.species.shape != (len(self.vertices),):
-            raise ValueError(
-                f"species has the shape {self.species.shape}; it must have a number for each of {len(self.vertices)} "
-                "vertices"
-            )
         self.speciesNames = tuple(speciesNames)
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
+
+    @property
+    def species(self) -> NDArray[np.intc] | None:
+        return self._species
+
+    @species.setter
+    def species(self, species: Any) -> None:
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
 
     @classmethod
     def icosphere(cls, subdivisions: int = 3, radius: float | unit.Quantity = 1.0) -> "Mesh":
@@ -204,7 +213,8 @@ class Mesh:
 
     @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
-        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order.
+        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order, and their
+        species where all have some.
 
         Raises
         ------
@@ -223,11 +233,16 @@ class Mesh:
             np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first)]),
             boxes[0] if boxes else None,
         )
+        if all(mesh.species is not None for mesh in meshes):
+            result.species = np.concatenate([mesh.species for mesh in meshes if mesh.species is not None])
+            result.speciesNames = max((mesh.speciesNames for mesh in meshes), key=len)
         result.notes = [note for mesh in meshes for note in mesh.notes]
         return result
 
     @classmethod
-    def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
+    def read(
+        cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False, speciesField: str | None = None
+    ) -> "Mesh":
         """Read a mesh from a file.
 
         The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTP, VTK, GMSH (.msh), glTF (.gltf, .glb), the
@@ -244,6 +259,9 @@ class Mesh:
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
         repair : bool
             mend what can be mended, as :meth:`repaired` does
+        speciesField : str, optional
+            the name of an array of a VTU, VTK or PLY file with the number of the species of each vertex; by default
+            "Species", which :meth:`write` makes, if there is one
 
         Raises
         ------
@@ -263,6 +281,7 @@ class Mesh:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
             content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
+            mesh.species = _speciesIn(content, speciesField)
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:
@@ -298,7 +317,7 @@ class Mesh:
                 f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
             )
         box = None if self.box is None else self.box / length
-        own = {} if self.species is None else {"Species": self.species}
+        own = {} if self.species is None else {SPECIES_FIELD: self.species}
         meshfiles.write(
             Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
         )
@@ -348,7 +367,8 @@ class Mesh:
         vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
         wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
         vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
-        return Mesh(vertices, triangles, vectors)._withoutLooseVertices([*self.notes, *notes])
+        result = Mesh(vertices, triangles, vectors, None, None if notes else self.species, self.speciesNames)
+        return result._withoutLooseVertices([*self.notes, *notes, *self._speciesLeft(result)])
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
@@ -458,6 +478,7 @@ class Mesh:
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
         mesh = Mesh(*result.triangulation, self.box)
         mesh.notes = [*self.notes, *(f"remeshed: {text}" for text in (result.summary(), *result.shortcomings()))]
+        mesh.notes += self._speciesLeft(mesh)
         return mesh
 
     def topology(self) -> app.Topology:
@@ -560,7 +581,18 @@ class Mesh:
 
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
-        return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
+        result = self._with(slice(None), self.triangles)
+        result.vertices *= factor
+        result.box = None if self.box is None else self.box * factor
+        return result
+
+    def _speciesLeft(self, other: "Mesh") -> list[str]:
+        """Return a note if another mesh, made of this one, has lost the species."""
+        return (
+            ["the species were left out, since vertices have changed"]
+            if self.species is not other.species is None
+            else []
+        )
 
     def _with(self, vertices: Any, triangles: ArrayLike) -> "Mesh":
         """Return a mesh of some of the vertices, with their species, and other triangles."""
@@ -598,6 +630,57 @@ class Mesh:
 def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the sums of the values at each of a number of places."""
     return np.bincount(places, values, count).astype(np.float64, copy=False)
+
+
+def _speciesOf(species: Any, numVertices: int, names: tuple[str, ...]) -> NDArray[np.intc] | None:
+    """Return the numbers of the species of vertices, given these or their names."""
+    try:
+        values = np.asarray([] if species is None else species)
+    except ValueError:
+        raise ValueError("the species must be an array of whole numbers of shape (N,), one for each vertex") from None
+    if values.size == 0:
+        return None
+    if values.shape != (numVertices,):
+        raise ValueError(
+            f"the species have the shape {values.shape}; there must be one for each of {numVertices} vertices"
+        )
+    if values.dtype.kind == "U":
+        values = _numbersOf(values, names)
+    if values.dtype.kind not in "iub":
+        raise ValueError(f"the species are of type {values.dtype}; they must be whole numbers")
+    wrong = np.flatnonzero((values < 0) | (values > np.iinfo(np.intc).max))
+    if len(wrong):
+        raise ValueError(
+            f"the species of vertex {wrong[0]} is {values[wrong[0]]}; it must be a whole number, 0 or more"
+        )
+    return values.astype(np.intc)
+
+
+def _numbersOf(species: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the numbers of species of some names."""
+    for vertex in np.flatnonzero(~np.isin(species, names))[:1]:
+        known = f"they are called {', '.join(names)}" if names else "there are no speciesNames"
+        raise ValueError(f"the species of vertex {vertex} is '{species[vertex]}'; {known}")
+    return np.array([names.index(name) for name in species.tolist()])
+
+
+def _speciesIn(content: Content, field: str | None) -> NDArray[np.int64] | None:
+    """Return the species of the vertices of a file, by the name of an array, or by ours if there is one."""
+    name = field or SPECIES_FIELD
+    if name not in content.fields:
+        if field is None:
+            return None
+        has = f"it has {', '.join(content.fields)}" if content.fields else "it has none"
+        raise ValueError(f"the file has no array of vertices called '{name}': {has}")
+    values = np.asarray(content.fields[name], dtype=float)
+    wrong = values[~((values >= 0) & (values == np.rint(values)) & (values <= np.iinfo(np.intc).max))]
+    if len(wrong) == 0:
+        return values.astype(np.int64)
+    sentence = f"the array {name} has the value {wrong[0]:g}, which is no number of a species: whole, and 0 or more"
+    if field is not None:
+        raise ValueError(sentence)
+    content.notes.append(f"{sentence}; it was left out")
+    return None
 
 
 def _floats(vertices: Any) -> np.ndarray:

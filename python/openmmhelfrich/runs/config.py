@@ -27,6 +27,7 @@ from .sections import (
     SpeciesSection,
     SystemSection,
     TetherSection,
+    checkMaterial,
     checkSpecies,
 )
 from .stagesettings import STAGES, AnyStage, SampleStage
@@ -78,6 +79,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _material(self) -> "Config":
         checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
+        checkMaterial(self.species, self.membrane, any(stage.bending_modulus for stage in self.stages))
         return self
 
 
@@ -85,6 +87,17 @@ def valueOf(config: Config, name: str) -> Any:
     """Return the value of a key of a Config by its name, like "tether.modulus"."""
     section, key = name.split(".")
     return getattr(getattr(config, section), key)
+
+
+def during(config: Config, index: int) -> Config:
+    """Return a Config with the moduli and the like that its membrane has during one of its stages, at the end of it, or
+    before all stages: -1.
+    """
+    membrane = config.membrane
+    for i, stage in enumerate(config.stages[: index + 1]):
+        if i == index or not stage.returns:
+            membrane = membrane.model_copy(update=stage.conditions())
+    return config.model_copy(update={"membrane": membrane})
 
 
 def stagesOf(config: Config) -> list[Any]:
@@ -169,7 +182,7 @@ def readTOML(file: PathLike) -> dict[str, Any]:
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
     """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
-    data, multiple = _inNamedUnit(data)
+    data, multiple = _inNamedUnit(_plain(data))
     try:
         config = Config.model_validate(data, context=_scales(data, multiple))
         config._source = source
@@ -198,6 +211,15 @@ def sections() -> dict[str, type[Section]]:
     """Return the sections of a configuration by name, in order; stages are none of them."""
     models = {name: field.annotation for name, field in Config.model_fields.items()}
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
+
+
+def _plain(value: Any) -> Any:
+    """Return a nested dict with lists and numbers of Python for those of NumPy."""
+    if isinstance(value, Mapping):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    return value.tolist() if type(value).__module__ == "numpy" else value
 
 
 def _inNamedUnit(data: Any) -> tuple[Any, float]:
@@ -279,10 +301,18 @@ def _explain(mistake: ErrorDetails) -> str:
 
 def requirement(mistake: ErrorDetails) -> str:
     """Return what one of pydantic's errors says must be."""
-    message = mistake["msg"].removeprefix("Value error, ")
+    message, limits = mistake["msg"].removeprefix("Value error, "), mistake.get("ctx", {})
+    if mistake["type"] == "string_too_short":
+        return "it must not be empty"
+    if mistake["type"] in ("too_short", "too_long"):
+        bound = "at least {min_length}" if "min_length" in limits else "at most {max_length}"
+        return f"it must have {bound.format(**limits)} values"
+    if mistake["type"] == "list_type" and isinstance(mistake["input"], dict):
+        return f"it must be a list of tables, each under [[{mistake['loc'][0]}]]"
     return (
         message.replace("Input should be", "it must be")
         .replace("a valid integer", "a whole number")
+        .replace("a valid dictionary", "a table")
         .replace("a valid ", "a ")
     )
 

@@ -7,7 +7,7 @@ import random
 import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,11 +29,11 @@ from ..messages import shortened
 from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import TARGET_FACTORS, withApproaches
-from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
-from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
+from .approach import MODULUS_NAMES, TARGET_FACTORS, withApproaches
+from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
+from .material import bendingModulusOf, gaussianStepOf, requireOnePlace, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
-from .stagesettings import StageSettings
+from .stagesettings import StageSettings, conditionsOf
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
@@ -162,42 +162,16 @@ class Scene:
             if the mesh cannot be simulated, or a value of the configuration does not go with it
         """
         config = asConfig(config, hasMesh=mesh is not None)
-        mesh = loadMesh(config) if mesh is None else mesh
-        with namingSource(config), _overflowsExplained(config):
-            config = resolve(config, mesh)
-            ownMeasures = measuresOf(mesh)
-            checkSizes(config, mesh, ownMeasures)
-            vertexSpecies = speciesOf(config, mesh)
-            platform, properties = platformOf(config)
-        sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-        surfaces = _surfaces(config, mesh)
-        tether = tetherOf(config, mesh)
-        adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
-        return cls(
-            config=config,
-            mesh=mesh,
-            lengthUnit=config.mesh.length_unit,
-            temperature=sampling.temperature,
-            kT=kT,
-            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()}
-            | {"bending": bendingModulusOf(config) * kT},
-            targets=_targets(surfaces),
-            ownMeasures=ownMeasures,
-            tether=tether,
-            vertexSpecies=vertexSpecies,
-            repulsionOnset=config.repulsion.onset or tether.minLength,
-            stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
-            adaptsStepSize=adaptsStepSize,
-            waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
-            if adaptsWaves
-            else sampling.shear_wave_amplitude,
-            adaptsWaveAmplitude=adaptsWaves,
-            seed=sampling.seed or 0,
-            stages=tuple(config.stages),
-            platform=platform,
-            platformProperties=properties,
-            setup=setup,
-        )
+        if mesh is None:
+            return createScene(config, loadMesh(config), setup)
+        with namingSource(config):
+            requireOnePlace(config, mesh)
+        return createScene(config, mesh, setup)
+
+    def during(self, index: int) -> "Scene":
+        """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
+        config = during(self.config, index)
+        return replace(self, config=config, moduli=_moduliOf(config, self.kT))
 
     def createForce(self) -> HelfrichForce:
         """Create the membrane's force."""
@@ -287,6 +261,53 @@ class Scene:
         )
 
 
+def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene:
+    """Return the Scene of a Config with a mesh, which keeps the species that it has.
+
+    Species of the Config may have places: those of a run that goes on say where they were at its start.
+    """
+    with namingSource(config), _overflowsExplained(config):
+        config = resolve(config, mesh)
+        ownMeasures = measuresOf(mesh)
+        checkSizes(config, mesh, ownMeasures)
+        vertexSpecies = speciesOf(config, mesh)
+        platform, properties = platformOf(config)
+    sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
+    surfaces = _surfaces(config, mesh)
+    tether = tetherOf(config, mesh)
+    adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
+    return Scene(
+        config=config,
+        mesh=mesh,
+        lengthUnit=config.mesh.length_unit,
+        temperature=sampling.temperature,
+        kT=kT,
+        moduli=_moduliOf(config, kT),
+        targets=_targets(surfaces),
+        ownMeasures=ownMeasures,
+        tether=tether,
+        vertexSpecies=vertexSpecies,
+        repulsionOnset=config.repulsion.onset or tether.minLength,
+        stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
+        adaptsStepSize=adaptsStepSize,
+        waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
+        if adaptsWaves
+        else sampling.shear_wave_amplitude,
+        adaptsWaveAmplitude=adaptsWaves,
+        seed=sampling.seed or 0,
+        stages=tuple(config.stages),
+        platform=platform,
+        platformProperties=properties,
+        setup=setup,
+    )
+
+
+def _moduliOf(config: Config, kT: float) -> dict[str, float]:
+    """Return the modulus of each term, in kJ/mol and powers of nm."""
+    moduli = {term: valueOf(config, key) * kT for term, key in MODULI.items()}
+    return moduli | {"bending": bendingModulusOf(config) * kT}
+
+
 def loadMesh(config: Config) -> Mesh:
     """Read or make, and check, the mesh of a Config, in its length unit.
 
@@ -300,7 +321,10 @@ def loadMesh(config: Config) -> Mesh:
         mesh = Mesh.sheet(scale * width, scale * height, scale * edge)
     else:
         source = str(config.mesh.file)
-        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair)
+        field = config.mesh.species_field
+        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair, speciesField=field)
+        if field is None:
+            mesh.species = None  # [[species]] say where they are
     try:
         mesh.check()
         if config.mesh.remesh is not None:
@@ -308,6 +332,8 @@ def loadMesh(config: Config) -> Mesh:
                 mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
+    if config.mesh.species_field is not None and mesh.species is None:
+        raise ValueError(f"{source}: the mesh has been repaired or remeshed, and so cannot have a species_field")
     return mesh
 
 
@@ -447,9 +473,15 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
     }
 
 
+def _held(config: Config) -> set[str]:
+    """Return the totals that a Config's membrane is held to targets of, before its stages."""
+    return {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+
+
 def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what the mesh has of the targets whose terms are on, by their names."""
-    on = {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+    """Return what the mesh has of the targets whose terms are on at some time, by their names."""
+    given = [stage.conditions() for stage in config.stages]
+    on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
     measures = measuresOf(mesh) | (_ownAreaDifferences(config, mesh) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}
 
@@ -488,9 +520,10 @@ def requireEffectiveTargets(config: Config, scene: Scene) -> None:
     The mesh's own area, volume or area difference does no harm.
     """
     membrane = config.membrane
+    parts = [scene.during(index) for index in range(-1, len(scene.stages))]
     for total, (modulus, keys) in _TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
-        if not given or scene.moduli[total] > 0:
+        if not given or any(part.moduli[total] > 0 for part in parts):
             continue
         own = _ownAreaDifferences(config, scene.mesh) if total == "areaDifference" else scene.ownMeasures
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
@@ -546,7 +579,9 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     targets = _targets(surfaces)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
-        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices))
+        config.stages, targets = withApproaches(
+            config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices), _held(config)
+        )
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
         listedTargets(targets, "area"),
@@ -625,7 +660,22 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
 
 
 def defaultStepSize(config: Config, mesh: Mesh) -> float:
-    """Return the size of a leapfrog step, in ps, for a Config that names none.
+    """Return the size of a leapfrog step, in ps, for a resolved Config that names none: that of the stiffest membrane
+    that its stages make.
+    """
+    return min(stepSizeOf(each, mesh) for each in _inForce(config))
+
+
+def _inForce(config: Config) -> list[Config]:
+    """Return a Config with each of the moduli and the like that its membrane has in its stages."""
+    if not conditionsOf(config.stages):
+        return [config]
+    gradual = [i - 1 for i, stage in enumerate(config.stages) if stage.isGradual]
+    return [during(config, i) for i in (*gradual, *range(len(config.stages)))]
+
+
+def stepSizeOf(config: Config, mesh: Mesh) -> float:
+    """Return the size of a leapfrog step, in ps, for the moduli of a Config.
 
     Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
     trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on

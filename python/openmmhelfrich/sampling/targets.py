@@ -21,30 +21,11 @@ _PARAMETERS: dict[str, Callable[..., str]] = {
     "volume": HelfrichForce.getTargetVolumeParameter,
     "areaDifference": HelfrichForce.getTargetAreaDifferenceParameter,
 }
-# What gets the modulus of a target from a HelfrichForce.
-MODULI: dict[str, Callable[[HelfrichForce], Any]] = {
-    "area": HelfrichForce.getAreaModulus,
-    "volume": HelfrichForce.getVolumeModulus,
-    "areaDifference": HelfrichForce.getAreaDifferenceModulus,
-}
 _SETTERS: dict[str, Callable[..., None]] = {
     "area": HelfrichForce.setTargetArea,
     "volume": HelfrichForce.setTargetVolume,
     "areaDifference": HelfrichForce.setTargetAreaDifference,
 }
-
-
-def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
-    """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
-    plain = {
-        "bending": force.getBendingModulus(),
-        **{name: ask(force) for name, ask in MODULI.items()},
-        "tether": force.getTether()[0],
-        "repulsion": force.getRepulsion()[0],
-        "tension": context.getParameter(force.getTensionParameter()),
-        "pressure": context.getParameter(force.getPressureParameter()),
-    }
-    return {name: float(getattr(value, "_value", value)) for name, value in plain.items()}
 
 
 def nameOf(total: str, surface: int) -> str:
