@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 
 from ..files import PathLike
 from ..geometry.formats import WRITTEN
+from ..io.runfiles import prefixOf
 from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEnergy
 from .sections import (
@@ -159,12 +160,21 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        if path.suffix.lower() in WRITTEN:
-            raise ValueError(
-                f"{path} is a mesh; a configuration is expected, for instance a file with these two lines:\n"
-                f'[mesh]\nfile = "{path}"'
-            ) from None
-        raise ValueError(f"{path} is not TOML: {error}") from None
+        raise ValueError(f"{path} is {_otherThanTOML(path, error)}") from None
+
+
+def _otherThanTOML(path: Path, error: Exception) -> str:
+    """Return what a file is that cannot be read as TOML, and what to do."""
+    prefix = prefixOf(path)
+    if path.suffix.lower() in WRITTEN:
+        return (
+            f'a mesh; a configuration is expected, for instance a file with these two lines:\n[mesh]\nfile = "{path}"'
+        )
+    if path.suffix.lower() != ".toml" and prefix != path:
+        return f"a file of the run {prefix}; a configuration is expected, and resume {prefix} goes on with that run"
+    if isinstance(error, UnicodeDecodeError):
+        return "not TOML, which is text in UTF-8; save it in this encoding"
+    return f"not TOML: {error}"
 
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:

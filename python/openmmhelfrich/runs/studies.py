@@ -37,7 +37,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
+from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage, sceneDuring
 from .summary import Summary
 
@@ -86,7 +86,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
