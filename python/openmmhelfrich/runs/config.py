@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
@@ -178,8 +179,11 @@ def _otherThanTOML(path: Path, error: Exception) -> str:
 
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
-    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
-    data, multiple = _inNamedUnit(data)
+    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake.
+
+    Numbers and arrays of NumPy, tuples and paths are taken for what a file would have in their place.
+    """
+    data, multiple = _inNamedUnit(_asInFile(data))
     try:
         config = Config.model_validate(data, context=_scales(data, multiple))
         config._source = source
@@ -208,6 +212,17 @@ def sections() -> dict[str, type[Section]]:
     """Return the sections of a configuration by name, in order; stages are none of them."""
     models = {name: field.annotation for name, field in Config.model_fields.items()}
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
+
+
+def _asInFile(value: Any) -> Any:
+    """Return a value of Python as a file has it: a table, a list, a number or a string."""
+    if isinstance(value, Mapping):
+        return {key: _asInFile(each) for key, each in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_asInFile(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _inNamedUnit(data: Any) -> tuple[Any, float]:
