@@ -151,7 +151,7 @@ def test_too_short_a_burn_in_changes_nothing():
 
 
 def test_a_step_size_that_moves_nothing_is_an_error():
-    """On an uneven mesh trajectories are accepted at last, with steps of no use: it is told why, and all is as before."""
+    """On an uneven mesh steps that are accepted are of no use: it is told why, and all is as before."""
     sphere = mh.Mesh.icosphere(2)
     for height, isEven in ((1.0, True), (8.0, False)):
         mesh = mh.Mesh(sphere.vertices * [1, 1, height], sphere.triangles)

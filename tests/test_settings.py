@@ -345,7 +345,7 @@ def testTargetsWithoutModulus(tmp_path, membrane, message):
     ],
 )
 def testKeysThatHaveNoEffect(tmp_path, section, idle, switch):
-    """What describes something that nobody has switched on is an error; a switch that is given is not, even if it is 0."""
+    """What describes something that is off is an error, unless its switch is given, even if that is 0."""
     (key,) = idle
     for read in (runConfig, lambda _, **sections: mh.Scene.of(sections, mh.Mesh.icosphere(1))):
         with pytest.raises(ValueError, match=rf"\[{section}\] {key} is .*, and has no effect, since"):
@@ -355,7 +355,7 @@ def testKeysThatHaveNoEffect(tmp_path, section, idle, switch):
 
 
 def testAScriptIsToldOfFarTargets(recwarn):
-    """A Scene by itself does not lead there, and says so; of near ones, or where it is not to lead, it has nothing to say."""
+    """A Scene by itself does not lead there, and says so where it was to be led."""
     for membrane, approach, isFar in (
         ({"reduced_volume": 0.7}, "auto", True),
         ({"reduced_volume": 0.7}, "none", False),

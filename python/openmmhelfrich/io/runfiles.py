@@ -28,8 +28,8 @@ _ENDINGS = (
 
 
 def prefixOf(name: PathLike) -> Path:
-    """Return the prefix of a run that is named by it, by any of its files, by a configuration of the same name, or by the
-    folder that has them alone.
+    """Return the prefix of a run that is named by it, by any of its files, by a configuration of the same name, or by
+    the folder that has them alone.
 
     A name that is none of these is returned as it is.  Raises a ValueError if a folder has several runs.
     """

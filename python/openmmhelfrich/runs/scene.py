@@ -26,10 +26,17 @@ from ..helfrich import (
     SpeciesExchangeIntegrator,
 )
 from ..messages import shortened
-from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
+from ..sampling.targets import (
+    listedTargets,
+    numberedTargets,
+    requireComparableTarget,
+    requireOnePerSurface,
+    setDefaultTargets,
+    totalOf,
+)
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import FAR, TARGET_FACTORS, withApproaches
+from .approach import FAR, withApproaches
 from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
 from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
@@ -472,26 +479,6 @@ def requireComparable(name: str, value: float | str | None, own: float, what: st
         return
     if not abs(own) / GREATEST_FACTOR <= abs(value) <= abs(own) * GREATEST_FACTOR:
         raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
-
-
-def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
-    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
-
-    Parameters
-    ----------
-    what : str
-        the target, as the message names it
-    name : str
-        that of :mod:`openmmhelfrich.sampling.targets`
-    value, own : float
-        the target, and what the mesh has
-    """
-    factor = TARGET_FACTORS[totalOf(name)]
-    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
-        raise ValueError(
-            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
-            "of them may be in another unit of length"
-        )
 
 
 def requireEffect(config: Config, scene: Scene) -> None:

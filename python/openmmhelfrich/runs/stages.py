@@ -38,7 +38,7 @@ from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import currentTargets, setTargets, totalOf
+from ..sampling.targets import currentTargets, requireComparableTarget, setTargets, totalOf
 from ..tables import Table
 from ..units import valueIn
 from .approach import TARGET_NAMES, endTargets
@@ -50,7 +50,6 @@ from .scene import (
     currentMesh,
     defaultStepSize,
     requireComparable,
-    requireComparableTarget,
     requireTrajectories,
 )
 from .sections import Conditions, SamplingSection

@@ -56,7 +56,7 @@ class _Adapter:
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
-        stepSize = float(valueIn(stepSize, self.UNIT))
+        stepSize = float(valueIn(stepSize, self.UNIT, f"the {self.QUANTITY}"))
         if not (math.isfinite(stepSize) and stepSize > 0):
             raise ValueError(
                 f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be "

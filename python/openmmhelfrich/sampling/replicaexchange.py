@@ -585,9 +585,9 @@ def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> Thermody
     stepSize = trajectoriesOf(simulation.integrator).getStepSize() if state.stepSize is None else state.stepSize
     thermalEnergy(state.temperature)  # raises if it is not positive
     return ThermodynamicState(
-        float(valueIn(state.temperature, unit.kelvin)),
+        float(valueIn(state.temperature, unit.kelvin, "temperature")),
         {name: float(state.parameters[name]) for name in sorted(state.parameters)},
-        float(valueIn(stepSize, unit.picosecond)),
+        float(valueIn(stepSize, unit.picosecond, "stepSize")),
     )
 
 

@@ -33,6 +33,10 @@ _SETTERS: dict[str, Callable[..., None]] = {
     "areaDifference": HelfrichForce.setTargetAreaDifference,
 }
 
+# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
+# less than 2.
+TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
+
 
 def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
@@ -88,6 +92,26 @@ def currentTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float
     return {name: context.getParameter(parameter) for name, parameter in targetParameters(context, force).items()}
 
 
+def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
+    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+
+    Parameters
+    ----------
+    what : str
+        the target, as the message names it
+    name : str
+        that of the module
+    value, own : float
+        the target, and what the mesh has
+    """
+    factor = TARGET_FACTORS[totalOf(name)]
+    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+        raise ValueError(
+            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
+            "of them may be in another unit of length"
+        )
+
+
 def measuredTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return what is held to the targets in a Context by their names, in powers of nm."""
     surfaces = force.getGeometryInContext(context).surfaces
@@ -135,7 +159,7 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
     for name, value in targets.items():
         if name != "reducedVolume":
             absolute |= {
-                known: float(valueIn(number, _UNITS[totalOf(name)]))
+                known: float(valueIn(number, _UNITS[totalOf(name)], f"the target {name}"))
                 for known, number in _spread(name, value, start).items()
             }
     for name, value in absolute.items():
