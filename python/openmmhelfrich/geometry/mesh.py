@@ -91,11 +91,11 @@ class Mesh:
             if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
             triangles form a closed surface is :meth:`check`'s question.
         """
-        self.vertices = _floats(valueIn(vertices, unit.nanometer))
+        self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
-        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
-        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
+        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer, "beads"))
         self.speciesNames = tuple(speciesNames)
         self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
@@ -121,7 +121,7 @@ class Mesh:
         """
         if subdivisions < 0 or subdivisions != int(subdivisions):
             raise ValueError(f"icosphere: subdivisions is {subdivisions}; it must be a whole number, 0 or more")
-        radius = _inUnit(radius, unit.nanometer)
+        radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         vertices, triangles = _icosahedron()
@@ -151,7 +151,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        R, r, length = (_inUnit(value, unit.nanometer) for value in (R, r, edgeLength))
+        given = {"R": R, "r": r, "edgeLength": edgeLength}
+        R, r, length = (_inUnit(value, unit.nanometer, name) for name, value in given.items())
         if not (math.isfinite(R) and 0 < r < R):
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
@@ -364,7 +365,7 @@ class Mesh:
         for name, value in (("tolerance", tolerance), ("smallest", smallest)):
             if not 0 <= value < 1:
                 raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
-        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
         vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
         result = Mesh(vertices, triangles, vectors, None, None if notes else self.species, self.speciesNames)
@@ -472,7 +473,7 @@ class Mesh:
         self.check()
         if self.isPeriodic:
             raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
-        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
+        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer, "edgeLength")
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
@@ -501,8 +502,15 @@ class Mesh:
         ----------
         mass : float or Quantity
             the mass of each particle, in Da.  Monte Carlo averages do not depend on it
+
+        Raises
+        ------
+        ValueError, TypeError
+            if it is negative, or no mass
         """
-        mass = _inUnit(mass, unit.dalton)
+        mass = _inUnit(mass, unit.dalton, "mass")
+        if not (math.isfinite(mass) and mass >= 0):
+            raise ValueError(f"mass is {mass} Da; it must be finite, and not negative")
         system = mm.System()
         for _ in range(len(self.vertices)):
             system.addParticle(mass)
@@ -734,15 +742,21 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     return triangles.astype(np.int32)
 
 
-def _inUnit(value: Any, wanted: unit.Unit) -> float:
-    return float(valueIn(value, wanted))
+def _inUnit(value: Any, wanted: unit.Unit, name: str) -> float:
+    """Return a number, or a Quantity, in a unit; raise a TypeError that names it if it is neither."""
+    plain = valueIn(value, wanted, name)
+    if isinstance(plain, str | bytes):
+        raise TypeError(f"{name} is {plain!r}; it must be a number, or a Quantity")
+    return float(plain)
 
 
 def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
-            (1 * length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer)
+            (1 * length).value_in_unit(unit.nanometer)
+            if unit.is_unit(length)
+            else _inUnit(length, unit.nanometer, "unit")
         )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None

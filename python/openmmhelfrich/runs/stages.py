@@ -38,7 +38,7 @@ from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import currentTargets, measuredTargets, setTargets, totalOf
+from ..sampling.targets import currentTargets, measuredTargets, requireComparableTarget, setTargets, totalOf
 from ..tables import Table
 from ..units import valueIn
 from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
@@ -49,7 +49,6 @@ from .scene import (
     Scene,
     currentMesh,
     requireComparable,
-    requireComparableTarget,
     requireTrajectories,
     stepSizeOf,
 )

@@ -37,7 +37,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, createScene, currentMesh, platformOf, requireEffectiveTargets
+from .scene import Scene, changedIntervals, createScene, currentMesh, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage
 from .stagesettings import conditionsOf
 from .summary import Summary
@@ -87,7 +87,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()

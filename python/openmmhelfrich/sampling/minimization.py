@@ -239,7 +239,9 @@ class _Descent:
         multilevelWeight: float,
     ) -> None:
         self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
-        self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
+        self.tolerance = (
+            defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE, "tolerance"))
+        )
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         if maxIterations < 0 or maxIterations != int(maxIterations):
