@@ -321,7 +321,7 @@ def test_long_waves_move_faster(platform):
     """A trajectory moves the longest waves further than one without coarser meshes, and short ones alike."""
     lengths = []
     for weight in (0, 2):
-        mesh, integrator, context = createRun(2, platform, stepSize=0.0005, steps=10, weight=weight)
+        mesh, integrator, context = createRun(3, platform, stepSize=0.0001, steps=10, weight=weight)
         integrator.step(1)
         move = positionsOf(context) - mesh.vertices
         lengths.append((np.linalg.norm(move.mean(axis=0)), np.linalg.norm(move)))
@@ -374,7 +374,7 @@ def test_the_step_size_adapts():
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_matrices_are_those_of_trajectories(platform):
     """From rest, a step of leapfrog moves vertices by h^2/2m B B^T f."""
-    mesh, step, weight = createBlob(2), 1e-4, 1.7
+    mesh, step, weight = createBlob(3), 1e-5, 1.7
     isFixed = np.arange(len(mesh.vertices)) % 7 == 0
     integrator = createIntegrator(step, 1, weight, kT=1e-25)
     system = mesh.createSystem()
@@ -428,3 +428,15 @@ def test_minimization_keeps_what_is_fixed():
     moved = np.any(positionsOf(simulation.context) != mesh.vertices, axis=1)
     assert np.array_equal(np.flatnonzero(~moved), [0, 7])
     assert result.iterations == len(calls) == 20 and calls == sorted(calls, reverse=True)
+
+
+def test_levels():
+    """Meshes of up to 48 vertices have no coarser one, but for a membrane of more than 4."""
+
+    def sizesOf(mesh):
+        count = len(mesh.vertices)
+        return makeCoarseMeshes(mesh.triangles, count, 2, np.zeros(count, bool)).sizes
+
+    assert sizesOf(mh.Mesh.icosphere(1)) == [42, 12]
+    assert sizesOf(mh.Mesh.icosphere(2)) == [162, 42]
+    assert sizesOf(mh.Mesh.icosphere(3)) == [642, 162, 42]

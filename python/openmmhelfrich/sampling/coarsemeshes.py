@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-# A surface that has so few vertices has no coarser mesh.
-_LEAST = 4
+# A surface that has so few vertices has no coarser mesh, and one of a coarser mesh none that is coarser yet.
+_LEAST, _LEAST_COARSE = 4, 48
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def makeCoarseMeshes(triangles: np.ndarray, numVertices: int, weight: float, isF
     prolongations: list[sparse.csr_matrix] = []
     sizes = [numVertices]
     while True:
-        isLarge = np.bincount(surfaces)[surfaces] > _LEAST
+        isLarge = np.bincount(surfaces)[surfaces] > (_LEAST_COARSE if prolongations else _LEAST)
         joined, chosen = _join(bonds, isLarge)
         if len(chosen) == 0:
             break
