@@ -375,7 +375,7 @@ def test_the_weight_is_chosen():
     assert weightOf(4, sampling={"step_size": 2e-3}) == 0 < weightOf(4, sampling={"step_size": 1e-4})
     sphere = mh.Mesh.icosphere(3)
     two = mh.Mesh(
-        np.concatenate((sphere.vertices, sphere.vertices + [3, 0, 0])),
+        np.concatenate((sphere.vertices, np.add(sphere.vertices, [3, 0, 0]))),
         np.concatenate((sphere.triangles, sphere.triangles + len(sphere.vertices))),
     )
     assert Scene.of({}, two).config.sampling.multilevel_weight == 0
@@ -507,6 +507,23 @@ def test_minimization():
     assert results[1].energy._value == pytest.approx(results[0].energy._value, rel=1e-3)
     with pytest.raises(ValueError, match="the multilevel weight is -1"):
         mh.minimize(simulation, force, multilevelWeight=-1)
+
+
+def test_stiff_penalties_do_not_slow_minimization():
+    """Coarser meshes do not move a membrane along penalties that they would make the stiffest of all."""
+    mesh = mh.spheroid(642, mh.spheroidAspectRatio(0.9, "prolate"))
+    noise = np.random.default_rng(3).normal(size=mesh.vertices.shape)
+    rough = mh.Mesh(mesh.vertices + 0.08 * mesh.edgeLengths.mean() * noise, mesh.triangles)
+    results = []
+    for weight in (0, 2):
+        force, simulation = createMinimization(rough, 0.9)
+        force.setAreaModulus(1e6 * force.getBendingModulus())
+        force.setVolumeModulus(1e6 * force.getBendingModulus())
+        force.updateParametersInContext(simulation.context)
+        results.append(mh.minimize(simulation, force, maxIterations=2000, multilevelWeight=weight))
+        assert results[-1].converged
+    assert results[1].iterations < 0.7 * results[0].iterations
+    assert results[1].energy._value == pytest.approx(results[0].energy._value, rel=1e-2)
 
 
 def test_minimization_keeps_what_is_fixed():
