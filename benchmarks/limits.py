@@ -3,6 +3,7 @@
     python benchmarks/limits.py run 3 --evaluations 1e6 [--weight 2] [--tether 50 0.83 1.33] >> limits.jsonl
     python benchmarks/limits.py run 3 --tether 25 0.83 1.4 --firm 50 0.83 1.33    # reweighted to a firmer tether
     python benchmarks/limits.py escapes 2 --volume 0.66 --kappa 10 --stretch 0.6  # from oblate to prolate
+    python benchmarks/limits.py proposals 3                                       # flips that also move vertices
 
 A vesicle of 30 kT with edges of length 1, area and volume held by 1e6 kT.  Each trajectory is followed by a sweep.  One
 line of JSON has what was run, and after "results", with standard errors:
@@ -244,6 +245,98 @@ def measureEscapes(arguments):
     }
 
 
+def proposals():
+    """Return ways to move vertices with a flip, each its own reverse, with a Jacobian of 1: functions of positions, the
+    edge's ends and those of the new one, neighbors, and random numbers.
+
+    Stretched: what joins the ends becomes longer by a factor and what joins the others shorter; of neighbors of the
+    four all may follow by a part.
+    """
+
+    def drawn(width):
+        def move(x, ends, others, neighbors, random):
+            four = [*ends, *others]
+            return {vertex: width * shift for vertex, shift in zip(four, random.normal(size=(4, 3)))}
+
+        return move
+
+    def stretched(factor, part=0.0):
+        def move(x, ends, others, neighbors, random):
+            shifts = {}
+            for (a, b), change in ((ends, factor - 1), (others, 1 / factor - 1)):
+                shifts[b] = change / 2 * (x[b] - x[a])
+                shifts[a] = -shifts[b]
+            for vertex in [*ends, *others] if part else []:
+                for other in neighbors[vertex] - {*ends, *others}:
+                    shifts[other] = shifts.get(other, 0) + part * shifts[vertex]
+            return shifts
+
+        return move
+
+    return {
+        "plain": lambda *_: {},
+        **{f"drawn {width}": drawn(width) for width in (0.01, 0.02, 0.05)},
+        **{f"stretched {factor}": stretched(factor) for factor in (1.05, 1.1, 1.2, 1.3)},
+        **{f"stretched {factor}, neighbors 0.25": stretched(factor, 0.25) for factor in (1.05, 1.1, 1.2)},
+    }
+
+
+class Connectivity:
+    """Neighbors, and the triangle and third vertex beside each halfedge."""
+
+    def __init__(self, triangles):
+        self.triangles, self.beside, self.neighbors = triangles, {}, {}
+        for number, corners in enumerate(triangles.tolist()):
+            for a, b, c in (corners, corners[1:] + corners[:1], corners[2:] + corners[:2]):
+                self.beside[a, b] = number, c
+                self.neighbors.setdefault(a, set()).add(b)
+
+    def flipped(self, a, b):
+        """Return the new edge's ends and the triangles, or None if the rules forbid the flip."""
+        (f, c), (g, d) = self.beside[a, b], self.beside[b, a]
+        if d in self.neighbors[c] or min(len(self.neighbors[a]), len(self.neighbors[b])) <= 3:
+            return None
+        triangles = self.triangles.copy()
+        triangles[f], triangles[g] = (c, a, d), (d, b, c)
+        return (c, d), triangles
+
+
+def acceptanceOf(chain, change, positions, before):
+    """Return the probability that positions and triangles are accepted."""
+    x = positions.copy()
+    for vertex, shift in change.items():
+        x[vertex] += shift
+    chain.context.setPositions(x)
+    after = chain.context.getState(energy=True).getPotentialEnergy()._value
+    return math.exp(-max(0.0, after - before) / KT) if math.isfinite(after) else 0.0
+
+
+def measureProposals(arguments, each=60):
+    """Return how often flips are accepted that also move vertices: means over edges drawn from frames of a run."""
+    chain = Chain(arguments)
+    for _ in range(400):
+        chain.step()
+    random, moves = np.random.default_rng(arguments.seed), proposals()
+    rates = {name: [] for name in moves}
+    for _ in range(arguments.attempts // each):
+        for _ in range(5):
+            chain.step()
+        x, mesh = chain.positions(), Connectivity(chain.force.getTrianglesInContext(chain.context))
+        before = chain.context.getState(energy=True).getPotentialEnergy()._value
+        halfedges = list(mesh.beside)
+        for ends in (halfedges[n] for n in random.integers(len(halfedges), size=each)):
+            flip = mesh.flipped(*ends)
+            if flip:
+                chain.force.setTrianglesInContext(chain.context, flip[1])
+            for name, move in moves.items():
+                change = move(x, ends, flip[0], mesh.neighbors, random) if flip else None
+                rates[name].append(acceptanceOf(chain, change, x, before) if flip else 0.0)
+        chain.force.setTrianglesInContext(chain.context, mesh.triangles)
+        chain.context.setPositions(x)
+    results = {name: [float(np.mean(rate)), float(np.std(rate) / len(rate) ** 0.5)] for name, rate in rates.items()}
+    return {**vars(arguments), "vertices": len(chain.mesh.vertices), "results": results}
+
+
 def addScene(parser):
     parser.add_argument("subdivisions", type=int)
     parser.add_argument("--evaluations", type=float, default=1e6)
@@ -269,8 +362,12 @@ def main():
     escapes = commands.add_parser("escapes", help="measure how long oblates take to become prolates")
     addScene(escapes)
     escapes.add_argument("--runs", type=int, default=8)
+    combined = commands.add_parser("proposals", help="measure how often flips that move vertices are accepted")
+    addScene(combined)
+    combined.add_argument("--attempts", type=int, default=6000)
     arguments = parser.parse_args()
-    print(json.dumps({"run": measure, "escapes": measureEscapes}[arguments.command](arguments)), flush=True)
+    measures = {"run": measure, "escapes": measureEscapes, "proposals": measureProposals}
+    print(json.dumps(measures[arguments.command](arguments)), flush=True)
 
 
 if __name__ == "__main__":
