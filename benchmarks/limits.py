@@ -4,12 +4,14 @@
     python benchmarks/limits.py run 3 --tether 25 0.83 1.4 --firm 50 0.83 1.33    # reweighted to a firmer tether
     python benchmarks/limits.py escapes 2 --volume 0.66 --kappa 10 --stretch 0.6  # from oblate to prolate
     python benchmarks/limits.py proposals 3                                       # flips that also move vertices
+    python benchmarks/limits.py laws limits.jsonl
 
 A vesicle of 30 kT with edges of length 1, area and volume held by 1e6 kT.  Each trajectory is followed by a sweep.  One
 line of JSON has what was run, and after "results", with standard errors:
 
 orientation    integrated autocorrelation time of the direction of the gyration tensor's deviator
 shape          the same of the tensor's greatest eigenvalue, which does not see rotations
+bending        the same of the bending energy
 edge           in which a vertex diffuses along the surface by an edge: 4Dt = 1
 bond           in which a part 1/e of the edges are still there, or there again
 flips          accepted, of those attempted
@@ -24,6 +26,7 @@ import argparse
 import json
 import math
 import time
+from pathlib import Path
 
 import numpy as np
 import openmm as mm
@@ -33,8 +36,9 @@ from openmmhelfrich.analysis import autocorrelationTime, vertexDiffusion
 
 KT = 300 * 8.31446261815324e-3
 BLOCKS = 4
-SNAPSHOTS = 400  # of positions and triangles; lags for diffusion are up to one in STRIDE * LAGS of them
-STRIDE, LAGS = 4, 6
+COSTS = ("orientation", "shape", "bending", "edge", "bond")
+APART = 750  # computations of forces from one snapshot of positions and triangles to the next
+STRIDE, LAGS = 4, 6  # for diffusion, lags are multiples of STRIDE snapshots
 
 
 class Chain:
@@ -108,11 +112,13 @@ class Chain:
 
 
 def sampled(chain, evaluations, steps):
-    """Return gyration tensors' greatest eigenvalues and directions, and snapshots, of a run, after a fifth of it."""
+    """Return gyration tensors' greatest eigenvalues and directions, bending energies, and snapshots, of a run, after a
+    fifth of it.
+    """
     while chain.evaluations < evaluations / 5:
         chain.step()
     chain.evaluations, chain.seconds = 0, 0.0
-    values, directions, snapshots = [], [], []
+    values, directions, energies, snapshots = [], [], [], []
     while chain.evaluations < evaluations:
         for _ in range(max(1, 200 // steps)):
             chain.step()
@@ -122,9 +128,10 @@ def sampled(chain, evaluations, steps):
         values.append(np.linalg.eigvalsh(tensor)[-1])
         deviator = tensor - np.trace(tensor) / 3 * np.eye(3)
         directions.append((deviator / np.linalg.norm(deviator))[np.triu_indices(3)])
-        if chain.evaluations >= len(snapshots) * evaluations / SNAPSHOTS:
+        energies.append(chain.force.getEnergyTermsInContext(chain.context)["bending"]._value / KT)
+        if chain.evaluations >= len(snapshots) * APART:
             snapshots.append((x, chain.force.getTrianglesInContext(chain.context)))
-    return np.array(values), np.array(directions), snapshots
+    return np.array(values), np.array(directions), np.array(energies), snapshots
 
 
 def correlationTime(series, each, columns):
@@ -196,7 +203,7 @@ def measure(arguments):
     chain = Chain(arguments)
     moves = chain.trajectories, chain.flips
     before = [(move.getNumAccepted(), move.getNumAttempted()) for move in moves]
-    values, directions, snapshots = sampled(chain, arguments.evaluations, arguments.steps)
+    values, directions, energies, snapshots = sampled(chain, arguments.evaluations, arguments.steps)
     rates = [
         (move.getNumAccepted() - accepted) / (move.getNumAttempted() - tried)
         for move, (accepted, tried) in zip(moves, before)
@@ -212,6 +219,7 @@ def measure(arguments):
         "results": {
             "orientation": correlationTime(directions, each, 5),
             "shape": correlationTime(values, each, 1),
+            "bending": correlationTime(energies, each, 1),
             "edge": edgeTime(snapshots, apart),
             "bond": bondTime(snapshots, apart),
             "flips": rates[1],
@@ -337,6 +345,35 @@ def measureProposals(arguments, each=60):
     return {**vars(arguments), "vertices": len(chain.mesh.vertices), "results": results}
 
 
+def printLaws(path):
+    """Print the runs of a file as a table, and for each setting and cost the exponent p of N^p."""
+    runs = [json.loads(line) for line in Path(path).read_text().splitlines()]
+    runs = [run for run in runs if run["command"] == "run"]
+    print("vertices | tether, kT | weight | steps | flips | refreshment | accepted | " + " | ".join(COSTS))
+    settings = {}
+    for run in runs:
+        results = run["results"]
+        values = " | ".join("{:,.0f} +- {:,.0f}".format(*results[cost]) if results.get(cost) else "-" for cost in COSTS)
+        name = "{:g}, {:g}-{:g} | {:g} | {} | {:g} | {:g}".format(
+            *run["tether"], run["weight"], run["steps"], run["flips"], run["refreshment"]
+        )
+        print(f"{run['vertices']} | {name} | {run['accepted']:.0%} | {values} | {results['flips']:.2%} of flips")
+        settings.setdefault(name, []).append(run)
+    for name, chosen in settings.items():
+        for cost in COSTS:
+            known = [run for run in chosen if run["results"].get(cost)]
+            if len({run["vertices"] for run in known}) > 2:
+                print(name, cost, "N^({:.2f} +- {:.2f})".format(*exponent(known, cost)))
+
+
+def exponent(runs, cost):
+    """Return the slope of the logarithm of a cost against that of the number of vertices, and its error."""
+    values, errors = np.array([run["results"][cost] for run in runs]).T
+    x = np.log([run["vertices"] for run in runs])
+    slope, covariance = np.polyfit(x, np.log(values), 1, w=values / errors, cov="unscaled")
+    return slope[0], math.sqrt(covariance[0, 0])
+
+
 def addScene(parser):
     parser.add_argument("subdivisions", type=int)
     parser.add_argument("--evaluations", type=float, default=1e6)
@@ -365,9 +402,13 @@ def main():
     combined = commands.add_parser("proposals", help="measure how often flips that move vertices are accepted")
     addScene(combined)
     combined.add_argument("--attempts", type=int, default=6000)
+    commands.add_parser("laws", help="print what runs found").add_argument("runs", help="a file of lines of JSON")
     arguments = parser.parse_args()
     measures = {"run": measure, "escapes": measureEscapes, "proposals": measureProposals}
-    print(json.dumps(measures[arguments.command](arguments)), flush=True)
+    if arguments.command == "laws":
+        printLaws(arguments.runs)
+    else:
+        print(json.dumps(measures[arguments.command](arguments)), flush=True)
 
 
 if __name__ == "__main__":
