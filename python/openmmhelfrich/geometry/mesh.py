@@ -186,8 +186,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        sides = [_inUnit(value, unit.nanometer) for value in (width, height)]
-        length = _inUnit(edgeLength, unit.nanometer)
+        sides = [_inUnit(width, unit.nanometer, "width"), _inUnit(height, unit.nanometer, "height")]
+        length = _inUnit(edgeLength, unit.nanometer, "edgeLength")
         if not (all(map(math.isfinite, sides)) and min(sides) > 0):
             raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
         if not 0 < length <= min(sides) / 5:
