@@ -112,9 +112,16 @@ def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexA
 def genus(triangles: NDArray[np.integer], numVertices: int) -> int:
     """Return the number of handles of all closed membranes together: 0 for spheres, 1 for a torus."""
     count, _ = labelComponents(triangles, numVertices)
-    numLoose = numVertices - len(np.unique(triangles))
-    numEdges = len(groupHalfedges(triangles, numVertices)[1])
+    numLoose = numVertices - np.count_nonzero(isUsed(triangles, numVertices))
+    numEdges = 3 * len(triangles) // 2
     return count - numLoose - (numVertices - numLoose - numEdges + len(triangles)) // 2
+
+
+def isUsed(triangles: NDArray[np.integer], numVertices: int) -> NDArray[np.bool_]:
+    """Return which vertices belong to a triangle."""
+    used = np.zeros(numVertices, dtype=bool)
+    used[triangles] = True
+    return used
 
 
 def trianglesFromEdges(edges: NDArray[np.integer], vertices: NDArray[np.float64]) -> IndexArray:

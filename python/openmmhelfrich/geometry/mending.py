@@ -555,7 +555,9 @@ def _keepSurfaces(surface: _Surface, wanted: Wanted) -> None:
 
 def surfaces(triangles: NDArray[np.integer], numVertices: int) -> tuple[int, NDArray[np.int64]]:
     """Return the number of connected surfaces and that of each triangle, in the order of their first triangles."""
-    _, label = connectivity.labelComponents(triangles, numVertices)
+    count, label = connectivity.labelComponents(triangles, numVertices)
+    if count == 1:
+        return min(1, len(triangles)), np.zeros(len(triangles), dtype=np.int64)
     _, first, mine = np.unique(label[triangles[:, 0]], return_index=True, return_inverse=True)
     return len(first), np.argsort(np.argsort(first))[mine]
 

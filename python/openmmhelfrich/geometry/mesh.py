@@ -206,7 +206,8 @@ class Mesh:
         try:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
-            content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
+            isUsed = connectivity.isUsed(mesh.triangles, len(mesh.vertices))
+            content.noteLeftOut(int(np.count_nonzero(~isUsed)), "vertices of no face")
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:
@@ -474,8 +475,7 @@ class Mesh:
 
     def _withoutLooseVertices(self, notes: Iterable[str] = ()) -> "Mesh":
         """Return the mesh without vertices that belong to no triangle, with notes."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.triangles] = True
+        used = connectivity.isUsed(self.triangles, len(self.vertices))
         result = self._with(used, (np.cumsum(used) - 1)[self.triangles])
         result.notes = list(notes)
         return result
