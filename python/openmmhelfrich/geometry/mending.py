@@ -31,7 +31,7 @@ _CLEARLY = -0.01
 _NAMED = 10
 
 
-# Coordinates that are too large for areas or volumes are named by Mesh.check().
+# An edge may be longer than a small box by more than whole numbers tell.
 _unwarned = np.errstate(over="ignore", invalid="ignore")
 
 

@@ -22,6 +22,8 @@ from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
+GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
+
 
 class Mesh:
     """A triangulated surface.
@@ -80,8 +82,8 @@ class Mesh:
         Raises
         ------
         ValueError
-            if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
-            triangles form a closed surface is :meth:`check`'s question.
+            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
+            Whether the triangles form a closed surface is :meth:`check`'s question.
         """
         self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
@@ -313,8 +315,7 @@ class Mesh:
         ValueError
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
-        if not np.all(np.isfinite(self.vertices)):
-            raise ValueError(_notFinite(self.vertices))
+        _requireSizes(self.vertices)
         if (sentence := mending.foldedEdges(self.vertices, self.triangles, self.box)) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
         try:
@@ -466,7 +467,8 @@ class Mesh:
 
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
-        return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
+        with np.errstate(over="ignore"):  # what becomes too large the new mesh refuses
+            return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
 
     def _with(self, vertices: Any, triangles: ArrayLike) -> "Mesh":
         """Return a mesh of some of the vertices, with their species, and other triangles."""
@@ -513,8 +515,7 @@ def _floats(vertices: Any) -> np.ndarray:
         raise ValueError("the vertices must be an array of numbers of shape (N, 3)") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"the vertices have the shape {vertices.shape}; it must be (N, 3)")
-    if not np.all(np.isfinite(vertices)):
-        raise ValueError(_notFinite(vertices))
+    _requireSizes(vertices)
     return vertices
 
 
@@ -525,16 +526,26 @@ def _boxVectors(box: Any) -> np.ndarray:
     except (TypeError, ValueError):
         raise ValueError("the box must be three vectors, three lengths, or one") from None
     vectors = np.diag(np.broadcast_to(box, 3)) if box.size in (1, 3) and box.ndim < 2 else box
-    if vectors.shape != (3, 3) or not np.all(np.isfinite(vectors)) or np.linalg.det(vectors) <= 0:
-        raise ValueError(f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive")
+    if vectors.shape != (3, 3) or not _isSized(vectors) or np.linalg.det(vectors) <= 0:
+        raise ValueError(
+            f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive and at most "
+            f"{GREATEST:g}"
+        )
     return vectors.copy()
 
 
-def _notFinite(vertices: np.ndarray) -> str:
-    v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
-    return (
-        f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
-    )
+def _isSized(numbers: np.ndarray) -> bool:
+    """Return whether all of some numbers are numbers, and not too large."""
+    return bool(numbers.min(initial=0) >= -GREATEST and numbers.max(initial=0) <= GREATEST)
+
+
+def _requireSizes(vertices: np.ndarray) -> None:
+    if not _isSized(vertices):
+        v = np.flatnonzero(~(np.abs(vertices) <= GREATEST).all(axis=1))[0]
+        raise ValueError(
+            f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be a "
+            f"number from {-GREATEST:g} to {GREATEST:g}"
+        )
 
 
 def _indices(triangles: Any, numVertices: int) -> np.ndarray:
