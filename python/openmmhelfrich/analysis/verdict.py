@@ -499,7 +499,7 @@ def _intersections(e: Evidence) -> Iterator[Measured]:
         count = len(crossings(e.mesh))
         what = f"the surface passes through itself {count} times at the end"
         advice = "a stronger or longer repulsion" if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
-        yield Measured(count / len(e.mesh.edges), what, f"{advice} prevents this")
+        yield Measured(count / (3 * len(e.mesh.triangles) // 2), what, f"{advice} prevents this")  # of the edges
 
 
 def _rowsLeft(e: Evidence) -> Iterator[Measured]:
