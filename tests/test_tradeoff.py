@@ -223,18 +223,20 @@ def test_recommendation_runs(searched, tmp_path):
 
 def test_recommendation_finds_its_mesh(tmp_path, monkeypatch):
     """A scene, its mesh, and what is recommended may be in different folders; however small the effort is, there is a
-    recommendation.
+    recommendation, whose keys all have an effect.
     """
     for folder in ("scenes", "meshes", "results"):
         (tmp_path / folder).mkdir()
     mh.Mesh.icosphere(1).write(tmp_path / "meshes" / "a.ply")
     (tmp_path / "scenes" / "a.toml").write_text(
-        '[mesh]\nfile = "../meshes/a.ply"\n[sampling]\nseed = 1\n[platform]\nthreads = 1\n[output]\nprefix = "old"\n'
+        '[mesh]\nfile = "../meshes/a.ply"\n[sampling]\nseed = 1\nstep_size = "auto"\nburn_in = 20\n'
+        '[platform]\nthreads = 1\n[output]\nprefix = "old"\n'
     )
     monkeypatch.chdir(tmp_path)
     tradeoff("scenes/a.toml", "results/b", error=0.1, effort=1e4, axes=["jitter"])
     config = readConfig("results/b.toml")
     assert Path(config.mesh.file).samefile("meshes/a.ply") and "old" not in str(config.output.prefix)
+    assert config.sampling.step_size != "auto" and config.sampling.burn_in is None  # nothing is left that adapts
 
 
 def test_a_search_goes_on(searched, tmp_path):

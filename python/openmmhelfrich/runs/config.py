@@ -102,6 +102,12 @@ def during(config: Config, index: int) -> Config:
     return config.model_copy(update={"membrane": membrane})
 
 
+def hasBurnIn(config: Config) -> bool:
+    """Return whether a step size or an amplitude of a Config adapts during a burn-in."""
+    stepSizes = [config.sampling.step_size, *(getattr(stage, "step_size", None) for stage in config.stages)]
+    return "auto" in stepSizes or config.sampling.shear_wave_probability > 0
+
+
 def stagesOf(config: Config) -> list[Any]:
     """Return the stages of a Config: those it lists, or one that samples.
 

@@ -37,7 +37,7 @@ from ..sampling.targets import (
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import FAR, MODULUS_NAMES, withApproaches
-from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
+from .config import Config, asConfig, asDict, during, hasBurnIn, namingSource, stagesOf, valueOf
 from .material import bendingModulusOf, gaussianStepOf, requireOnePlace, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings, conditionsOf
@@ -532,12 +532,10 @@ def _requireEffectiveKeys(config: Config) -> None:
                     f"{config.source}: [{section}] {key} is {getattr(getattr(config, section), key)}, and has no "
                     f"effect, since {switch} is 0 by default; give a {switch}, or leave {key} out"
                 )
-    sampling, stages = config.sampling, config.stages
-    stepSizes = [sampling.step_size, *(getattr(stage, "step_size", None) for stage in stages)]
-    if sampling.burn_in is not None and "auto" not in stepSizes and sampling.shear_wave_probability == 0:
+    if config.sampling.burn_in is not None and not hasBurnIn(config):
         raise ValueError(
-            f"{config.source}: [sampling] burn_in is {sampling.burn_in}, and has no effect, since no step_size is "
-            "'auto'; make it that, or leave burn_in out"
+            f"{config.source}: [sampling] burn_in is {config.sampling.burn_in}, and has no effect, since no step_size "
+            "is 'auto'; make it that, or leave burn_in out"
         )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..files import PathLike, replacing
 from ..pictures.plots import ownStyle, saveFigure
-from ..runs.config import asDict
+from ..runs.config import asDict, hasBurnIn, parseConfig
 from ..runs.configfile import configText
 from .search import AVERAGES, Search, SearchPoint
 from .settings import apply, describe, isExact
@@ -138,6 +138,8 @@ def recommendationText(search: Search, point: SearchPoint) -> str:
         data["stages"][-1].pop("step_size", None)
     else:
         data["sampling"]["steps"] = steps
+    if not hasBurnIn(parseConfig(data)):
+        data.get("sampling", {}).pop("burn_in", None)
     comments = [
         f"Recommended by openmm-helfrich tradeoff for a relative error of {search.error:g} of bending energy, area and "
         "volume.",
