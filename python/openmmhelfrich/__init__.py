@@ -55,6 +55,7 @@ _HOMES = {
         "describeTrajectory",
         "findDomains",
         "fluctuationSpectrum",
+        "heightSpectrum",
         "meanAndError",
         "speciesCurvature",
         "vertexDiffusion",

@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..display import Brief
+from ..geometry.connectivity import cornersOf
 from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
@@ -200,6 +201,8 @@ def compositionSpectrum(mesh: Mesh, species: int | str = 0, maxDegree: int = 10)
     """
     if maxDegree < 1:
         raise ValueError(f"compositionSpectrum: maxDegree is {maxDegree}; it must be 1 or more")
+    if mesh.isPeriodic:
+        raise ValueError("compositionSpectrum: the mesh is periodic; spherical harmonics are for vesicles")
     phi, weights = _isOf(mesh, species).astype(float), 4 * np.pi * mesh.vertexAreas / mesh.area
     arms = mesh.vertices - np.average(mesh.vertices, axis=0, weights=weights)
     harmonics = realHarmonics(arms / np.linalg.norm(arms, axis=1, keepdims=True), maxDegree)
@@ -251,7 +254,7 @@ def _boundaryLengths(mesh: Mesh, domain: NDArray[np.int64], count: int) -> NDArr
 
 def _segments(mesh: Mesh, labels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return the pieces of boundaries in triangles: the labels on both sides, and the lengths."""
-    x, pairs, lengths = mesh.vertices[mesh.triangles], [], []
+    x, pairs, lengths = cornersOf(mesh.vertices, mesh.triangles, mesh.images), [], []
     label = labels[mesh.triangles]
     differ = label != np.roll(label, -1, axis=1)  # of the edge from a corner to the next one
     two, three = differ.sum(axis=1) == 2, differ.all(axis=1)

@@ -53,10 +53,12 @@ def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
     force = exchange.membrane(replica)
     if force is None:
         return Evidence(rows=exchange.observables(state), **rates)
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    ofContext = simulation.context.getState(positions=True)
+    positions = ofContext.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    box = ofContext.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
     triangles = force.getTrianglesInContext(simulation.context)
     species = force.getVertexSpeciesInContext(simulation.context)
-    mesh = Mesh(positions[: triangles.max() + 1], triangles, species=species)
+    mesh = Mesh(positions[: triangles.max() + 1], triangles, box, species=species)
     return Evidence(
         rows=exchange.observables(state),
         mesh=mesh,

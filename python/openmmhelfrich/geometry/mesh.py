@@ -46,6 +46,8 @@ class Mesh:
         the vertices of each triangle, counter-clockwise seen from outside
     box : (3, 3) float64 array or None
         the vectors of the periodic box, in nm, if there is one
+    isPeriodic : bool
+        whether the surface goes through the whole box, as a :meth:`sheet` does; it encloses no volume then
     beads : (B, 3) float64 array
         positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
     species : (N,) array of int, or None
@@ -92,6 +94,7 @@ class Mesh:
         self.vertices = _floats(valueIn(vertices, unit.nanometer))
         self.triangles = _indices(triangles, len(self.vertices))
         self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
         self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
         self.speciesNames = tuple(speciesNames)
         self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
@@ -154,6 +157,59 @@ class Mesh:
         if not 0 < length <= min(r, R - r):
             raise ValueError(f"torus: edgeLength is {length:g}; it must be positive and at most {min(r, R - r):g} here")
         return cls(*relax(torusTriangulation(R, r, length), TorusSurface(R, r), rounds=40))
+
+    @classmethod
+    def sheet(
+        cls, width: float | unit.Quantity, height: float | unit.Quantity, edgeLength: float | unit.Quantity
+    ) -> "Mesh":
+        """Create a flat periodic sheet in the plane z = 0, of triangles that are as even as the box lets them be.
+
+        ::
+
+            sheet = mh.Mesh.sheet(20, 20, 1.0)
+            print(sheet.isPeriodic, sheet.area, sheet.box)
+
+        It has no border: it goes on across the periodic :attr:`box`, and is a torus for the connectivity.  Its outside
+        is above.  The box is as high as it is wide, so that images of the sheet above and below are far away.
+
+        Parameters
+        ----------
+        width, height : float or Quantity
+            its sides along x and y, in nm
+        edgeLength : float or Quantity
+            about the length of the edges, in nm, such that a whole number of them, and an even number of rows, fit
+            into the box; at most a fifth of the shorter side
+
+        Raises
+        ------
+        ValueError
+            if an argument is out of range
+        """
+        sides = [_inUnit(value, unit.nanometer) for value in (width, height)]
+        length = _inUnit(edgeLength, unit.nanometer)
+        if not (all(map(math.isfinite, sides)) and min(sides) > 0):
+            raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
+        if not 0 < length <= min(sides) / 5:
+            raise ValueError(
+                f"sheet: edgeLength is {length:g}; it must be positive and at most a fifth of the shorter side, "
+                f"{min(sides) / 5:g} here"
+            )
+        numColumns = round(sides[0] / length)
+        numRows = 2 * max(3, round(sides[1] / (math.sqrt(3) * length)))
+        row, column = (index.ravel() for index in np.mgrid[:numRows, :numColumns])
+        vertices = np.column_stack(
+            ((column + row % 2 / 2) * sides[0] / numColumns, row * sides[1] / numRows, np.zeros(len(row)))
+        )
+
+        def number(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+            return row % numRows * numColumns + column % numColumns
+
+        # Above the edge from a vertex to the next one is that of the following row between them.
+        right, above = number(row, column + 1), number(row + 1, column + row % 2)
+        before = number(row + 1, column + row % 2 - 1)
+        here = number(row, column)
+        triangles = np.concatenate((np.column_stack((here, right, above)), np.column_stack((here, above, before))))
+        return cls(vertices, triangles, np.diag([*sides, max(sides)]))
 
     @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
@@ -250,14 +306,21 @@ class Mesh:
         Raises
         ------
         ValueError
-            if no format has this suffix
+            if no format has this suffix, or the mesh is periodic and the format has no box: PLY, TSI and Q have
         OSError
             if the file cannot be written
         """
         length = _lengthOf(unit)
+        if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
+            raise ValueError(
+                f"{file}: the mesh is periodic, and files of this format have no box; use one of "
+                f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
+            )
         box = None if self.box is None else self.box / length
         own = {} if self.species is None else {SPECIES_FIELD: self.species}
-        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box)
+        meshfiles.write(
+            Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
+        )
 
     def repaired(
         self,
@@ -296,6 +359,8 @@ class Mesh:
         ValueError
             if an argument is not as it must be, or the surface is folded into a periodic box that is not known
         """
+        if self.isPeriodic and box is None:
+            raise ValueError("repaired: the surface goes through the whole periodic box; this mends closed ones")
         for name, value in (("tolerance", tolerance), ("smallest", smallest)):
             if not 0 <= value < 1:
                 raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
@@ -311,6 +376,16 @@ class Mesh:
         result.notes = list(self.notes)
         return result
 
+    def unwrapped(self) -> "Mesh":
+        """Return a periodic mesh as an open surface to look at, with the vertices beside the borders of the box twice,
+        so that no triangle crosses them; any other mesh as it is.
+        """
+        if not self.isPeriodic:
+            return self
+        patch = connectivity.patchOf(self.vertices, self.triangles, np.asarray(self.box))
+        species = None if self.species is None else self.species[patch.vertexOf]
+        return Mesh(patch.vertices, patch.triangles, None, self.beads, species, self.speciesNames)
+
     def components(self) -> "list[Mesh]":
         """Return each connected surface as a mesh, in the order of their first triangles.
 
@@ -325,7 +400,7 @@ class Mesh:
         return [self._with(used, part.reshape(-1, 3)) for used, part in whole]
 
     def check(self) -> None:
-        """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
+        """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume, or periodic.
 
         Raises
         ------
@@ -334,11 +409,14 @@ class Mesh:
         """
         if not np.all(np.isfinite(self.vertices)):
             raise ValueError(_notFinite(self.vertices))
-        if (sentence := mending.foldedEdges(self.vertices, self.triangles, self.box)) is not None:
+        folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
+        if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
         try:
-            connectivity.check(self.vertices, self.triangles)
+            connectivity.check(self.vertices, self.triangles, self.images)
         except ValueError as error:
+            if self.isPeriodic:
+                raise
             place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
             raise ValueError(f"{place}{error}{self._remedy()}") from None
 
@@ -392,6 +470,8 @@ class Mesh:
             library is missing
         """
         self.check()
+        if self.isPeriodic:
+            raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
         length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
@@ -409,10 +489,13 @@ class Mesh:
         their ids.  Names of atoms and the order of bonds are such that files of OpenMM (PDB, PDBx/mmCIF) keep all of
         them.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        return MeshTopology(self.triangles, len(self.vertices), len(self.beads))
+        topology = MeshTopology(self.triangles, len(self.vertices), len(self.beads))
+        if self.isPeriodic:
+            topology.setPeriodicBoxVectors(np.asarray(self.box) * unit.nanometer)
+        return topology
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
-        """Create an openmm.System with a particle for each vertex and no forces.
+        """Create an openmm.System with a particle for each vertex and no forces; that of a periodic mesh has its box.
 
         Parameters
         ----------
@@ -423,7 +506,14 @@ class Mesh:
         system = mm.System()
         for _ in range(len(self.vertices)):
             system.addParticle(mass)
+        if self.isPeriodic:
+            system.setDefaultPeriodicBoxVectors(*np.asarray(self.box))
         return system
+
+    @property
+    def images(self) -> NDArray[np.float64] | None:
+        """The box in which neighbors are the nearest images of each other, if the mesh is periodic."""
+        return self.box if self.isPeriodic else None
 
     @property
     def edges(self) -> NDArray[np.int32]:
@@ -433,12 +523,12 @@ class Mesh:
     @property
     def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
-        return connectivity.edgeLengthsOf(self.vertices, self.edges)
+        return connectivity.edgeLengthsOf(self.vertices, self.edges, self.images)
 
     @property
     def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
-        return connectivity.triangleAreas(self.vertices, self.triangles)
+        return connectivity.triangleAreas(self.vertices, self.triangles, self.images)
 
     @property
     def area(self) -> float:
@@ -447,7 +537,12 @@ class Mesh:
 
     @property
     def volume(self) -> float:
-        """The enclosed volume V, in nm^3; negative if the surface is inside out."""
+        """The enclosed volume V, in nm^3; negative if the surface is inside out.
+
+        A periodic mesh has none, and a ValueError says so.
+        """
+        if self.isPeriodic:
+            raise ValueError("the mesh is periodic, and so encloses no volume")
         return connectivity.signedVolume(self.vertices, self.triangles)
 
     @property
@@ -472,11 +567,11 @@ class Mesh:
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
         normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
         for block in connectivity.blocks(len(normals)):
-            some = connectivity.triangleNormals(self.vertices, self.triangles[block])
+            some = connectivity.triangleNormals(self.vertices, self.triangles[block], self.images)
             sizes = np.linalg.norm(some, axis=1)
             normals[block] = some / np.where(sizes > 0, sizes, 1)[:, np.newaxis]
         for block in connectivity.blocks(len(first)):
-            edge = self.vertices[target[block]] - self.vertices[origin[block]]
+            edge = connectivity.edgeVectors(self.vertices, origin[block], target[block], self.images)
             length = np.linalg.norm(edge, axis=1)
             nf, ng = normals[first[block] // 3], normals[second[block] // 3]
             # 0 is added so that it is never -0: two triangles folded onto each other have the angle pi, as in the force

@@ -263,7 +263,13 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
             lightsource=None if look.edges else LightSource(azdeg=120 - look.azimuth, altdeg=50),
         )
     )
-    _frame(axes, np.concatenate((mesh.vertices, mesh.beads)), look, lengthUnit, simplification(mesh, surface))
+    _frame(
+        axes,
+        np.concatenate((surface.vertices if mesh.isPeriodic else mesh.vertices, mesh.beads)),
+        look,
+        lengthUnit,
+        simplification(mesh, surface),
+    )
     if species is None:
         _colorBar(figure, axes, norm, lengthUnit, look)
     else:

@@ -13,7 +13,7 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
-from .curvature import smoothMeanCurvature
+from .curvature import unwrappedSurface
 from .look import BEAD_COLOR, LOOK, Look, curvatureLabel, speciesColors, speciesCount, speciesLegend, unitText
 from .plots import beadRadius, drawMesh
 
@@ -135,10 +135,10 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
     title, scale = curvatureLabel(lengthUnit), min(look.size[0] / 1024, look.size[1] / 768)
     try:
         for i in range(len(frames)):
-            mesh = frames[i].mesh
+            mesh, curvature = unwrappedSurface(frames[i].mesh)
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             species = look.species(mesh)
-            shape[title] = smoothMeanCurvature(mesh) if species is None else speciesColors(species, count)
+            shape[title] = curvature if species is None else speciesColors(species, count)
             shape = shape.clip(normal=direction, origin=middle) if look.cut else shape
             plotter.add_mesh(
                 shape,
@@ -203,14 +203,16 @@ def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, np.ndarray,
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     curvatures, bound, count = np.zeros(1), -1.0, 0
     for i in range(len(frames)):
-        points = _pointsOf(frames[i].mesh)
+        mesh, found = unwrappedSurface(frames[i].mesh)
+        points = _pointsOf(mesh)
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
         count = max(count, speciesCount(frames[i].mesh))
-        found = smoothMeanCurvature(frames[i].mesh)
         if (own := float(np.quantile(np.abs(found), 0.99))) > bound:
             curvatures, bound = found, own
     middle = (low + high) / 2
-    distances = (np.linalg.norm(_pointsOf(frames[i].mesh) - middle, axis=1).max() for i in range(len(frames)))
+    distances = (
+        np.linalg.norm(_pointsOf(frames[i].mesh.unwrapped()) - middle, axis=1).max() for i in range(len(frames))
+    )
     return middle, max(distances), curvatures, count
 
 

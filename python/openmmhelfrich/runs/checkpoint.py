@@ -152,7 +152,8 @@ def loadSimulation(
         force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
         triangles = force.getTriangles()
         numVertices = int(triangles.max()) + 1
-        mesh = Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
+        box = state.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
+        mesh = Mesh(positions[:numVertices], triangles, box, positions[numVertices:])
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
         )

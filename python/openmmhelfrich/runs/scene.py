@@ -178,6 +178,7 @@ class Scene:
         membrane, tether, repulsion, moduli = self.config.membrane, self.tether, self.config.repulsion, self.moduli
         force = HelfrichForce()
         force.setTriangles(self.mesh.triangles)
+        force.setUsesPeriodicBoundaryConditions(self.mesh.isPeriodic)
         setMaterial(force, self.config, self.vertexSpecies, self.kT)
         force.setAreaModulus(moduli["area"])
         force.setVolumeModulus(moduli["volume"])
@@ -235,7 +236,7 @@ class Scene:
         addSection(system, self.config.system)
         positions = None if self.setup is None else self.setup(system, self)
         beads = beadPositions(positions, system.getNumParticles() - len(self.mesh.vertices))
-        return system, Mesh(self.mesh.vertices, self.mesh.triangles, beads=beads)
+        return system, Mesh(self.mesh.vertices, self.mesh.triangles, self.mesh.images, beads)
 
     def _createExchanges(self) -> SpeciesExchangeIntegrator:
         """Create the integrator of exchanges of species."""
@@ -314,6 +315,10 @@ def loadMesh(config: Config) -> Mesh:
     """
     if config.mesh.icosphere is not None:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
+    elif config.mesh.sheet is not None:
+        source, scale = "[mesh] sheet", config.mesh.scale
+        width, height, edge = config.mesh.sheet
+        mesh = Mesh.sheet(scale * width, scale * height, scale * edge)
     else:
         source = str(config.mesh.file)
         field = config.mesh.species_field
@@ -336,12 +341,14 @@ def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: 
     """Return a Mesh of the present positions, live triangles and species, and of the beads, which follow the
     vertices.
     """
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
+    state = simulation.context.getState(positions=True)
+    positions = state.getPositions(asNumpy=True)
+    box = state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
     triangles = force.getTrianglesInContext(simulation.context)
     numVertices = int(triangles.max()) + 1
     species = force.getVertexSpeciesInContext(simulation.context)
     beads = positions[numVertices:]
-    return Mesh(positions[:numVertices], triangles, beads=beads, species=species, speciesNames=speciesNames)
+    return Mesh(positions[:numVertices], triangles, box, beads, species, speciesNames)
 
 
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
@@ -459,9 +466,10 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
     evenly.
     """
     surfaces = mesh.components()
+    volumes = [surface.volume for surface in surfaces if not surface.isPeriodic]
     return {
         **numberedTargets("area", [surface.area for surface in surfaces]),
-        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+        **(numberedTargets("volume", volumes) if volumes else {}),
     }
 
 
@@ -561,6 +569,8 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
     """
     config = config.model_copy(deep=True)
+    if mesh.isPeriodic:
+        _leaveOutVolume(config, mesh)
     membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
     surfaces = _surfaces(config, mesh)
     for stage in stagesOf(config):
@@ -575,7 +585,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
         listedTargets(targets, "area"),
-        listedTargets(targets, "volume"),
+        None if mesh.isPeriodic else listedTargets(targets, "volume"),
         None,
     )
     areaDifferences = listedTargets(targets, "areaDifference")
@@ -597,6 +607,34 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     system.fixed, system.fixed_box = fixedVertices(system, mesh) or None, None
     system.forces = system.forces and [str(Path(file).resolve()) for file in system.forces]
     return config
+
+
+# What a stage or [membrane] may give that a periodic membrane has not.
+_OF_VOLUME = ("volume_modulus", "pressure", "target_volume", "reduced_volume")
+
+
+def _leaveOutVolume(config: Config, mesh: Mesh) -> None:
+    """Turn the volume of the Config of a periodic membrane off, and its area where that is not asked for; raise a
+    ValueError if the Config gives what such a membrane has not.
+    """
+    membrane, sampling = config.membrane, config.sampling
+    if not all(surface.isPeriodic for surface in mesh.components()):
+        raise ValueError("the mesh has surfaces that are periodic and others that are not; give all of one kind")
+    for where, section in (("[membrane]", membrane), *((stage.title, stage) for stage in stagesOf(config))):
+        given = [name for name in _OF_VOLUME if name in section.model_fields_set and getattr(section, name)]
+        if given:
+            raise ValueError(
+                f"{where}: {given[0]} is {getattr(section, given[0])}, but the mesh is periodic and encloses no "
+                "volume; leave it out"
+            )
+    if sampling.shear_wave_probability > 0:
+        raise ValueError(
+            f"[sampling] shear_wave_probability is {sampling.shear_wave_probability:g}, but the mesh is periodic, and "
+            "such waves would tear it at the borders of the box; multilevel_weight moves long waves, too"
+        )
+    membrane.volume_modulus = 0.0
+    if "area_modulus" not in membrane.model_fields_set:
+        membrane.area_modulus = 0.0
 
 
 def tetherOf(config: Config, mesh: Mesh) -> Tether:
@@ -661,7 +699,11 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     local = (100 * bending + 10 * gaussianStepOf(config)) / length**2 + 3.5 * tension
     constraints = max(
         0.7 * membrane.area_modulus / (surface.numVertices * length**2)
-        + 2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)
+        + (
+            2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)
+            if surface.volume is not None
+            else 0
+        )
         for surface in _surfaces(config, mesh)
     )
     modulus, minLength, _, lengthScale = tetherOf(config, mesh)
@@ -672,11 +714,11 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
 
 
 class _Surface(NamedTuple):
-    """One of the mesh's surfaces: its number of vertices, A_0, V_0 and dA_0."""
+    """One of the mesh's surfaces: its number of vertices, A_0, V_0 unless it is periodic, and dA_0."""
 
     numVertices: int
     area: float
-    volume: float
+    volume: float | None
     areaDifference: float
 
 
@@ -694,7 +736,7 @@ def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
         return value[number] if isinstance(value, list) else value
 
     area = given("target_area") or mesh.area
-    volume = given("target_volume") or mesh.volume
+    volume = None if mesh.isPeriodic else given("target_volume") or mesh.volume
     reduced, areaDifference = given("reduced_volume"), given("target_area_difference")
     if reduced is not None:
         volume = volumeOfReduced(reduced, area)
@@ -705,9 +747,10 @@ def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
 
 def _targets(surfaces: list[_Surface]) -> dict[str, float]:
     """Return the targets of surfaces by their names."""
+    volumes = [surface.volume for surface in surfaces if surface.volume is not None]
     return {
         **numberedTargets("area", [surface.area for surface in surfaces]),
-        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+        **(numberedTargets("volume", volumes) if volumes else {}),
         **numberedTargets("areaDifference", [surface.areaDifference for surface in surfaces]),
     }
 

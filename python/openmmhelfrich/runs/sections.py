@@ -196,7 +196,7 @@ PairEnergies: TypeAlias = Annotated[dict[str, Energy], BeforeValidator(_separate
 
 
 class MeshSection(Section):
-    """The membrane to begin with: a file, or a sphere."""
+    """The membrane to begin with: a file, a sphere, or a periodic sheet."""
 
     file: str | None = Field(
         None,
@@ -209,6 +209,11 @@ class MeshSection(Section):
         le=8,
         description="instead of a file: a sphere of radius 1, an icosahedron subdivided so often; 3 gives "
         "642 vertices, 4 gives 2562",
+    )
+    sheet: Corner | None = Field(
+        None,
+        description="instead of a file: the width, the height and the length of the edges of a flat periodic sheet, in "
+        "the plane z = 0 of a periodic box; see Mesh.sheet()",
     )
     scale: float = Field(
         1.0,
@@ -251,11 +256,12 @@ class MeshSection(Section):
     def _oneMesh(self) -> "MeshSection":
         if self.species_field is not None and self.file is None:
             raise ValueError("species_field is given, and there is no file that has it")
-        if (self.file is None) == (self.icosphere is None):
+        given = [name for name in ("file", "icosphere", "sheet") if getattr(self, name) is not None]
+        if len(given) != 1:
             raise ValueError(
-                "file is missing; the mesh to begin with has no default"
-                if self.file is None
-                else "file and icosphere are both given; give one of them"
+                f"{' and '.join(given)} are both given; give one of them"
+                if given
+                else "file is missing; the mesh to begin with has no default"
             )
         return self
 
@@ -334,8 +340,17 @@ class MembraneSection(Targets):
         description="J in kT of each edge between vertices of two species, or of the same: a table of pairs, like "
         "{'lo, ld' = 0.5}",
     )
-    area_modulus: Energy = Field(1e6, ge=0, description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%")
-    volume_modulus: Energy = Field(1e6, ge=0, description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%")
+    area_modulus: Energy = Field(
+        1e6,
+        ge=0,
+        description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%; of a "
+        "periodic membrane, whose box holds it, 0 by default",
+    )
+    volume_modulus: Energy = Field(
+        1e6,
+        ge=0,
+        description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%; a periodic membrane has none, and 0",
+    )
     area_difference_modulus: Energy = Field(0.0, ge=0, description="kappa_dA in kT; off by default")
     leaflet_separation: Length = Field(
         1.0, gt=0, description="h in dA = 2hM; it cancels from the energy, where only dA/dA_0 counts"

@@ -12,6 +12,7 @@ from openmm import app, unit
 from scipy import optimize
 
 from ..display import Brief
+from ..geometry.connectivity import nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
@@ -480,7 +481,11 @@ def currentEdgeLengths(simulation: app.Simulation, force: HelfrichForce) -> np.n
     """Return the present lengths of the sides of the triangles, in nm: a (T, 3) array."""
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
-    return np.linalg.norm(positions[triangles] - positions[np.roll(triangles, -1, axis=1)], axis=2)
+    sides = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
+    if force.usesPeriodicBoundaryConditions():
+        box = simulation.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        sides = nearestImages(sides, box)
+    return np.linalg.norm(sides, axis=2)
 
 
 @contextmanager

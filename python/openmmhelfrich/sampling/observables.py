@@ -194,7 +194,7 @@ class Observable:
     onPath: bool = False
     inSweep: str = ""
     condition: str = ""
-    ofSurface: Callable[[Moment, int], float] | None = None
+    ofSurface: Callable[[Moment, int], float | None] | None = None
 
     def parts(self, numSurfaces: int) -> "list[Observable]":
         """Return itself and, where there are several surfaces and each has it, that of each."""
@@ -278,6 +278,17 @@ def _sum(name: str, measure: Callable[[Any], float], unit: str = "", title: str 
         title,
         ofSurface=lambda moment, surface: measure(moment.geometry.surfaces[surface]),
         **keywords,
+    )
+
+
+def _ofClosed(observable: Observable) -> Observable:
+    """Return an observable that a periodic membrane, which encloses no volume, has not."""
+    compute, ofSurface = observable.compute, observable.ofSurface
+    assert ofSurface is not None
+    return replace(
+        observable,
+        compute=lambda moment: None if moment.force.usesPeriodicBoundaryConditions() else compute(moment),
+        ofSurface=lambda moment, k: None if moment.force.usesPeriodicBoundaryConditions() else ofSurface(moment, k),
     )
 
 
@@ -382,28 +393,32 @@ OBSERVABLES = (
         onPage="mean",
         inSweep="mean",
     ),
-    _sum(
-        "volume",
-        _volume,
-        "length^3",
-        "volume",
-        target="targetVolume",
-        panel="volume",
-        color="C1",
-        digits=".6g",
-        onPage="mean",
-        inSweep="mean",
+    _ofClosed(
+        _sum(
+            "volume",
+            _volume,
+            "length^3",
+            "volume",
+            target="targetVolume",
+            panel="volume",
+            color="C1",
+            digits=".6g",
+            onPage="mean",
+            inSweep="mean",
+        )
     ),
-    _single(
-        "reducedVolume",
-        _measure(_reducedVolume),
-        title="reduced volume",
-        panel="reduced volume",
-        color="C2",
-        digits=".4f",
-        onPage="mean",
-        onPath=True,
-        inSweep="mean",
+    _ofClosed(
+        _single(
+            "reducedVolume",
+            _measure(_reducedVolume),
+            title="reduced volume",
+            panel="reduced volume",
+            color="C2",
+            digits=".4f",
+            onPage="mean",
+            onPath=True,
+            inSweep="mean",
+        )
     ),
     _sum(
         "areaDifference",
@@ -415,13 +430,15 @@ OBSERVABLES = (
         onPath=True,
     ),
     _sum("meanCurvature", _meanCurvature, "length"),
-    _single(
-        "reducedAreaDifference",
-        _measure(_reducedAreaDifference),
-        title="reduced area difference",
-        isDefault=False,
-        digits=".4f",
-        onPage="mean",
+    _ofClosed(
+        _single(
+            "reducedAreaDifference",
+            _measure(_reducedAreaDifference),
+            title="reduced area difference",
+            isDefault=False,
+            digits=".4f",
+            onPage="mean",
+        )
     ),
     Observable(
         "acceptance",
@@ -490,7 +507,7 @@ OBSERVABLES = (
     Observable("window", lambda m: m.place.window, isDefault=False, isAveraged=False),
     Observable("equilibrated", lambda m: int(m.place.isEquilibrated), isDefault=False, isAveraged=False),
     _single("targetArea", _target("area"), "length^2", "area target", isDefault=False, panel="area"),
-    _single("targetVolume", _target("volume"), "length^3", "volume target", isDefault=False, panel="volume"),
+    _ofClosed(_single("targetVolume", _target("volume"), "length^3", "volume target", isDefault=False, panel="volume")),
     _single(
         "targetAreaDifference",
         _target("areaDifference"),
