@@ -3,6 +3,7 @@
     python benchmarks/budding.py caps [--plot budding.png]
     python benchmarks/budding.py outlines
     python benchmarks/budding.py minima [--angle 20]
+    python benchmarks/budding.py fluid [--subdivisions 3] [--steps 4000] [--tensions 2.5 5 7.5 10 15]
 
 A domain of area pi L^2 with a line tension lambda at its boundary has, as a cap of curvature C, the energy
 2 pi kappa (LC)^2 + 2 pi L lambda sqrt(1 - (LC)^2/4) + pi kappabar (LC)^2.  The membrane around it is a catenoid, which
@@ -17,6 +18,9 @@ Here a collar of the domain's own material surrounds it.  What closes the surfac
 ring by ring, without any minimization: caps, and J0.  `minima` lets caps go, shallow ones or buds, at one lambda after
 another.  Its connectivity stays, and every triangle of the domain keeps its area, so that the line cannot squeeze it.
 `outlines` minimizes the energy of free domains of revolution, from their outlines alone, as a check of both.
+
+`fluid` is a vesicle of two species on a mesh that flows: it minimizes with flips from a sphere with a cap, as it is,
+and again after some steps at 300 K with exchanges of species.  There tensions are in kappa over the vesicle's radius.
 """
 
 import argparse
@@ -232,12 +236,54 @@ def minima(options):
               f" energy/kappa {energy:.2f}, flat {2 * math.pi * tension:.2f}", flush=True)  # fmt: skip
 
 
+def shapeOf(simulation, force):
+    """Return the bending energy over 8 pi kappa and the line's over kappa of the membrane of a Simulation, the part of
+    the area that its domain has, and the boundary over 2 pi L.
+    """
+    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+    species = force.getVertexSpeciesInContext(simulation.context)
+    mesh = mh.Mesh(positions, force.getTrianglesInContext(simulation.context), species=species)
+    domains, terms = mh.findDomains(mesh, DOMAIN), force.getEnergyTermsInContext(simulation.context)
+    kappa, area = force.getBendingModulus(), domains.areas.sum()
+    bending, line = terms["bending"] / kappa, terms["line"] / kappa
+    return (
+        bending / (8 * math.pi),
+        line,
+        area / mesh.area,
+        domains.boundaryLengths.sum() / math.sqrt(4 * math.pi * area),
+    )
+
+
+def fluid(options):
+    print("tension R/kappa  after                    bending/8 pi kappa  line/kappa  sum/kappa  area  boundary/2 pi L")
+    for tension in options.tensions:
+        kappa, species = 20.0, [{"name": "domain", "fraction": 0.2, "region": "cap"}, {"name": "rest"}]
+        membrane = {"bending_modulus": kappa, "line_tension": tension * kappa, "reduced_volume": 0.84}
+        sampling = {"seed": 1, "approach": "none", "exchange_probability": 0.05}
+        config = {"membrane": membrane, "sampling": sampling, "species": species, "platform": {"threads": 1}}
+        scene = mh.Scene.of(config, mh.Mesh.icosphere(options.subdivisions))
+        force = scene.createForce()
+        simulation = scene.createSimulation(force)
+        for steps in (0, options.steps):
+            simulation.step(steps)
+            result = mh.minimizeFluid(simulation, force, maxIterations=50000)
+            bending, line, area, boundary = shapeOf(simulation, force)
+            after = f"{steps:5} steps, {'' if result.converged else 'not '}converged"
+            print(f"{tension:15.1f}  {after:24}  {bending:16.3f}  {line:10.2f}  {8 * math.pi * bending + line:9.2f}  "
+                  f"{area:4.3f}  {boundary:8.3f}", flush=True)  # fmt: skip
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["caps", "outlines", "minima"])
+    parser.add_argument("what", choices=["caps", "outlines", "minima", "fluid"])
     parser.add_argument("--vertices", type=int, default=150, help="of the domain")
-    parser.add_argument("--tensions", type=float, nargs="+", default=[4, 5, 5.5, 6, 6.5, 7, 9])
+    parser.add_argument("--tensions", type=float, nargs="+", default=None, help="lambda L/kappa, or R/kappa")
+    parser.add_argument("--subdivisions", type=int, default=3, help="of the vesicle")
+    parser.add_argument("--steps", type=int, default=4000, help="of Monte Carlo between minimizations of the vesicle")
     parser.add_argument("--angle", type=float, default=20, help="to which the caps open, in degrees")
     parser.add_argument("--plot")
     options = parser.parse_args()
-    {"caps": caps, "outlines": outlines, "minima": minima}[options.what](options)
+    options.tensions = options.tensions or (
+        [2.5, 5, 7.5, 10, 15] if options.what == "fluid" else [4, 5, 5.5, 6, 6.5, 7, 9]
+    )
+    {"caps": caps, "outlines": outlines, "minima": minima, "fluid": fluid}[options.what](options)

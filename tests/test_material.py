@@ -16,7 +16,7 @@ from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.pictures.rendering import render
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs.checkpoint import loadSimulation
-from openmmhelfrich.runs.config import asDict, parseConfig
+from openmmhelfrich.runs.config import asDict, parseConfig, readTOML
 from openmmhelfrich.runs.configfile import configText
 from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
@@ -418,6 +418,84 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
     resumed = mh.resume(tmp_path / "part")
     for name in ("energy", "E_line", "E_bending", "lineTension", "spontaneousCurvature"):
         assert np.array_equal(whole.table[name], resumed.table[name])
+
+
+OWN = [
+    {"kind": "sample", "steps": 2, "species": {"lo": {"bending_modulus": 10, "gaussian_modulus": -3}}},
+    {
+        "kind": "continue",
+        "windows": 2,
+        "equilibration": 1,
+        "steps": 1,
+        "line_tension": {"ld,lo": 4.0},
+        "pair_energies": {"lo, lo": -0.5},
+        "species": {"ld": {"spontaneous_curvature": 0.7}},
+        "path": {"line_tension[ld, lo]": [0, 0.25, 1]},
+    },
+    {"kind": "approach", "steps": 2, "species": {"lo": {"bending_modulus": 20}}},
+]
+
+
+def test_stages_change_what_single_species_have(tmp_path):
+    """From what these have, at once and along a path; tables and the resolved configuration have it."""
+    summary = runStages(tmp_path / "run", OWN)
+    table, first, second = summary.table, summary.table["stage"] == 1, summary.table["stage"] == 2
+    windows = table["window"][second].astype(int)
+    assert np.allclose(table["bendingModulus[0]"], [40, 10, 10, *[10] * len(windows), 15, 20])
+    assert np.allclose(table["gaussianModulus[0]"][1:], -3) and np.all(table["lineTension[0,1]"][first] == 2)
+    assert np.allclose(table["lineTension[0,1]"][second], np.array([2, 2.5, 4])[windows])
+    assert np.allclose(table["pairEnergy[0,0]"][second], np.array([0, -0.25, -0.5])[windows])
+    assert np.allclose(table["spontaneousCurvature[1]"][second], np.array([0.3, 0.5, 0.7])[windows])
+    assert table["E_pair"][-1] < 0 and "spontaneousCurvature" not in table and "lineTension" not in table
+    units = observableUnits(tmp_path / "run.csv")
+    assert (units["lineTension[0,1]"], units["spontaneousCurvature[1]"]) == ("kT/nm", "1/nm")
+    drawn = {panel.title: [o.label for o in curves(panel, table)] for panel in PANELS}
+    assert drawn["bending modulus"] == ["species 0"] and drawn["line tension"] == ["species 0,1"]
+    simulation, force = loadSimulation(tmp_path / "run.checkpoint", mm.Platform.getPlatformByName("CPU"), {})
+    kT = thermalEnergy(300)
+    plain = [[value._value for value in force.getSpeciesParameters(i)] for i in range(2)]
+    np.testing.assert_allclose(plain, [[20 * kT, 0, -3 * kT], [20 * kT, 0.7, 0]])
+    config = readTOML(tmp_path / "run.resolved.toml")
+    config["output"]["prefix"] = str(tmp_path / "again")
+    mh.run(config)
+    assert (tmp_path / "run.csv").read_bytes() == (tmp_path / "again.csv").read_bytes()
+    again = mh.resume(tmp_path / "run", steps=2)
+    assert again.table["bendingModulus[0]"][-1] == table["bendingModulus[0]"][-1]
+
+
+def test_step_sizes_follow_the_stiffest_species_of_a_stage():
+    stages = [{"kind": "sample", "steps": 2, "species": {"ld": {"bending_modulus": 90}}}]
+    stiff = [LO_LD[0], {**LO_LD[1], "bending_modulus": 90}]
+    sizes = [
+        mh.Scene.of(configOf(species=s, stages=st, sampling={"seed": 1})).stepSize
+        for s, st in ((LO_LD, stages), (stiff, stages), (LO_LD, [{"kind": "sample"}]))
+    ]
+    assert sizes[0] == sizes[1] < sizes[2]
+
+
+@pytest.mark.parametrize(
+    ("stage", "message"),
+    [
+        ({"species": {"lx": {"bending_modulus": 3}}}, r"stage 1 \(sample\): it has a bending_modulus of 'lx', and no"),
+        ({"species": {"lo": {"bending_modulus": -3}}}, r"stage 1 \(sample\) species lo bending_modulus is -3"),
+        ({"species": {"lo": {"bending": 3}}}, r"stage 1 \(sample\) species lo has no key 'bending'; did you mean"),
+        ({"line_tension": {"lo, lx": 3}}, "it has a line_tension of 'lo, lx', and no species is called 'lx'"),
+        ({"line_tension": {"lo, lo": 3}}, "it has a line_tension of 'lo, lo'; it must be of two different species"),
+        ({"pair_energies": {"lx, lx": 3}}, "it has a pair_energy of 'lx, lx', and no species is called 'lx'"),
+        (
+            {
+                "kind": "continue",
+                "windows": 1,
+                "species": {"lo": {"bending_modulus": 0}},
+                "path": {"bending_modulus[lo]": [0, 2]},
+            },
+            r"the path of bending_modulus\[lo\] leads to -40; it must not be negative",
+        ),
+    ],
+)
+def test_mistakes_of_species_in_stages_are_named(tmp_path, stage, message):
+    with pytest.raises(ValueError, match=message):
+        runStages(tmp_path / "run", [{"kind": "sample", **stage}])
 
 
 @pytest.mark.parametrize(

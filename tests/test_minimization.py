@@ -46,6 +46,31 @@ def axisymmetricMinima():
         return {(row["branch"], float(row["v"])): float(row["energy_over_8pi_kappa"]) for row in rows}
 
 
+def test_a_domain_bulges_on_a_fluid_mesh():
+    """Its line tension shortens the boundary, while flips and L-BFGS keep the species where they are."""
+    mesh = mh.Mesh.icosphere(2)
+    force, simulation = createSimulation(mesh, 0.84, 1e4)
+    context, species = simulation.context, (mesh.vertices[:, 2] > 0.5).astype(int)
+
+    def shape():
+        own = force.getVertexSpeciesInContext(context)
+        return mh.Mesh(positionsOf(context), force.getTrianglesInContext(context), species=own)
+
+    for _ in range(2):
+        force.addSpecies(KAPPA, 0)
+    force.setLineTension(0, 1, 10 * KAPPA)
+    force.setVertexSpecies(species)
+    context.reinitialize()
+    context.setPositions(mesh.vertices)
+    before, energy = mh.findDomains(shape(), 1), simulation.context.getState(energy=True).getPotentialEnergy()
+    result = mh.minimizeFluid(simulation, force)
+    after = mh.findDomains(shape(), 1)
+    assert result.converged and result.flips > 0 and result.energy < energy
+    assert len(before.areas) == len(after.areas) == 1 and np.array_equal(shape().species, species)
+    relative = [d.boundaryLengths[0] / math.sqrt(4 * math.pi * d.areas[0]) for d in (before, after)]
+    assert relative[1] < 0.8 * relative[0]
+
+
 @pytest.mark.parametrize("kind, reducedVolume", [("prolate", 0.8), ("oblate", 0.7)])
 def test_axisymmetric_minima_from_spheroids(kind, reducedVolume):
     """A moderate mesh, of 642 vertices, with penalties of 1e6 kappa_B; test_minima.py has all that are known, from the

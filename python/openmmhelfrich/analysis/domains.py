@@ -229,7 +229,7 @@ def _isOf(mesh: Mesh, species: int | str) -> NDArray[np.bool_]:
             known = f"they are called {', '.join(names)}" if names else "they have no names, as in mesh.speciesNames"
             raise ValueError(f"no species of the mesh is called '{species}'; {known}")
         return own == names.index(species)
-    if isinstance(species, bool) or species != int(species) or not 0 <= species < count:
+    if isinstance(species, bool) or not isinstance(species, (int, np.integer)) or not 0 <= species < count:
         more = "" if names else ", and more if mesh.speciesNames has more"
         raise ValueError(f"the mesh has no species {species}; it has 0 to {count - 1}{more}")
     return own == species

@@ -114,8 +114,9 @@ def _isUnordered(mesh: Mesh) -> bool:
     """Return whether species are of single vertices, with numbers that tell nothing of where these are."""
     if mesh.species is None or speciesCount(mesh) <= len(mesh.vertices) / 2:
         return False
-    first, second = mesh.species[mesh.edges].T.astype(float)
-    return bool(np.abs(first - second).mean() > speciesCount(mesh) / 4)  # 1/3 of it by chance
+    corners = mesh.species[mesh.triangles].astype(float)
+    steps = np.abs(corners - np.roll(corners, 1, axis=1))
+    return bool(steps.mean() > speciesCount(mesh) / 4)  # 1/3 of it by chance
 
 
 def speciesCount(*meshes: Mesh) -> int:

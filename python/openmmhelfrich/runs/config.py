@@ -32,7 +32,7 @@ from .sections import (
     checkMaterial,
     checkSpecies,
 )
-from .stagesettings import STAGES, AnyStage, SampleStage
+from .stagesettings import STAGES, AnyStage, SampleStage, conditionsOf
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -81,7 +81,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _material(self) -> "Config":
         checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
-        checkMaterial(self.species, self.membrane, any(stage.bending_modulus for stage in self.stages))
+        checkMaterial(self.species, self.membrane, conditionsOf(self.stages))
         return self
 
 
@@ -95,11 +95,52 @@ def during(config: Config, index: int) -> Config:
     """Return a Config with the moduli and the like that its membrane has during one of its stages, at the end of it, or
     before all stages: -1.
     """
-    membrane = config.membrane
     for i, stage in enumerate(config.stages[: index + 1]):
         if i == index or not stage.returns:
-            membrane = membrane.model_copy(update=stage.conditions())
-    return config.model_copy(update={"membrane": membrane})
+            config = _changed(config, stage.conditions())
+    return config
+
+
+def _changed(config: Config, conditions: Mapping[str, float]) -> Config:
+    """Return a Config with other moduli and the like, by the names that stages give."""
+    membrane, species = config.membrane, list(config.species)
+    update: dict[str, Any] = {name: value for name, value in conditions.items() if "[" not in name}
+    for name, value in conditions.items():
+        key, inside = conditionParts(name)
+        if key == "line_tension" and inside:
+            update[key] = {**pairTable(config, update.get(key, membrane.line_tension)), inside: value}
+        elif key == "pair_energy":
+            update["pair_energies"] = {**update.get("pair_energies", membrane.pair_energies), inside: value}
+        elif inside:
+            species = [each.model_copy(update={key: value}) if each.name == inside else each for each in species]
+    return config.model_copy(update={"membrane": membrane.model_copy(update=update), "species": species})
+
+
+def conditionParts(name: str) -> tuple[str, str]:
+    """Return the name of a condition without what it is of, and that: a species or a pair of these, or nothing."""
+    key, _, inside = name.partition("[")
+    return key, inside.removesuffix("]")
+
+
+def pairTable(config: Config, lineTension: Any) -> dict[str, float]:
+    """Return line tensions by pairs of species, of such a table or of a number for all."""
+    if isinstance(lineTension, dict):
+        return lineTension
+    names = [each.name for each in config.species]
+    return {", ".join(sorted((a, b))): lineTension for i, b in enumerate(names) for a in names[:i]}
+
+
+def conditionOf(config: Config, name: str) -> float:
+    """Return what a membrane has of a condition, by the name that stages give."""
+    key, inside = conditionParts(name)
+    if not inside:
+        return float(getattr(config.membrane, key))
+    if key == "pair_energy":
+        return config.membrane.pair_energies.get(inside, 0.0)
+    if key == "line_tension":
+        return pairTable(config, config.membrane.line_tension).get(inside, 0.0)
+    own = next(getattr(each, key) for each in config.species if each.name == inside)
+    return float(getattr(config.membrane, key) if own is None else own)
 
 
 def hasBurnIn(config: Config) -> bool:

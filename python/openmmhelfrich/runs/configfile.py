@@ -1,7 +1,7 @@
 """Configuration files written: the commented defaults, and the settings of a run."""
 
 import textwrap
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import tomli_w
@@ -20,7 +20,8 @@ _STAGES = """\
 Stages, one after the other, each a table [[stages]] with its kind; without any, [sampling] steps is one that samples.
 Take away the first "# " of each line to use one.  All may also set targets, moduli and the like, which stay: \
 target_area, target_volume or reduced_volume, target_area_difference; bending_modulus, gaussian_modulus, \
-spontaneous_curvature, line_tension, area_modulus, volume_modulus, area_difference_modulus, tension, pressure."""
+spontaneous_curvature, line_tension, pair_energies, species, area_modulus, volume_modulus, area_difference_modulus, \
+tension, pressure."""
 
 
 def defaultText() -> str:
@@ -60,7 +61,19 @@ def writeSettings(file: PathLike, config: Config, comments: Iterable[str] = ()) 
 
 def _stageText(stage: dict[str, Any]) -> str:
     keys, path = {name: value for name, value in stage.items() if name != "path"}, stage.get("path")
-    return "[[stages]]\n" + tomli_w.dumps(keys) + (f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
+    plain = {name: value for name, value in keys.items() if not isinstance(value, dict)}
+    tables = "".join(f"{line}\n" for name, value in keys.items() if name not in plain for line in _dotted(name, value))
+    return "[[stages]]\n" + tomli_w.dumps(plain) + tables + (f"[stages.path]\n{tomli_w.dumps(path)}" if path else "")
+
+
+def _dotted(prefix: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line for each value of nested tables, with a dotted key."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            quoted = tomli_w.dumps({name: 0}).removesuffix(" = 0\n")
+            yield from _dotted(f"{prefix}.{quoted}", value)
+        else:
+            yield f"{prefix}.{tomli_w.dumps({name: value}).strip()}"
 
 
 def _keys(model: type[Section], leaveOut: Collection[str] = ()) -> str:

@@ -9,7 +9,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
-from .config import Config
+from ..sampling.conditions import LINE_TENSION
+from .config import Config, conditionParts
 from .sections import SpeciesSection, checkShares
 
 
@@ -103,6 +104,29 @@ def setMaterial(force: HelfrichForce, config: Config, vertexSpecies: NDArray[np.
         force.setLineTension(a, b, value * kT)
     for (a, b), value in _byNumbers(config, membrane.pair_energies).items():
         force.setPairEnergy(a, b, value * kT)
+
+
+def numbered(config: Config, name: str) -> str:
+    """Return the name of a condition with the numbers of species in place of their names."""
+    key, inside = conditionParts(name)
+    names = [each.name for each in config.species]
+    numbers = sorted(names.index(each) for each in inside.split(", ")) if inside else []
+    return f"{key}[{','.join(map(str, numbers))}]" if numbers else key
+
+
+def requireKnown(config: Config, name: str) -> None:
+    """Raise a ValueError if a condition is of a species that there is not, or a line tension of one alone."""
+    key, inside = conditionParts(name)
+    names = [each.name for each in config.species]
+    given = inside.split(", ") if inside else []
+    for each in given:
+        if each not in names:
+            known = f"the species are {', '.join(names)}" if names else "there are no [[species]]"
+            raise ValueError(f"it has a {key} of '{inside}', and no species is called '{each}'; {known}")
+    if key == LINE_TENSION and given and len(set(given)) < 2:
+        raise ValueError(f"it has a {key} of '{inside}'; it must be of two different species")
+    if key == "pair_energy" and len(names) < 2:
+        raise ValueError(f"it has a {key} of '{inside}', which has no effect with one species")
 
 
 def modulusOf(own: float | None, membranes: float) -> float:

@@ -19,7 +19,6 @@ from ..sampling.reporters import MeshReporter, ObservablesReporter
 from .checkpoint import loadRunState
 from .config import Config, parseConfig
 from .scene import Scene
-from .stagesettings import conditionsOf
 
 APPENDED = ("table", "trajectory", "meshTrajectory")  # the files of which a checkpoint says how much belongs to the run
 
@@ -196,7 +195,7 @@ class Recorder:
             scene.temperature,
             scene.lengthUnit,
             append=sizes.get("table", 0) > 0,
-            observables=observablesOf(conditionsOf(scene.stages)),
+            observables=observablesOf(scene.changing),
             place=place,
         )
         self._trajectory = TrajectoryReporter(

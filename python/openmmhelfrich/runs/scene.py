@@ -38,7 +38,15 @@ from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
 from .approach import FAR, MODULUS_NAMES, withApproaches
 from .config import Config, asConfig, asDict, during, hasBurnIn, namingSource, stagesOf, valueOf
-from .material import bendingModulusOf, gaussianStepOf, requireOnePlace, setMaterial, speciesOf, spontaneousCurvatureOf
+from .material import (
+    bendingModulusOf,
+    gaussianStepOf,
+    numbered,
+    requireOnePlace,
+    setMaterial,
+    speciesOf,
+    spontaneousCurvatureOf,
+)
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings, conditionsOf
 
@@ -180,6 +188,11 @@ class Scene:
             requireEffect(config, scene)
             scene._warnOfFarTargets()
         return scene
+
+    @property
+    def changing(self) -> list[str]:
+        """The names of the conditions that stages change, with the numbers of species."""
+        return [numbered(self.config, name) for name in conditionsOf(self.stages)]
 
     def during(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""

@@ -310,13 +310,27 @@ class Targets(Section):
         return [name for name in Targets.model_fields if getattr(self, name) is not None]
 
 
+class SpeciesChange(Section):
+    """What a stage changes of a species."""
+
+    bending_modulus: Energy | None = Field(None, ge=0, description="kappa_B in kT")
+    spontaneous_curvature: Curvature | None = Field(None, description="C_0 per length unit")
+    gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT")
+
+
 class Conditions(Targets):
     """What a stage may change: targets, and moduli and the like, from its first step on or along its path."""
 
     bending_modulus: Energy | None = Field(None, ge=0, description="kappa_B in kT, of a membrane without species")
     gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT, of a membrane without species")
     spontaneous_curvature: Curvature | None = Field(None, description="C_0 per length unit")
-    line_tension: Force | None = Field(None, description="lambda in kT per length unit, between all species")
+    line_tension: LineTensions = Field(
+        None, description="lambda in kT per length unit, between all species, or a table of pairs"
+    )
+    pair_energies: PairEnergies | None = Field(None, description="J in kT, a table of pairs, like {'lo, ld' = 0.5}")
+    species: dict[str, SpeciesChange] | None = Field(
+        None, description="moduli of species by their names, like {lo = {bending_modulus = 30}}"
+    )
     area_modulus: Energy | None = Field(None, ge=0, description="kappa_A in kT; 0 releases the area")
     volume_modulus: Energy | None = Field(None, ge=0, description="kappa_V in kT; 0 releases the volume")
     area_difference_modulus: Energy | None = Field(None, ge=0, description="kappa_dA in kT")
@@ -324,9 +338,18 @@ class Conditions(Targets):
     pressure: Pressure | None = Field(None, description="p in kT per cubed length unit")
 
     def conditions(self) -> dict[str, float]:
-        """Return the values that are given of what is no target, by their names."""
-        names = (name for name in Conditions.model_fields if name not in Targets.model_fields)
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        """Return the values that are given of what is no target, by their names; of species and pairs of these, by
+        names like "bending_modulus[lo]", "line_tension[ld, lo]" and "pair_energy[ld, lo]".
+        """
+        tables = {"line_tension": self.line_tension, "pair_energy": self.pair_energies}
+        names = (name for name in Conditions.model_fields if name not in {*Targets.model_fields, "species"})
+        found = {name: getattr(self, name) for name in names}
+        found = {name: value for name, value in found.items() if value is not None and not isinstance(value, dict)}
+        for key, table in tables.items():
+            found |= {f"{key}[{pair}]": value for pair, value in (table if isinstance(table, dict) else {}).items()}
+        for name, change in (self.species or {}).items():
+            found |= {f"{key}[{name}]": value for key, value in change.model_dump(exclude_none=True).items()}
+        return found
 
 
 class MembraneSection(Targets):
@@ -745,11 +768,8 @@ def _checkExchanges(species: list[SpeciesSection], sampling: SamplingSection) ->
             )
 
 
-def checkMaterial(species: list[SpeciesSection], membrane: MembraneSection, bendsLater: bool) -> None:
-    """Raise a ValueError if moduli of species or of a membrane have no effect.
-
-    A stage may give the membrane a bending modulus.
-    """
+def checkMaterial(species: list[SpeciesSection], membrane: MembraneSection, later: Sequence[str]) -> None:
+    """Raise a ValueError if moduli of species or of a membrane have no effect, also with those that stages give."""
     if membrane.line_tension and len(species) < 2:
         why = "with one of [[species]]; it takes two" if species else "without [[species]], whose boundaries it is of"
         raise ValueError(f"[membrane] line_tension has no effect {why}")
@@ -759,11 +779,12 @@ def checkMaterial(species: list[SpeciesSection], membrane: MembraneSection, bend
         raise ValueError("[membrane] gaussian_modulus has no effect, since each of [[species]] has its own")
     moduli = [membrane.bending_modulus if each.bending_modulus is None else each.bending_modulus for each in species]
     for each, modulus in zip(species, moduli):
-        if each.spontaneous_curvature != 0 and modulus == 0:
+        if each.spontaneous_curvature != 0 and modulus == 0 and f"bending_modulus[{each.name}]" not in later:
             raise ValueError(
                 f"the spontaneous_curvature of the species {each.name} has no effect, since its bending_modulus is 0"
             )
-    if membrane.spontaneous_curvature != 0 and not any(moduli or [membrane.bending_modulus, bendsLater]):
+    bends = any(moduli or [membrane.bending_modulus]) or any(name.startswith("bending_modulus") for name in later)
+    if membrane.spontaneous_curvature != 0 and not bends:
         raise ValueError("[membrane] spontaneous_curvature has no effect, since the bending_modulus is 0")
 
 

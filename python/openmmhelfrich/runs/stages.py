@@ -42,8 +42,8 @@ from ..sampling.targets import currentTargets, measuredTargets, requireComparabl
 from ..tables import Table
 from ..units import valueIn
 from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
-from .config import namingSource, valueOf
-from .material import lineTensionsOf
+from .config import conditionOf, conditionParts, namingSource
+from .material import lineTensionsOf, numbered, requireKnown
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
@@ -52,7 +52,7 @@ from .scene import (
     requireTrajectories,
     stepSizeOf,
 )
-from .sections import Conditions, SamplingSection
+from .sections import Conditions, SamplingSection, SpeciesChange
 from .stagesettings import (
     AnnealStage,
     ApproachStage,
@@ -104,7 +104,7 @@ class Stage(ABC):
         self.title, self.steps, self.position = settings.title, settings.totalSteps, 0
         self.listen: Callable[[], bool] = lambda: False
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
-        self._startConditions = currentConditions(simulation.context, force, settings.conditions())
+        self._startConditions = currentConditions(simulation.context, force, self._endConditions())
         self._startTargets = currentTargets(simulation.context, force) | self._measuresReleased()
         self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
         self._startAdaptation()
@@ -170,8 +170,8 @@ class Stage(ABC):
         TypeAdapter(_Memory).validate_python(state)
         self.position, self._startTargets = state["position"], state["startTargets"]
         self._startConditions = state.get("startConditions", {})  # before there were any, none were kept
-        if self._startConditions.keys() != self._settings.conditions().keys():
-            raise ValueError(f"the stage began with other conditions than {', '.join(self._settings.conditions())}")
+        if self._startConditions.keys() != self._endConditions().keys():
+            raise ValueError(f"the stage began with other conditions than {', '.join(self._endConditions())}")
         self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
         self._startAdaptation()
         if self._adapter:
@@ -241,7 +241,8 @@ class Stage(ABC):
         return endTargets(self._settings, self._startTargets)
 
     def _endConditions(self) -> dict[str, float]:
-        return stageConditions(self._settings, self._scene.kT)
+        scene, given = self._scene, self._settings.conditions().items()
+        return {numbered(scene.config, name): value * _unitOf(name, scene.kT) for name, value in given}
 
     def _between(self, part: float) -> dict[str, float]:
         """Return the conditions at a part of the way from those at the start to those at the end."""
@@ -513,7 +514,8 @@ class Continue(MonteCarlo):
         if step > 0:
             return {}
         conditions, point = self._between(self._path.lambdas[window]), self._path.pointOf(window)
-        own = {name: self._settings.path[name][point] for name in conditions if name in self._settings.path}
+        config, paths = self._scene.config, self._settings.path
+        own = {numbered(config, name): paths[name][point] for name in self._settings.conditions() if name in paths}
         return conditions | {name: self._between(part)[name] for name, part in own.items()}
 
     @staticmethod
@@ -587,10 +589,9 @@ _KINDS: dict[type[StageSettings], type[Stage]] = {
 }
 
 
-def stageConditions(settings: StageSettings, kT: float) -> dict[str, float]:
-    """Return the conditions that a stage gives, in kJ/mol and powers of nm."""
-    given = settings.conditions()
-    return {name: value * (1.0 if name == CURVATURE else kT) for name, value in given.items()}
+def _unitOf(name: str, kT: float) -> float:
+    """Return what 1 of a condition is, in kJ/mol and powers of nm."""
+    return 1.0 if conditionParts(name)[0] == CURVATURE else kT
 
 
 def _checkConditions(settings: StageSettings, before: Scene) -> None:
@@ -599,6 +600,7 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
     """
     given, count = settings.conditions(), len(before.config.species)
     for name in given:
+        requireKnown(before.config, name)
         if name in ("bending_modulus", "gaussian_modulus") and count:
             raise ValueError(f"it has a {name}, and the membrane has species, each of which has its own")
         if name == LINE_TENSION and count < 2:
@@ -627,10 +629,12 @@ def _requireOneLineTension(before: Scene) -> None:
 def _checkPaths(settings: ContinueStage, before: Scene) -> None:
     """Raise a ValueError if a path leads to a modulus that is negative and must not be."""
     for name, end in settings.conditions().items():
-        mayBeNegative = not any(getattr(bound, "ge", None) == 0 for bound in Conditions.model_fields[name].metadata)
+        key, inside = conditionParts(name)
+        fields = SpeciesChange.model_fields if inside else Conditions.model_fields
+        mayBeNegative = key not in fields or not any(getattr(m, "ge", None) == 0 for m in fields[key].metadata)
         if mayBeNegative or name not in settings.path:
             continue
-        start = valueOf(before.config, f"membrane.{name}")
+        start = conditionOf(before.config, name)
         least = min((1 - part) * start + part * end for part in settings.path[name])
         if least < 0:
             raise ValueError(f"the path of {name} leads to {least:g}; it must not be negative")

@@ -218,9 +218,9 @@ class AnnealStage(StageSettings):
         return self.steps
 
 
-def conditionsOf(stages: Iterable[StageSettings]) -> set[str]:
-    """Return the names of the conditions that stages give."""
-    return {name for stage in stages for name in stage.conditions()}
+def conditionsOf(stages: Iterable[StageSettings]) -> list[str]:
+    """Return the names of the conditions that stages give, in their order."""
+    return list(dict.fromkeys(name for stage in stages for name in stage.conditions()))
 
 
 class ContinueStage(StageSettings):

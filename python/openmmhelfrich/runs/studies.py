@@ -39,7 +39,6 @@ from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, changedIntervals, chosenWeight, createScene, currentMesh, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage
-from .stagesettings import conditionsOf
 from .summary import Summary
 
 
@@ -322,7 +321,7 @@ class Study:
     def observe(self) -> dict[str, float]:
         """Return a row of the table, for the present, as a dict."""
         moment = Moment(self.simulation, self.force, self.scene.kT, self._place())
-        observables = observablesOf(conditionsOf(self.scene.stages))
+        observables = observablesOf(self.scene.changing)
         return observe(moment, observables, self.scene.lengthUnit, "kT")
 
     def status(self) -> str:

@@ -40,6 +40,7 @@ TERMS = {
     "pressure": "pressure",
     "gaussian_modulus": "gaussian",
     LINE_TENSION: "line",
+    "pair_energy": "pair",
 }
 # In the order of HelfrichForce.getSpeciesParameters().
 _OF_SPECIES = ("bending_modulus", CURVATURE, "gaussian_modulus")
@@ -123,7 +124,7 @@ def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterab
 
 def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
-    own = currentConditions(context, force, (name for name in TERMS if name != LINE_TENSION))
+    own = currentConditions(context, force, (name for name in TERMS if name not in _OF_PAIRS))
     return {TERMS[name]: value for name, value in own.items()} | {
         "tether": float(force.getTether()[0]._value),
         "repulsion": float(force.getRepulsion()[0]._value),

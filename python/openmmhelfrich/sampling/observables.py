@@ -105,7 +105,7 @@ class Moment:
     def condition(self, name: str) -> float:
         """Return a condition by its name in :mod:`.conditions`, with the unit of energy."""
         value = currentConditions(self.context, self.force, [name])[name]
-        return value if name == CURVATURE else value * self._energyScale
+        return value if name.startswith(CURVATURE) else value * self._energyScale
 
     def target(self, total: str, surface: int) -> float:
         """Return a target of a surface, in powers of nm: its own, or the one of all."""
@@ -348,6 +348,7 @@ _CONDITIONS = {
     "gaussian_modulus": "energy",
     CURVATURE: "1/length",
     "line_tension": "energy/length",
+    "pair_energy": "energy",
     "area_modulus": "energy",
     "volume_modulus": "energy",
     "area_difference_modulus": "energy",
@@ -533,9 +534,22 @@ def observablesOf(conditions: Collection[str]) -> tuple[Observable, ...]:
     """Return the observables of a run whose stages change some conditions: no other conditions, and the energies of
     their terms also where these are off.
     """
-    own = {f"E_{TERMS[name]}": _energyOf(TERMS[name]) for name in conditions if name in TERMS}
-    chosen = (o for o in OBSERVABLES if not o.condition or o.condition in conditions)
-    return tuple(replace(o, compute=own[o.name]) if o.name in own else o for o in chosen)
+    parts = [name.partition("[") for name in conditions]
+    terms = [TERMS[key] for key, *_ in parts if key in TERMS]
+    own = {f"E_{term}": _energyOf(term) for term in terms}
+    plain = [replace(o, compute=own[o.name]) if o.name in own else o for o in OBSERVABLES if not o.condition]
+    changing = (_conditionOf(o, rest) for o in OBSERVABLES for key, _, rest in parts if key == o.condition)
+    return (*plain, *changing)
+
+
+def _conditionOf(condition: Observable, numbers: str) -> Observable:
+    """Return a condition of species with some numbers, which end with a bracket, or itself if there are none."""
+    if not numbers:
+        return condition
+    name, own = f"{condition.condition}[{numbers}", f"{condition.name}[{numbers}"
+    label = f"species {numbers.removesuffix(']')}"
+    title = f"{condition.title} of {label}"
+    return replace(condition, name=own, compute=lambda m: m.condition(name), title=title, label=label, condition=name)
 
 
 def _energyOf(term: str) -> Callable[[Moment], float]:
@@ -553,6 +567,10 @@ def observablesIn(table: Table) -> list[Observable]:
     """Return the observables that a table has, those of each surface in the place of their sum."""
     found: list[Observable] = []
     for observable in OBSERVABLES:
+        if observable.condition:
+            names = [name.removeprefix(observable.name) for name in table if name.startswith(observable.name)]
+            found += [_conditionOf(observable, own.removeprefix("[")) for own in names if own[:1] in ("", "[")]
+            continue
         numSurfaces = next(k for k in itertools.count() if nameOf(observable.name, k) not in table)
         if numSurfaces > 0:
             found += map(observable.part, range(numSurfaces))
