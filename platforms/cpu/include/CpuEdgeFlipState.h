@@ -4,10 +4,10 @@
 #include "CpuEdgeFlipEvaluation.h"
 #include "CpuHalfedges.h"
 #include "CpuHelfrichNeighborList.h"
+#include "CpuVertexGeometry.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
-#include "openmmhelfrich/HelfrichForce.h"
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -37,7 +37,7 @@ public:
      * @param first      the number of the first vertex
      * @param last       the number of the vertex after the last
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first,
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry& geometry, int first,
                       int last);
     /**
      * Set the same as another state of the membrane has them.

@@ -18,7 +18,7 @@ CpuEdgeFlipState::CpuEdgeFlipState(HelfrichMesh& mesh)
           evaluation(&getForProcessor<CpuEdgeFlipEvaluation>()), vertices(mesh.getNumVertices()), neighborList(NULL) {
 }
 
-void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first,
+void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const CpuVertexGeometry& geometry, int first,
                                     int last) {
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
@@ -27,8 +27,8 @@ void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const Helfric
                        x[2],
                        0,
                        surfaces[v],
-                       geometry.vertexAreas[v],
-                       geometry.vertexMeanCurvatures[v],
+                       geometry.getArea(v),
+                       geometry.getCurvature(v),
                        0,
                        mesh.valence(v),
                        species.empty() ? 0 : species[v]};

@@ -5,6 +5,7 @@
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -74,13 +75,20 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     });
     repulsion.followLayout(layout, numThreads);
     materials.invalidate();
+    isGeometryKnown = false;
     revision = mesh->getRevision();
+}
+
+void CpuCalcHelfrichForceKernel::setBox(const PeriodicBox& newBox) {
+    isGeometryKnown &= (newBox == box);
+    box = newBox;
+    repulsion.setBox(box);
 }
 
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
-    repulsion.setBox(parameters.box);
+    setBox(parameters.box);
     if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -99,6 +107,18 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
         materials.setArrays(arrays);
     }
     return arrays;
+}
+
+bool CpuCalcHelfrichForceKernel::canKeepGeometry(const HelfrichParameters& parameters) const {
+    return isGeometryWanted && parameters.needsCurvature() && !parameters.hasForcesOfSpecies();
+}
+
+void CpuCalcHelfrichForceKernel::keepGeometry(CpuHelfrichArrays<double>& arrays) {
+    geometry.areas.resize(layout.getNumSlots());
+    geometry.curvatures.resize(layout.getNumSlots());
+    geometry.slots = layout.slots.data();
+    arrays.areas = geometry.areas.data();
+    arrays.curvatures = geometry.curvatures.data();
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -121,13 +141,32 @@ int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
     return chunks[chunk].getEnd();
 }
 
-void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
-    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++) {
+bool CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
+    bool areSame = true;
+    auto load = [&](int slot) {
         const Vec3& x = source[particles[slot]];
-        positions[4 * slot] = x[0];
-        positions[4 * slot + 1] = x[1];
-        positions[4 * slot + 2] = x[2];
-    }
+        double* position = &positions[4 * slot];
+        bool isSame = (position[0] == x[0]) & (position[1] == x[1]) & (position[2] == x[2]);
+        position[0] = x[0];
+        position[1] = x[1];
+        position[2] = x[2];
+        return isSame;
+    };
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++)
+        areSame &= load(slot);
+    for (int slot = getLastSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++)
+        load(slot);
+    return areSame;
+}
+
+void CpuCalcHelfrichForceKernel::loadPositions(ContextImpl& context) {
+    const vector<Vec3>& source = *getData(context).positions;
+    atomic<bool> areSame{isGeometryKnown};
+    forEachChunk([&](int chunk) {
+        if (!loadPositions(source, chunk))
+            areSame = false;
+    });
+    isGeometryKnown = areSame;
 }
 
 /**
@@ -184,6 +223,12 @@ void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& paramet
         sums.line = addUp(chunkSums, &CpuHelfrichSums::line);
     }
     addUpSurfaces(sums);
+    isGeometryKnown = (arrays.areas != NULL);
+    if (isGeometryKnown) {
+        geometry.totals = sums.totals;
+        geometry.number++;
+        hadTether = parameters.has(Term::Tether);
+    }
 }
 
 void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
@@ -254,10 +299,11 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
                                          HelfrichEnergyTerms& terms) {
     chooseNumThreads(context);
     auto arrays = prepareArrays<double>(parameters);
-    const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuMembraneSums sums(mesh->getNumSurfaces());
-    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
+    loadPositions(context);
+    if (canKeepGeometry(parameters))
+        keepGeometry(arrays);
     computeEnergy(parameters, arrays, sums);
     if (isfinite(sums.area)) {
         updateRepulsion(parameters, arrays.positions);
@@ -458,14 +504,23 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     Interruption interruption(mesh->getNumVertices());
     bool isInterrupted = false;
     forEachChunk([&](int chunk) { loadState(context, chunk); });
-    bool isFinite = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, sums, terms);
-    for (long long step = 1; step < sequence.size() && isFinite && !isInterrupted; step++) {
-        isInterrupted = interruption.isRequested();
-        swap(arrays.positions, next);
+    isGeometryKnown = false;
+    bool isFinite = true;
+    for (long long step = 0; step < sequence.size() && isFinite && !isInterrupted; step++) {
+        if (step > 0) {
+            isInterrupted = interruption.isRequested();
+            swap(arrays.positions, next);
+        }
         KickAndDrift times = sequence[step];
-        isFinite = makeStep(times.getParameters(parameters), arrays, times, next, sums, terms);
+        HelfrichParameters p = times.getParameters(parameters);
+        if constexpr (is_same<Real, double>::value)
+            if (step + 1 == sequence.size() && canKeepGeometry(p))
+                keepGeometry(arrays);
+        isFinite = makeStep(p, arrays, times, next, sums, terms);
     }
     forEachChunk([&](int chunk) { storeState(context, arrays.positions, chunk); });
+    if (arrays.positions != positions.data())
+        swap(positions, nextPositions);
     if (isInterrupted)
         throw StepInterrupted();
     return isFinite;
@@ -484,28 +539,46 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
-void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
-                                                 HelfrichGeometry& geometry) {
+void CpuCalcHelfrichForceKernel::findGeometry(ContextImpl& context, const HelfrichParameters& parameters) {
+    // The loop is that of the energy where both can be the same: what compilers make of another one might differ in the
+    // last bits, and so a restarted simulation, which computes the geometry here, from one that has it from before. But
+    // no tether is taut.
+
+    HelfrichParameters p;
+    p.box = parameters.box;
+    p.moduli[Term::Bending] = 1;
+    if (parameters.needsCurvature() && !parameters.hasForcesOfSpecies())
+        p.moduli[Term::Tether] = parameters.has(Term::Tether);
+    p.tetherMaxLength = INFINITY;
     chooseNumThreads(context);
+    auto arrays = prepareArrays<double>(p);
+    loadPositions(context);
+    if (isGeometryKnown && hadTether == p.has(Term::Tether))
+        return;
+    keepGeometry(arrays);
+    CpuMembraneSums sums(mesh->getNumSurfaces());
+    computeEnergy(p, arrays, sums);
+}
+
+const CpuVertexGeometry& CpuCalcHelfrichForceKernel::getGeometry(ContextImpl& context,
+                                                                 const HelfrichParameters& parameters) {
+    isGeometryWanted = true;
+    findGeometry(context, parameters);
+    return geometry;
+}
+
+void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
+                                                 HelfrichGeometry& result) {
     HelfrichParameters parameters;
     parameters.box = box;
-    parameters.moduli[Term::Bending] = 1;
-    auto arrays = prepareArrays<double>(parameters);
-    nextPositions.resize(positions.size());
-    arrays.areas = nextPositions.data();
-    arrays.curvatures = arrays.areas + layout.getNumSlots();
-    const vector<Vec3>& source = *getData(context).positions;
-    CpuMembraneSums sums(mesh->getNumSurfaces());
-    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
-    computeEnergy(parameters, arrays, sums);
-    geometry.setTotals(sums.totals);
-    geometry.vertexAreas.resize(mesh->getNumVertices());
-    geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
+    findGeometry(context, parameters);
+    result.setTotals(geometry.totals);
+    result.vertexAreas.resize(mesh->getNumVertices());
+    result.vertexMeanCurvatures.resize(mesh->getNumVertices());
     CpuThreads::forEachPart(numThreads, mesh->getNumVertices(), ITEMS_PER_PART, [&](int begin, int end) {
         for (int vertex = begin; vertex < end; vertex++) {
-            int slot = layout.slots[vertex];
-            geometry.vertexAreas[vertex] = arrays.areas[slot];
-            geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
+            result.vertexAreas[vertex] = geometry.getArea(vertex);
+            result.vertexMeanCurvatures[vertex] = geometry.getCurvature(vertex);
         }
     });
 }
@@ -514,10 +587,9 @@ CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl
                                                                      const HelfrichParameters& parameters) {
     chooseNumThreads(context);
     updateLayout();
-    repulsion.setBox(parameters.box);
-    const vector<Vec3>& source = *getData(context).positions;
+    setBox(parameters.box);
+    loadPositions(context);
     forEachChunk([&](int chunk) {
-        loadPositions(source, chunk);
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     });
     return repulsion.getNeighborList(*mesh, layout, positions.data(), parameters.repulsionOnset,
@@ -533,8 +605,8 @@ void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichFor
 bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
                                       long long numAttempts, const Philox& random, long long sweep,
                                       EdgeFlipStatistics& statistics) {
-    calculation->computeGeometry(context, parameters.box, geometry);
-    if (!isFinite(geometry, parameters.needsCurvature()))
+    const CpuVertexGeometry& geometry = calculation->getGeometry(context, parameters);
+    if (!geometry.isFinite(parameters.needsCurvature()))
         return false;
     if (!edgeFlips)
         edgeFlips.reset(new CpuEdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
@@ -557,9 +629,10 @@ bool CpuExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParam
                                        const Philox& random, long long sweep, SpeciesExchangeStatistics& statistics) {
     if (!exchange)
         exchange.reset(new CpuSpeciesExchange(*mesh, getData(context).threads.getNumThreads()));
+    const CpuVertexGeometry* geometry = NULL;
     if (parameters.hasForcesOfSpecies()) {
-        calculation->computeGeometry(context, parameters.box, geometry);
-        if (!isFinite(geometry, parameters.needsCurvature()))
+        geometry = &calculation->getGeometry(context, parameters);
+        if (!geometry->isFinite(parameters.needsCurvature()))
             return false;
     }
     exchange->prepare(*getData(context).positions, geometry, parameters, proposal);
