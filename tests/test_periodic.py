@@ -362,3 +362,57 @@ def test_runs_of_sheets(tmp_path, monkeypatch):
     ):
         with pytest.raises(ValueError, match=problem):
             mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})
+
+
+def test_heights_of_known_waves():
+    """Waves of known amplitudes are found, whichever images the vertices are, and the fit finds what made them."""
+    mesh = mh.Mesh.sheet(14, 12, 1.0)
+    random, lengths = np.random.default_rng(2), np.diag(mesh.box)
+    kappa, sigma, area = 20.0, 1.5, lengths[0] * lengths[1]
+    waves = [(i, j) for i in range(4) for j in range(-3, 4) if (i > 0 or j > 0)]
+    q = 2 * np.pi * np.array(waves) / lengths[:2]
+    sizes = np.linalg.norm(q, axis=1)
+    deviations = np.sqrt(1 / (area * (kappa * sizes**4 + sigma * sizes**2)) / 2)
+    frames = []
+    for _ in range(200):
+        h = deviations * (random.normal(size=len(q)) + 1j * random.normal(size=len(q)))
+        x = mesh.vertices + random.uniform(-0.3, 0.3, (len(mesh.vertices), 3)) * [1, 1, 0]
+        x[:, 2] = 2 * np.real(np.exp(1j * x[:, :2] @ q.T) @ h) + 5 * random.normal()
+        frames.append(x + lengths * random.integers(-2, 3, x.shape))
+    spectrum = mh.heightSpectrum(frames, mesh.box, 0.9 * sizes.min() * 3)
+    expected = 1 / (area * (kappa * spectrum.waveNumbers**4 + sigma * spectrum.waveNumbers**2))
+    assert np.abs((spectrum.powers - expected) / spectrum.errors).max() < 4
+    fit = spectrum.fit()
+    assert abs(fit.bendingModulus - kappa) < 4 * fit.bendingModulusError < 0.2 * kappa
+    assert abs(fit.tension - sigma) < 4 * fit.tensionError
+    for box, most, problem in ((mesh.box, 0.1, "at least"), (mesh.box, 9, "fewer than"), ([1, 2], None, "rectangular")):
+        with pytest.raises(ValueError, match=problem):
+            mh.heightSpectrum(frames[:2], box, most)
+
+
+def test_undulations_have_the_spectrum_of_theory():
+    """<|h_q|^2> = kT/(A (kappa q^4 + sigma q^2)), for a stiff sheet under a tension that outweighs that of its mesh."""
+    mesh = mh.Mesh.sheet(8, 8, 1.0)
+    kappa, tension = 10.0, 4.0
+    scene = mh.Scene.of(
+        {
+            "membrane": {"bending_modulus": kappa, "tension": tension},
+            "sampling": {"seed": 4, "steps_per_trajectory": 60, "flip_probability": 0.2, "step_size": 0.006},
+            "platform": {"threads": 1},
+        },
+        mesh,
+    )
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
+    simulation.step(100)
+    frames = []
+    for _ in range(1500):
+        simulation.step(1)
+        frames.append(positionsOf(simulation.context))
+    spectrum = mh.heightSpectrum(frames, mesh.box, 1.2)
+    q = spectrum.waveNumbers
+    expected = spectrum.theory(q, kappa, tension, mesh.edgeLengths.mean())
+    assert len(q) == 2
+    assert spectrum.theory(q, kappa, tension) == pytest.approx(1 / (64 * (kappa * q**4 + tension * q**2)))
+    assert np.all(np.abs(spectrum.powers - expected) < 4 * spectrum.errors + 0.08 * expected)
+    assert np.all(spectrum.errors < 0.1 * expected)

@@ -184,8 +184,28 @@ void testPotentialsAtTheirEnds() {
     ASSERT_EQUAL(0.0, tetherPotential(0.3, 0.0, 0.9, 2, slope));
 }
 
+void testNearestImages() {
+    // Of all images of a point the nearest is found, for numbers of each precision.
+
+    PeriodicBox box(3, 4, 5);
+    for (double x : {-7.4, -1.4, 0.0, 0.3, 1.4, 8.9})
+        for (int n : {-2, 0, 1}) {
+            Vector3<double> from = {0.1, 0.2, 0.3}, to = {x + 3 * n, x - 4 * n, x + 5 * n};
+            Vector3<double> d = displacement(from, to, box), direct = displacement(from, to);
+            ASSERT(fabs(d.x) <= 1.5 && fabs(d.y) <= 2 && fabs(d.z) <= 2.5);
+            ASSERT_EQUAL_TOL(0.0, remainder(d.x - direct.x, 3), 1e-13);
+            ASSERT_EQUAL_TOL(0.0, remainder(d.y - direct.y, 4), 1e-13);
+            ASSERT_EQUAL_TOL(0.0, remainder(d.z - direct.z, 5), 1e-13);
+            Vector3<double> none = displacement(from, to, PeriodicBox());
+            ASSERT(none.x == direct.x && none.y == direct.y && none.z == direct.z);
+        }
+    ASSERT_EQUAL(2.0f, roundToInteger(1.75f));
+    ASSERT_EQUAL(-3.0, roundToInteger(-2.75));
+}
+
 int main() {
     try {
+        testNearestImages();
         testAngleInAlignedOrientation();
         testAngleInAnyOrientation();
         testAngleOfPoint();

@@ -223,7 +223,7 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"5\"", "version=\"7\""), "unsupported version 7");
+    assertRejected(replaced(xml, "version=\"5\"", "version=\"9\""), "unsupported version 9");
     assertRejected(replaced(xml, "version=\"5\"", "version=\"0\""), "unsupported version 0");
     assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
     assertRejected(replaced(xml, "lengthScale=\".6\"", "lengthScale=\"0\""), "setRepulsionLengthScale");
@@ -246,12 +246,28 @@ void testDamagedText() {
     assertRejected(replaced(xml, "bendingModulus", "stiffness"), "bendingModulus");
 }
 
+void testPeriodic() {
+    // Only a periodic force is written as version 7.
+
+    HelfrichForce force;
+    makeForce(force);
+    force.setUsesPeriodicBoundaryConditions(true);
+    ASSERT(toXml(force).find("version=\"7\"") != string::npos);
+    unique_ptr<HelfrichForce> copy = fromXml(toXml(force));
+    ASSERT(copy->usesPeriodicBoundaryConditions());
+    ASSERT_EQUAL(toXml(force), toXml(*copy));
+    copy->setUsesPeriodicBoundaryConditions(false);
+    ASSERT(toXml(*copy).find("version=\"5\"") != string::npos);
+    ASSERT(!fromXml(toXml(*copy))->usesPeriodicBoundaryConditions());
+}
+
 int main() {
     try {
         testRoundTrip();
         testDefaults();
         testSurfaceTargets();
         testMaterial();
+        testPeriodic();
         testVersionWithoutLengthScaleOfRepulsion();
         testVersionWithoutTensionAndPressure();
         testVersionWithoutLengthScale();

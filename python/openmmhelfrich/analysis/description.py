@@ -102,7 +102,7 @@ def describeTrajectory(frames: ArrayLike, triangles: ArrayLike) -> list[ShapeDes
         the triangles of all frames, or of each
     """
     positions = checkedFrames(frames)
-    return [describeShape(Mesh(x, t)) for x, t in zip(positions, trianglesOfEach(triangles, len(positions)))]
+    return [describeShape(Mesh(x, t)) for x, t in zip(positions, trianglesOfEach(triangles, positions))]
 
 
 def toDataFrame(descriptions: Sequence[ShapeDescription]) -> Any:

@@ -54,7 +54,7 @@ def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None 
     if not 1 <= maxLag < len(x):
         raise ValueError(f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(x) - 1}, for {len(x)} frames")
     x = x - x.mean(axis=1, keepdims=True)
-    normals = [_vertexNormals(frame, t) for frame, t in zip(x, trianglesOfEach(triangles, len(x)))]
+    normals = [_vertexNormals(frame, t) for frame, t in zip(x, trianglesOfEach(triangles, x))]
 
     def displacement(lag: int) -> float:
         return float(np.mean([_tangentialSquare(x[n], x[n + lag], normals[n]) for n in range(len(x) - lag)]))

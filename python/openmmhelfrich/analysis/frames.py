@@ -4,7 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 
+from ..geometry.connectivity import edgeLengthsOf, edgesOf
 from ..units import valueIn
+
+_LONG = 4  # median lengths of edges: no edge of a membrane with a tether is so long
 
 
 def checkedFrames(frames: ArrayLike) -> NDArray[np.float64]:
@@ -17,6 +20,17 @@ def checkedFrames(frames: ArrayLike) -> NDArray[np.float64]:
     return x
 
 
-def trianglesOfEach(triangles: ArrayLike, count: int) -> NDArray[np.integer]:
-    """Return the triangles of each of a number of frames, (n, T, 3), which may be the same for all: (T, 3)."""
-    return np.broadcast_to(np.asarray(triangles), (count, *np.shape(triangles)[-2:]))
+def trianglesOfEach(triangles: ArrayLike, frames: NDArray[np.float64]) -> NDArray[np.integer]:
+    """Return the triangles of each of some frames, (n, T, 3), which may be the same for all: (T, 3).
+
+    Raises a ValueError if edges of the first frame are as long as those through the sides of a periodic box.
+    """
+    each = np.broadcast_to(np.asarray(triangles), (len(frames), *np.shape(triangles)[-2:]))
+    lengths = edgeLengthsOf(frames[0], edgesOf(each[0], frames.shape[1]))
+    longest, usual = lengths.max(initial=0), np.median(lengths) if len(lengths) else 0
+    if longest > max(_LONG * usual, 0.4 * np.ptp(frames[0], axis=0).max()):
+        raise ValueError(
+            f"an edge is {longest:.4g} nm long, and the median {usual:.4g} nm, as in a periodic box; this takes closed "
+            "surfaces that are not folded into one"
+        )
+    return each

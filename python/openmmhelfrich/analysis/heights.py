@@ -54,6 +54,29 @@ class HeightSpectrum(Brief):
             }
         )
 
+    def theory(
+        self, waveNumbers: ArrayLike, bendingModulus: float, tension: float = 0, edgeLength: Any = 0
+    ) -> NDArray[np.float64]:
+        """Return what the powers should be: kT/(A (kappa q^4 + sigma q^2)).
+
+        Parameters
+        ----------
+        waveNumbers : array of float
+            q, in 1/nm
+        bendingModulus, tension : float
+            kappa in kT, and sigma in kT/nm^2
+        edgeLength : float or Quantity
+            see :meth:`fit`
+
+        Returns
+        -------
+        (n,) array
+            mean |h_q|^2, in nm^2
+        """
+        q = np.asarray(waveNumbers, dtype=float)
+        bending = bendingModulus * softness(q * float(valueIn(edgeLength, unit.nanometer))) * q**4
+        return 1 / (self.area * (bending + tension * q**2))
+
     def fit(self, maxWaveNumber: float | unit.Quantity = math.inf, edgeLength: Any = 0) -> "HeightFit":
         """Fit kT/(A (kappa q^4 + sigma q^2)) (Helfrich, Z. Naturforsch. 33a, 305, 1978).
 

@@ -442,6 +442,7 @@ def observe(config: Config) -> dict[str, Any]:
         **{
             f"reducedAreaDifference{k}": reducedAreaDifference(mean[f"area{k}"], mean[f"meanCurvature{k}"])
             for k in ([f"[{k}]" for k in range(len(surfaces))] if len(surfaces) > 1 else [""])
+            if not surfaces[0].isPeriodic
         },
         **means,
         **{o.name: float(table[o.name][-1]) for o in observables if o.inSweep == "last"},

@@ -310,6 +310,8 @@ class Search:
         moment.  The mesh is kept in a file.
         """
         mesh = loadMesh(config)
+        if mesh.isPeriodic:
+            raise ValueError("tradeoff: the mesh is periodic; the errors that this measures are those of closed ones")
         scene = resolve(config, mesh)
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
