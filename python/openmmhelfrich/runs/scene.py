@@ -791,7 +791,7 @@ def _swelling(membrane: MembraneSection, surface: "_Surface") -> float:
         amplification += factor
         count /= 4
     area = 8 * math.pi * (4 * membrane.area_modulus + membrane.area_difference_modulus) / surface.area
-    volume = 2 * membrane.volume_modulus * (surface.area / surface.volume) ** 2
+    volume = 2 * membrane.volume_modulus * (surface.area / surface.volume) ** 2 if surface.volume else 0.0
     return amplification * (area + volume) / surface.numVertices
 
 
