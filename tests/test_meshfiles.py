@@ -139,6 +139,20 @@ def testFreeDTSFindsAllVerticesInItsBox(tmp_path_factory, seed, suffix, room):
         assert np.array_equal(points, plain.vertices)
 
 
+@pytest.mark.parametrize("suffix", ["tsi", "q"])
+def testFreeDTSFindsASheetInItsBox(tmp_path, suffix):
+    """A periodic membrane that undulates around z = 0, and has moved out of the box, is folded into it."""
+    sheet = mh.Mesh.sheet(8, 8, 1)
+    x = sheet.vertices + np.array([5.3, -2.9, 0.0])
+    x[:, 2] = 0.4 * np.sin(2 * np.pi * x[:, 0] / sheet.box[0, 0])
+    mh.Mesh(x, sheet.triangles, sheet.box).write(tmp_path / f"a.{suffix}")
+    again = mh.Mesh.read(tmp_path / f"a.{suffix}")
+    lengths = np.diag(sheet.box)
+    assert again.isPeriodic and np.all(again.vertices >= 0) and np.all(again.vertices < lengths)
+    away = (again.vertices - x) / lengths
+    assert away == pytest.approx(np.round(away), abs=1e-12) and np.any(np.round(away))
+
+
 def testABoxThatIsTooSmallForFreeDTS(tmp_path, sphere):
     with pytest.raises(
         ValueError, match=r"the sizes of the mesh and its box are 2 x .* and 1.5 x 9 x 9; FreeDTS needs"

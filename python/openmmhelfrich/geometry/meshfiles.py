@@ -72,7 +72,7 @@ def write(
     try:
         with replacing(path) as part:
             if suffix in (".tsi", ".q"):
-                part.write_text(freedts.textOf(suffix, points, triangles, box), encoding="utf-8")
+                part.write_text(freedts.textOf(suffix, points, triangles, box, isPeriodic), encoding="utf-8")
             elif suffix == ".h5":
                 part.write_bytes(trimem.content(points, triangles))
             else:

@@ -104,7 +104,11 @@ def _byPlace(numbers: NDArray[np.integer], triangles: NDArray[np.integer]) -> ND
 
 
 def textOf(
-    suffix: str, points: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None
+    suffix: str,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.integer],
+    box: NDArray[np.float64] | None,
+    isPeriodic: bool,
 ) -> str:
     """Return the text of a .tsi or .q file; without a box, it has one of twice the mesh's extent."""
     if box is None:
@@ -114,6 +118,8 @@ def textOf(
         lengths = np.diag(box)
         if np.any(box != np.diag(lengths)):
             raise ValueError("the box is not rectangular; FreeDTS has rectangular boxes only")
+    if isPeriodic:
+        points = _folded(points, lengths)
     origin = _originFor(points, lengths)
     vertices = [f"{i:8d} {x:24.17g} {y:24.17g} {z:24.17g}" for i, (x, y, z) in enumerate((points - origin).tolist())]
     faces = [f"{i:8d} {a:8d} {b:8d} {c:8d}" for i, (a, b, c) in enumerate(triangles.tolist())]
@@ -126,6 +132,12 @@ def textOf(
         lines = [sides, str(len(vertices)), *(f"{line} 0" for line in vertices), str(len(faces))]
         lines += [*(f"{line} 0" for line in faces), *([comment] if comment else [])]
     return "\n".join(lines) + "\n"
+
+
+def _folded(points: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the images within the box of points that are outside of it."""
+    folded = points - lengths * np.floor(points / lengths)
+    return np.where(folded < lengths, folded, 0)
 
 
 def _originFor(points: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
