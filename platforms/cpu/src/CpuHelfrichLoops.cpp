@@ -32,6 +32,18 @@ void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p
     compute(layout, Parameters<Real>(p), slopes, arrays, firstGroup, lastGroup, gradients);
 }
 
+void addUpGeometry(const CpuHelfrichArrays<double>& arrays, int firstSlot, int lastSlot, HelfrichTotals& totals) {
+    Vector<double> area = {}, volume = {}, curvature = {};
+    for (int slot = firstSlot; slot < lastSlot; slot += SimdOf<double>::WIDTH) {
+        area += load(arrays.areas + slot);
+        volume += load(arrays.volumes + slot);
+        curvature += load(arrays.curvatures + slot);
+    }
+    totals.area = sum(area);
+    totals.volume = sum(volume) * (1.0 / 18.0);
+    totals.curvature = sum(curvature);
+}
+
 CpuHelfrichBox findBox(const double* positions, int firstSlot, int lastSlot) {
     // Several rows of points beside each other keep the processor busy.  Comparisons leave out what is not a number, a
     // sum does not.
@@ -79,6 +91,7 @@ const CpuHelfrichLoops& getCompiledFor<CpuHelfrichLoops, CpuInstructionSet::HELF
              HELFRICH_SIMD::computeEnergyOfMaterials<double>, HELFRICH_SIMD::computeGradientOfMaterials<double>},
             {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>,
              HELFRICH_SIMD::computeEnergyOfMaterials<float>, HELFRICH_SIMD::computeGradientOfMaterials<float>},
+            addUpGeometry,
             findBox,
             roundPositions};
     return functions;
