@@ -50,9 +50,7 @@ public:
     void setNeighborList(CpuHelfrichNeighborList* neighborList) {
         this->neighborList = neighborList;
     }
-    void setParameters(const HelfrichParameters& parameters) {
-        p = parameters;
-    }
+    void setParameters(const HelfrichParameters& parameters);
     /**
      * Find the neighbors of a vertex that are closer than the repulsion's onset.
      */
@@ -110,7 +108,7 @@ private:
     }
     const std::vector<int>&particles, &surfaces, &species;
     CpuHalfedges mesh;
-    const CpuEdgeFlipEvaluation& evaluation;
+    const CpuEdgeFlipEvaluation* evaluation;
     HelfrichParameters p;
     std::vector<CpuEdgeFlipVertex> vertices;
     CpuHelfrichNeighborList* neighborList;

@@ -39,12 +39,12 @@ struct CpuMembraneSums {
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
-            : CalcHelfrichForceKernel(name, platform), loops(getForProcessor<CpuHelfrichLoops>()) {
+            : CalcHelfrichForceKernel(name, platform), loops(&getForProcessor<CpuHelfrichLoops>()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    void computeGeometry(OpenMM::ContextImpl& context, const PeriodicBox& box, HelfrichGeometry& geometry);
     /**
      * Get the geometry at the present positions, which a sweep reads.  It is not computed again where the last
      * evaluation, that at the end of a trajectory for example, was at the same positions and went through the same
@@ -59,10 +59,10 @@ public:
      * Get the neighbors of each vertex for the present positions, partitioned as the present mesh is.  Who changes the
      * mesh may partition them anew.
      *
-     * @param context  the Context in which to execute the kernel
-     * @param onset    the onset of the repulsion, measured in nm
+     * @param context     the Context in which to execute the kernel
+     * @param parameters  those of the repulsion
      */
-    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
+    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     bool canMakeTrajectory() const {
         return true;
     }
@@ -79,6 +79,7 @@ private:
     template <class Function>
     void forEachChunk(const Function& function) const;
     void updateLayout();
+    void setBox(const PeriodicBox& newBox);
     void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadPositions(OpenMM::ContextImpl& context);
     /**
@@ -142,8 +143,9 @@ private:
     int getLastGroup(int chunk) const;
     int getFirstSlot(int chunk) const;
     int getLastSlot(int chunk) const;
-    const CpuHelfrichLoops& loops;
+    const CpuHelfrichLoops* loops;
     const HelfrichMesh* mesh;
+    bool isPeriodic;
     int numThreads;
     long long revision;
     CpuHelfrichLayout layout;
@@ -156,6 +158,8 @@ private:
     /// the geometry at the positions of slots, if it is known; whether its loop had a tether, and whether sweeps ask
     CpuVertexGeometry geometry;
     bool isGeometryKnown = false, hadTether = false, isGeometryWanted = false;
+    /// in which the positions are
+    PeriodicBox box;
     /// in a trajectory with coarser meshes: these, and the force on each slot
     CoarseMotion<CpuCoarseMeshes>* coarse = NULL;
     Array forces;

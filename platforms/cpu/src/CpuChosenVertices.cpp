@@ -53,6 +53,7 @@ void CpuChosenVertices::computeGroup(const int* slots, int count, CpuVertexGeome
         copyRing(slots[min(lane, count - 1)], lane);
     CpuHelfrichArrays<double> arrays = {copiedPositions.data(),    bendingSlopes.data(),    ofCopies.areas.data(),
                                         ofCopies.curvatures.data(), ofCopies.volumes.data(), anglesPerLength.data()};
+    arrays.box = p.box;
     CpuHelfrichSums sums;
     loops.computeEnergy(copies, p, arrays, 0, 1, sums);
     for (int i = 0; i < count; i++) {

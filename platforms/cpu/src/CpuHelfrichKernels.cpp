@@ -37,7 +37,10 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
                                             const HelfrichMesh& mesh) {
     this->mesh = &mesh;
-    setLayoutWidth(loops.inDouble.width);
+    isPeriodic = force.usesPeriodicBoundaryConditions();
+    if (isPeriodic)
+        loops = &getForProcessor<CpuPeriodicHelfrichLoops>();
+    setLayoutWidth(loops->inDouble.width);
 }
 
 void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
@@ -78,9 +81,16 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     revision = mesh->getRevision();
 }
 
+void CpuCalcHelfrichForceKernel::setBox(const PeriodicBox& newBox) {
+    isGeometryKnown &= (newBox == box);
+    box = newBox;
+    repulsion.setBox(box);
+}
+
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
+    setBox(parameters.box);
     if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -92,6 +102,7 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
                                       NULL,
                                       NULL,
                                       reinterpret_cast<Real*>(anglesPerLength.data())};
+    arrays.box = parameters.box;
     if constexpr (is_same<Real, float>::value) {
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
@@ -216,7 +227,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeEnergyOfMaterials : loops.in<Real>().computeEnergy;
+    auto compute = hasMaterials ? loops->in<Real>().computeEnergyOfMaterials : loops->in<Real>().computeEnergy;
     forEachChunk([&](int chunk) {
         compute(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
         if (hasMaterials)
@@ -242,7 +253,7 @@ void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
             ;
         HelfrichTotals& totals = sums.totals[surface];
         totals.area = addUp(chunkSums, &CpuHelfrichSums::area, first, last);
-        totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
+        totals.volume = isPeriodic ? 0 : addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
         totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature, first, last);
         sums.area += totals.area;
     }
@@ -271,7 +282,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeGradientOfMaterials : loops.in<Real>().computeGradient;
+    auto compute = hasMaterials ? loops->in<Real>().computeGradientOfMaterials : loops->in<Real>().computeGradient;
     compute(layout, parameters, sums.slopes[chunks[chunk].surface], arrays, getFirstGroup(chunk), getLastGroup(chunk),
             gradients);
     if (hasMaterials)
@@ -336,7 +347,7 @@ double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameter
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     loadPositions(*getData(context).positions, chunk);
-    chunkBoxes[chunk] = loops.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+    chunkBoxes[chunk] = loops->findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     const vector<Vec3>& source = *getData(context).velocities;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
@@ -382,7 +393,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         }
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -415,7 +426,7 @@ void CpuCalcHelfrichForceKernel::drift(const CpuHelfrichArrays<Real>& arrays, in
             nextPositions[4 * slot + i] = (v[3] == 0 ? x[i] : x[i] + time * (v[i] + motion[i]));
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -455,10 +466,12 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
     frexp(extent, &exponent);
     double unit = ldexp(1, exponent - 31);
     forEachChunk([&](int chunk) {
-        loops.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
-                             arrays.fixedPositions);
+        loops->roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
+                              arrays.fixedPositions);
     });
     arrays.fixedUnit = unit;
+    for (int i = 0; i < 3; i++)
+        arrays.fixedBox[i] = (uint32_t) (uint64_t) llround(min(arrays.box.lengths[i] / unit, 0x1p62));
     return true;
 }
 
@@ -491,7 +504,7 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
     // known.
 
-    setLayoutWidth(loops.in<Real>().width);
+    setLayoutWidth(loops->in<Real>().width);
     chooseNumThreads(context);
     auto arrays = prepareArrays<Real>(parameters);
     nextPositions.resize(positions.size());
@@ -546,13 +559,14 @@ void CpuCalcHelfrichForceKernel::findGeometry(ContextImpl& context, const Helfri
     // no tether is taut.
 
     HelfrichParameters p;
+    p.box = parameters.box;
     p.moduli[Term::Bending] = 1;
     if (parameters.needsCurvature() && !parameters.hasForcesOfSpecies())
         p.moduli[Term::Tether] = parameters.has(Term::Tether);
     p.tetherMaxLength = INFINITY;
     chooseNumThreads(context);
     isGeometryKnown = isGeometryKnown && hadTether == p.has(Term::Tether) && hasPositions(context);
-    bool wasKnown = isGeometryKnown;
+    bool wasKnown = isGeometryKnown && parameters.box == box;
     auto arrays = prepareArrays<double>(p);
     if (isGeometryKnown)
         return;
@@ -580,11 +594,11 @@ void CpuCalcHelfrichForceKernel::followLayout(const HelfrichParameters& paramete
         layout.moveNumbers(numbers, numThreads);
     vector<int> slots = CpuChosenVertices::sort(layout, layout.getFilledSlots());
     CpuThreads::forEachPart(numThreads, slots.size(), ITEMS_PER_PART, [&](int begin, int end) {
-        CpuChosenVertices(loops.inDouble, parameters, layout, arrays.positions)
+        CpuChosenVertices(loops->inDouble, parameters, layout, arrays.positions)
                 .compute(&slots[begin], end - begin, geometry);
     });
     forEachChunk([&](int chunk) {
-        loops.addUpGeometry(arrays, getFirstSlot(chunk), getLastGroup(chunk) * layout.width, chunkSums[chunk]);
+        loops->addUpGeometry(arrays, getFirstSlot(chunk), getLastGroup(chunk) * layout.width, chunkSums[chunk]);
     });
     addUpSurfaces(sums);
     setGeometry(parameters, sums, true);
@@ -597,8 +611,11 @@ const CpuVertexGeometry& CpuCalcHelfrichForceKernel::getGeometry(ContextImpl& co
     return geometry;
 }
 
-void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& result) {
-    findGeometry(context, HelfrichParameters());
+void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
+                                                 HelfrichGeometry& result) {
+    HelfrichParameters parameters;
+    parameters.box = box;
+    findGeometry(context, parameters);
     result.setTotals(geometry.totals);
     result.vertexAreas.resize(mesh->getNumVertices());
     result.vertexMeanCurvatures.resize(mesh->getNumVertices());
@@ -610,15 +627,17 @@ void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichG
     });
 }
 
-CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context,
+                                                                     const HelfrichParameters& parameters) {
     chooseNumThreads(context);
     updateLayout();
+    setBox(parameters.box);
     if (!hasPositions(context))
         loadPositions(context);
     forEachChunk([&](int chunk) {
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     });
-    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
+    return repulsion.getNeighborList(*mesh, layout, positions.data(), parameters.repulsionOnset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
 }
 
@@ -638,7 +657,7 @@ bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParame
         edgeFlips.reset(new CpuEdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
     CpuHelfrichNeighborList* neighbors = NULL;
     if (CpuEdgeFlipSweep::needsNeighborList(parameters))
-        neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
+        neighbors = &calculation->getNeighborList(context, parameters);
     edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
     statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
     return true;

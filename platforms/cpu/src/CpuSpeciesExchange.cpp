@@ -198,9 +198,10 @@ void CpuSpeciesExchange::prepareVertex(int v) {
         return;
     double defect = 2 * M_PI;
     const int* ring = &neighbors[vertex.ring];
-    Vector3<double> spoke = displacement(x[v], x[ring[0]]);
+    Vector3<double> spoke = displacement(x[v], x[ring[0]], p.box);
     for (int i = 0; i < vertex.valence; i++) {
-        Vector3<double> next = displacement(x[v], x[ring[i + 1 == vertex.valence ? 0 : i + 1]]), link = next - spoke;
+        Vector3<double> next = displacement(x[v], x[ring[i + 1 == vertex.valence ? 0 : i + 1]], p.box),
+                        link = next - spoke;
         if (p.has(Term::Line))
             lengths[vertex.ring + i] = {sqrt(dot(spoke, spoke)), sqrt(dot(link, link))};
         if (p.hasGaussianForces()) {
@@ -473,7 +474,8 @@ double CpuSpeciesExchange::changeOfMedians(int v, const Surroundings& around, in
     double change = 0;
     for (int i = 0; i < vertex.valence; i++) {
         int j = (i + 1 == vertex.valence ? 0 : i + 1), n = around[i], m = around[j];
-        Vector3<double> toN = displacement(x[v], x[around.ring[i]]), toM = displacement(x[v], x[around.ring[j]]);
+        Vector3<double> toN = displacement(x[v], x[around.ring[i]], p.box),
+                        toM = displacement(x[v], x[around.ring[j]], p.box);
         auto energy = [&](int row) {
             if (row == n || n == m || m == row)
                 return 0.0;

@@ -220,7 +220,8 @@ class Evidence:
         by fewer the larger the bending modulus; what they pull was measured without one, and with one of 20 kT.
         """
         pull = abs(self.moduli.get("tension", 0)) * rows["area"].mean()
-        pull += abs(self.moduli.get("pressure", 0)) * rows["volume"].mean()
+        if self.moduli.get("pressure", 0) != 0:
+            pull += abs(self.moduli["pressure"]) * rows["volume"].mean()
         if self.bending is not None:
             pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.flatEnergy + self.undulation)
         volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
@@ -327,7 +328,10 @@ def leastEnergy(surface: Mesh) -> float:
 def greatestEnergy(surface: Mesh) -> float:
     """Return the largest bending energy, over 8 pi kappa, that a smooth closed surface of the same reduced volume is
     likely to have: that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.
+    Of a periodic one it is that of a sphere.
     """
+    if surface.isPeriodic:
+        return 1.0
     return 1 + 1 / max(surface.reducedVolume, 1e-3) ** 2
 
 
@@ -458,7 +462,8 @@ def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
 
 
 def _continuum(e: Evidence) -> Iterator[Measured]:
-    if e.bending is not None and e.isUniform and e.flatEnergy == 0:
+    isClosed = e.mesh is not None and not e.mesh.isPeriodic
+    if e.bending is not None and e.isUniform and e.flatEnergy == 0 and isClosed:
         least, unit = e.energyOf(leastEnergy), e.energyOf(lambda _: 1)
         what = (
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, less than any smooth surface of "
