@@ -18,6 +18,7 @@ import openmmhelfrich as mh
 from meshdialects import DIALECTS, INDICES, XYZ, binarySTL, checkpoint, gltf, obj, ownVTU, ply, text, textSTL
 from openmmhelfrich.geometry import connectivity
 from openmmhelfrich.geometry.formats import vtkfiles
+from openmmhelfrich.geometry.quality import assess
 
 WRITTEN = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh", "tsi", "q", "h5"]
 # Those whose writers have no more than eleven digits, or whose format has single precision.
@@ -381,6 +382,30 @@ def testWhatIsWrongIsNamed(tmp_path, capfd, name, content, message):
         mh.Mesh.read(tmp_path / name).check()
     assert str(error.value).startswith(str(tmp_path / name)) and "\n" not in str(error.value)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("suffix", sorted({*WRITTEN} - {"stl"}))
+def testHugeNumbersAreRefusedBeforeTheyAreMultiplied(tmp_path, suffix):
+    """A mesh of any size that is taken can be measured, without overflows."""
+    mesh, file = mh.Mesh.icosphere(2), tmp_path / f"a.{suffix}"
+    vertices = mesh.vertices.copy()
+    for factor in (1e61, 1e150, 1e300):
+        mesh.vertices[:] = factor * vertices
+        mesh.write(file)
+        for repair in (False, True):
+            with pytest.raises(ValueError, match=r"a\.\w+: .*(every coordinate|the box).* 1e\+60"):
+                mh.Mesh.read(file, repair=repair)
+        with pytest.raises(ValueError, match="every coordinate must be a number from"):
+            mesh.check()
+    mesh.vertices[:] = 1e59 * vertices
+    mesh.write(file)
+    with pytest.raises(ValueError, match="every coordinate must be a number from"):
+        mh.Mesh.read(file, unit=1e300)
+    found = mh.Mesh.read(file, repair=True)
+    quality = assess(found)
+    assert found.reducedVolume == pytest.approx(mh.Mesh.icosphere(2).reducedVolume, rel=1e-3)
+    assert np.all(np.isfinite(quality.aspectRatios)) and not len(quality.crossings) and quality.lines()
 
 
 def damaged(content, random):

@@ -23,6 +23,8 @@ from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
+GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
+
 
 # What the array of files is called that has the numbers of species.
 SPECIES_FIELD = "Species"
@@ -88,8 +90,8 @@ class Mesh:
         Raises
         ------
         ValueError
-            if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
-            triangles form a closed surface is :meth:`check`'s question.
+            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
+            Whether the triangles form a closed surface is :meth:`check`'s question.
         """
         self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
@@ -281,7 +283,8 @@ class Mesh:
         try:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
-            content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
+            isUsed = connectivity.isUsed(mesh.triangles, len(mesh.vertices))
+            content.noteLeftOut(int(np.count_nonzero(~isUsed)), "vertices of no face")
             mesh.species = _speciesIn(content, speciesField)
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
@@ -408,8 +411,7 @@ class Mesh:
         ValueError
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
-        if not np.all(np.isfinite(self.vertices)):
-            raise ValueError(_notFinite(self.vertices))
+        _requireSizes(self.vertices)
         folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
         if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
@@ -590,8 +592,10 @@ class Mesh:
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
         result = self._with(slice(None), self.triangles)
-        result.vertices *= factor
-        result.box = None if self.box is None else self.box * factor
+        with np.errstate(over="ignore"):  # what becomes too large is refused
+            result.vertices *= factor
+            result.box = None if self.box is None else self.box * factor
+        _requireSizes(result.vertices)
         return result
 
     def _speciesLeft(self, other: "Mesh") -> list[str]:
@@ -609,8 +613,7 @@ class Mesh:
 
     def _withoutLooseVertices(self, notes: Iterable[str] = ()) -> "Mesh":
         """Return the mesh without vertices that belong to no triangle, with notes."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.triangles] = True
+        used = connectivity.isUsed(self.triangles, len(self.vertices))
         result = self._with(used, (np.cumsum(used) - 1)[self.triangles])
         result.notes = list(notes)
         return result
@@ -699,8 +702,7 @@ def _floats(vertices: Any) -> np.ndarray:
         raise ValueError("the vertices must be an array of numbers of shape (N, 3)") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"the vertices have the shape {vertices.shape}; it must be (N, 3)")
-    if not np.all(np.isfinite(vertices)):
-        raise ValueError(_notFinite(vertices))
+    _requireSizes(vertices)
     return vertices
 
 
@@ -711,16 +713,26 @@ def _boxVectors(box: Any) -> np.ndarray:
     except (TypeError, ValueError):
         raise ValueError("the box must be three vectors, three lengths, or one") from None
     vectors = np.diag(np.broadcast_to(box, 3)) if box.size in (1, 3) and box.ndim < 2 else box
-    if vectors.shape != (3, 3) or not np.all(np.isfinite(vectors)) or np.linalg.det(vectors) <= 0:
-        raise ValueError(f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive")
+    if vectors.shape != (3, 3) or not _isSized(vectors) or np.linalg.det(vectors) <= 0:
+        raise ValueError(
+            f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive and at most "
+            f"{GREATEST:g}"
+        )
     return vectors.copy()
 
 
-def _notFinite(vertices: np.ndarray) -> str:
-    v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
-    return (
-        f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
-    )
+def _isSized(numbers: np.ndarray) -> bool:
+    """Return whether all of some numbers are numbers, and not too large."""
+    return bool(numbers.min(initial=0) >= -GREATEST and numbers.max(initial=0) <= GREATEST)
+
+
+def _requireSizes(vertices: np.ndarray) -> None:
+    if not _isSized(vertices):
+        v = np.flatnonzero(~(np.abs(vertices) <= GREATEST).all(axis=1))[0]
+        raise ValueError(
+            f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be a "
+            f"number from {-GREATEST:g} to {GREATEST:g}"
+        )
 
 
 def _indices(triangles: Any, numVertices: int) -> np.ndarray:

@@ -17,8 +17,9 @@ from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
 from .coarsemeshes import CoarseMeshes, makeCoarseMeshes
+from .conditions import moduliOf
 from .moves import findMove
-from .targets import MODULI, currentTargets, setTargets, totalOf
+from .targets import currentTargets, setTargets, totalOf
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
@@ -378,11 +379,11 @@ class _Descent:
         Forces change along them with the targets.
         """
         context, force, part = self.simulation.context, self.force, 1e-3
-        targets, surfaces = currentTargets(context, force), meshes.surfaces
+        targets, moduli, surfaces = currentTargets(context, force), moduliOf(context, force), meshes.surfaces
         forces, typical = self._evaluate()[1], self._typicalStiffness(isFixed)
         columns = []
         for name, target in targets.items():
-            modulus = valueIn(MODULI[totalOf(name)](force), _ENERGY)
+            modulus = moduli[totalOf(name)]
             if modulus == 0:
                 continue
             setTargets(context, force, {name: (1 + part) * target})
