@@ -6,6 +6,7 @@ Chem. Phys. 157, 174801 (2022)), and more.
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
     python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
     python benchmarks/benchmark.py --precision mixed  # forces in trajectories in single precision
+    python benchmarks/benchmark.py --sweeps           # sweeps of flips and exchanges, the fastest of many
 
 Prints a table and writes it as JSON and as a plot.  Each size runs in a process of its own, so that its peak memory is
 its own.  Where TriMem is importable, it is timed on the same meshes and parameters, and the ratio is printed.
@@ -209,6 +210,54 @@ def timeExchangesOf(mesh, gaussianModulus, fraction, threads):
     context.getIntegrator().step(int(10 / fraction))
     seconds, spread = timeCalls(lambda: context.getIntegrator().step(1))
     return 1e9 * seconds / (fraction * (3 * len(mesh.vertices) - 6)), spread
+
+
+def timeSmallSweeps(sizes, threads, count=300):
+    """Print the time of an attempt in sweeps over 10% of the edges: the fastest sweep of many, one after the other and
+    after trajectories, which leave another part of the membrane in the cache.
+    """
+    import numpy as np
+
+    import openmmhelfrich as mh
+
+    print("an attempt in sweeps over 10% of the edges, ns: one sweep after the other, and after a trajectory")
+    for size, numThreads in itertools.product(sizes, threads):
+        mesh = createMembrane(size)
+        random = np.random.default_rng(2).random(size) < 0.5
+        pairs = createForce(mesh, terms=TERMS[1:])
+        pairs.addSpecies(0, 0)
+        pairs.addSpecies(0, 0)
+        pairs.setPairEnergy(0, 1, KT)
+        pairs.setVertexSpecies(random.astype(int))
+        for name, force in {
+            "flips": createForce(mesh),
+            "flips, repulsion": createForce(mesh, True),
+            "exchanges, bending, line tension": createMaterial(mesh, random),
+            "exchanges, and Gaussian moduli": createMaterial(mesh, random, -10 * KT),
+            "exchanges, pair energies alone": pairs,
+        }.items():
+            integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 10, 0.1, 0.3)
+            integrator.setRandomNumberSeed(1)
+            if "exchanges" in name:
+                integrator.addMove(mh.SpeciesExchangeIntegrator(300, 0.1), 0.2)
+            context = createContext(mesh, force, integrator, "CPU", numThreads)
+            sweeps = integrator.getIntegrator(integrator.getNumIntegrators() - 1)
+            fastest = [timeFastest(sweeps, before, count) for before in (None, integrator.getIntegrator(0))]
+            ns = [1e9 * seconds / (0.1 * (3 * size - 6)) for seconds in fastest]
+            print(f"{ns[0]:>8.1f} {ns[1]:>8.1f}  {size} vertices, {numThreads} threads, {name}", flush=True)
+            del context
+
+
+def timeFastest(move, before, count):
+    """Return the time of the fastest of many steps of a move, in seconds, each after one of another move or None."""
+    times = []
+    for _ in range(count):
+        if before is not None:
+            before.step(1)
+        start = time.perf_counter()
+        move.step(1)
+        times.append(time.perf_counter() - start)
+    return min(times)
 
 
 def timeForces(results, size, platform, threads, precision, repulsion):
@@ -427,6 +476,7 @@ def main():
     )
     parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
     parser.add_argument("--exchanges", action="store_true", help="time exchanges of species instead")
+    parser.add_argument("--sweeps", action="store_true", help="time sweeps over 10%% of the edges instead")
     parser.add_argument("--case", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
@@ -434,6 +484,9 @@ def main():
         return
     if options.exchanges:
         timeExchanges(options.sizes, options.threads)
+        return
+    if options.sweeps:
+        timeSmallSweeps(options.sizes, options.threads)
         return
     if options.terms:
         timeTerms(10242, 1)

@@ -80,13 +80,12 @@ private:
     void forEachChunk(const Function& function) const;
     void updateLayout();
     void setBox(const PeriodicBox& newBox);
-    /**
-     * Load the positions of a chunk.
-     *
-     * @return whether they are the same as before
-     */
-    bool loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
+    void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
     void loadPositions(OpenMM::ContextImpl& context);
+    /**
+     * Get whether the vertices in all slots are where the Context has them.
+     */
+    bool hasPositions(OpenMM::ContextImpl& context) const;
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
     void computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients);
@@ -105,6 +104,13 @@ private:
      */
     void keepGeometry(CpuHelfrichArrays<double>& arrays);
     void findGeometry(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
+    /**
+     * Get whether the geometry is that of the present positions but for the rings that the layout has filled since.
+     */
+    bool canFollowLayout() const;
+    void followLayout(const HelfrichParameters& parameters, const CpuHelfrichArrays<double>& arrays,
+                      CpuMembraneSums& sums);
+    void setGeometry(const HelfrichParameters& parameters, const CpuMembraneSums& sums, bool isKnown);
     template <class Real>
     void computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                          const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);

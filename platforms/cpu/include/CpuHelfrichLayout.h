@@ -52,6 +52,28 @@ public:
      */
     void update(const HelfrichMesh& mesh, int numThreads);
     /**
+     * Get whether the last update moved slots, and filled no more than the rings of some.
+     */
+    bool hasMoved() const {
+        return isMoved;
+    }
+    /**
+     * Get the slots of the vertices whose rings the last update filled, if it moved slots.
+     */
+    const std::vector<int>& getFilledSlots() const {
+        return filled;
+    }
+    /**
+     * Get whether the vertex in a slot was there before the last update, which moved slots.
+     */
+    bool hasStayed(int slot) const {
+        return moves[slot] == slot;
+    }
+    /**
+     * Move numbers of slots as the last update has moved the slots.
+     */
+    void moveNumbers(double* numbers, int numThreads) const;
+    /**
      * Divide the surfaces into parts.
      *
      * @param size  the number of vertices of a part, but for the last of each surface: a multiple of the width
@@ -77,13 +99,13 @@ public:
     /// some room.
     std::vector<int> neighbors;
 private:
-    void fillAll(const HelfrichMesh& mesh, const std::vector<Part>& patches, int numThreads);
+    void fillAll(const HelfrichMesh& mesh, int numThreads);
     /**
      * Move the slots of patches and their rings, all but those of vertices around which the connectivity has changed.
      *
      * @return false if there is too little room for the rings of a patch: everything must be filled
      */
-    bool moveAll(const HelfrichMesh& mesh, const std::vector<Part>& patches, int numThreads);
+    bool moveAll(const HelfrichMesh& mesh, int numThreads);
     void fillSlots(const HelfrichMesh& mesh, const Part& patch);
     int findLastGroup(const Part& patch) const {
         return (patch.getEnd() + width - 1) / width;
@@ -105,8 +127,10 @@ private:
     long long revision = NONE;
     /// where the rings of each patch begin, and where those of the last end
     std::vector<int> patchStarts;
-    /// the slot to which the vertex in each slot moves
-    std::vector<int> moves;
+    /// the slot to which the vertex in each slot moved, and those whose rings changed, if the last update moved slots
+    std::vector<int> moves, filled;
+    bool isMoved = false;
+    std::vector<Part> patches;
 };
 
 } // namespace HelfrichPlugin

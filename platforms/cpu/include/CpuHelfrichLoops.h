@@ -19,9 +19,11 @@ struct CpuHelfrichArrays {
     double* positions;
     /// of each slot: the derivative of the bending energy by its curvature, 4 kappa_B M/A
     Real* bendingSlopes;
-    /// of each slot, or NULL if nobody wants them
+    /// of each slot, or NULL if nobody wants them: the area, the curvature, and 18 times the volume between the
+    /// surface's origin and a third of each of the slot's triangles
     Real* areas;
     Real* curvatures;
+    Real* volumes;
     /// of each corner: the dihedral angle of the edge over its length
     Real* anglesPerLength;
     /// what loops in single precision read in place of the positions; see CpuHelfrichLoops::roundPositions()
@@ -103,6 +105,8 @@ struct CpuHelfrichLoops {
         else
             return inSingle;
     }
+    /// add up the areas, volumes and curvatures of a range of slots, to the bits that computeEnergy() finds
+    void (*addUpGeometry)(const CpuHelfrichArrays<double>& arrays, int firstSlot, int lastSlot, HelfrichTotals& totals);
     /// find the smallest box around the vertices of a range of slots
     CpuHelfrichBox (*findBox)(const double* positions, int firstSlot, int lastSlot);
     /// compute the fixed point numbers (x, y, z, unused) that are positions relative to the corner of a box, times a

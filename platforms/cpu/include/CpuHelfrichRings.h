@@ -351,10 +351,13 @@ void computeEnergy(const CpuHelfrichLayout& layout, const Parameters<Real>& p, c
         // Without triangles there is an area of 0, and yet of NaN where a position is not finite.
         Vector<Real> vertexArea =
                 parts == Edges ? Real(0) * dot(offset, offset) : ringSums.doubleAreas * Real(1.0 / 6.0);
+        Vector<Real> vertexVolume = dot(ringSums.normals, offset);
         area += toDoubles(vertexArea);
-        volume += toDoubles(dot(ringSums.normals, offset));
-        if (arrays.areas != nullptr)
+        volume += toDoubles(vertexVolume);
+        if (arrays.areas != nullptr) {
             store(arrays.areas + slot, vertexArea);
+            store(arrays.volumes + slot, vertexVolume);
+        }
         if (parts >= Angles) {
             Vector<Real> vertexCurvature = Real(0.25) * ringSums.curvature;
             Vector<Real> meanCurvature = choose(vertexArea > Real(0), vertexCurvature / vertexArea, Vector<Real>{});

@@ -15,12 +15,16 @@ struct CpuVertexGeometry {
     typedef std::vector<double, CacheLineAllocator<double>> Array;
     /// of each surface
     std::vector<HelfrichTotals> totals;
-    /// of each slot
-    Array areas, curvatures;
+    /// of each slot; see CpuHelfrichArrays for the volumes
+    Array areas, curvatures, volumes;
     /// the slot of each vertex
     const int* slots = nullptr;
     /// this number changes whenever the others do
     long long number = 0;
+    void resize(int numSlots) {
+        for (Array* array : {&areas, &curvatures, &volumes})
+            array->resize(numSlots);
+    }
     double getArea(int vertex) const {
         return areas[slots[vertex]];
     }

@@ -1,4 +1,5 @@
 #include "CpuHelfrichKernels.h"
+#include "CpuChosenVertices.h"
 #include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include "openmm/System.h"
@@ -52,6 +53,7 @@ void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
     chunkBoxes.resize(getNumChunks());
     particles.resize(layout.getNumSlots());
     revision = mesh->getRevision() - 1;
+    isGeometryKnown = false;
 }
 
 void CpuCalcHelfrichForceKernel::chooseNumThreads(ContextImpl& context) {
@@ -94,7 +96,11 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
         anglesPerLength.reserve(layout.neighbors.capacity());
         anglesPerLength.resize(layout.neighbors.size());
     }
-    CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL,
+    CpuHelfrichArrays<Real> arrays = {positions.data(),
+                                      reinterpret_cast<Real*>(bendingSlopes.data()),
+                                      NULL,
+                                      NULL,
+                                      NULL,
                                       reinterpret_cast<Real*>(anglesPerLength.data())};
     arrays.box = parameters.box;
     if constexpr (is_same<Real, float>::value) {
@@ -109,16 +115,26 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
     return arrays;
 }
 
+void CpuCalcHelfrichForceKernel::setGeometry(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
+                                             bool isKnown) {
+    isGeometryKnown = isKnown;
+    if (!isKnown)
+        return;
+    geometry.totals = sums.totals;
+    geometry.number++;
+    hadTether = parameters.has(Term::Tether);
+}
+
 bool CpuCalcHelfrichForceKernel::canKeepGeometry(const HelfrichParameters& parameters) const {
     return isGeometryWanted && parameters.needsCurvature() && !parameters.hasForcesOfSpecies();
 }
 
 void CpuCalcHelfrichForceKernel::keepGeometry(CpuHelfrichArrays<double>& arrays) {
-    geometry.areas.resize(layout.getNumSlots());
-    geometry.curvatures.resize(layout.getNumSlots());
+    geometry.resize(layout.getNumSlots());
     geometry.slots = layout.slots.data();
     arrays.areas = geometry.areas.data();
     arrays.curvatures = geometry.curvatures.data();
+    arrays.volumes = geometry.volumes.data();
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -141,32 +157,35 @@ int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
     return chunks[chunk].getEnd();
 }
 
-bool CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
-    bool areSame = true;
-    auto load = [&](int slot) {
+void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
+    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++) {
         const Vec3& x = source[particles[slot]];
-        double* position = &positions[4 * slot];
-        bool isSame = (position[0] == x[0]) & (position[1] == x[1]) & (position[2] == x[2]);
-        position[0] = x[0];
-        position[1] = x[1];
-        position[2] = x[2];
-        return isSame;
-    };
-    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++)
-        areSame &= load(slot);
-    for (int slot = getLastSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++)
-        load(slot);
-    return areSame;
+        positions[4 * slot] = x[0];
+        positions[4 * slot + 1] = x[1];
+        positions[4 * slot + 2] = x[2];
+    }
 }
 
 void CpuCalcHelfrichForceKernel::loadPositions(ContextImpl& context) {
+    isGeometryKnown = false;
     const vector<Vec3>& source = *getData(context).positions;
-    atomic<bool> areSame{isGeometryKnown};
+    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
+}
+
+bool CpuCalcHelfrichForceKernel::hasPositions(ContextImpl& context) const {
+    const vector<Vec3>& source = *getData(context).positions;
+    atomic<bool> areSame{true};
     forEachChunk([&](int chunk) {
-        if (!loadPositions(source, chunk))
+        bool isChunkSame = true;
+        for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
+            const Vec3& x = source[particles[slot]];
+            const double* position = &positions[4 * slot];
+            isChunkSame &= (position[0] == x[0]) & (position[1] == x[1]) & (position[2] == x[2]);
+        }
+        if (!isChunkSame)
             areSame = false;
     });
-    isGeometryKnown = areSame;
+    return areSame;
 }
 
 /**
@@ -223,12 +242,7 @@ void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& paramet
         sums.line = addUp(chunkSums, &CpuHelfrichSums::line);
     }
     addUpSurfaces(sums);
-    isGeometryKnown = (arrays.areas != NULL);
-    if (isGeometryKnown) {
-        geometry.totals = sums.totals;
-        geometry.number++;
-        hadTether = parameters.has(Term::Tether);
-    }
+    setGeometry(parameters, sums, arrays.areas != NULL);
 }
 
 void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
@@ -551,13 +565,43 @@ void CpuCalcHelfrichForceKernel::findGeometry(ContextImpl& context, const Helfri
         p.moduli[Term::Tether] = parameters.has(Term::Tether);
     p.tetherMaxLength = INFINITY;
     chooseNumThreads(context);
+    isGeometryKnown = isGeometryKnown && hadTether == p.has(Term::Tether) && hasPositions(context);
+    bool wasKnown = isGeometryKnown && parameters.box == box;
     auto arrays = prepareArrays<double>(p);
-    loadPositions(context);
-    if (isGeometryKnown && hadTether == p.has(Term::Tether))
+    if (isGeometryKnown)
         return;
+    loadPositions(context);
     keepGeometry(arrays);
     CpuMembraneSums sums(mesh->getNumSurfaces());
-    computeEnergy(p, arrays, sums);
+    if (wasKnown && canFollowLayout())
+        followLayout(p, arrays, sums);
+    else
+        computeEnergy(p, arrays, sums);
+}
+
+bool CpuCalcHelfrichForceKernel::canFollowLayout() const {
+    // The volumes are relative to the first vertex of each surface.
+
+    bool areOriginsSame = layout.hasMoved();
+    for (const auto& chunk : chunks)
+        areOriginsSame = areOriginsSame && layout.hasStayed(chunk.origin);
+    return areOriginsSame;
+}
+
+void CpuCalcHelfrichForceKernel::followLayout(const HelfrichParameters& parameters,
+                                              const CpuHelfrichArrays<double>& arrays, CpuMembraneSums& sums) {
+    for (double* numbers : {arrays.areas, arrays.curvatures, arrays.volumes})
+        layout.moveNumbers(numbers, numThreads);
+    vector<int> slots = CpuChosenVertices::sort(layout, layout.getFilledSlots());
+    CpuThreads::forEachPart(numThreads, slots.size(), ITEMS_PER_PART, [&](int begin, int end) {
+        CpuChosenVertices(loops->inDouble, parameters, layout, arrays.positions)
+                .compute(&slots[begin], end - begin, geometry);
+    });
+    forEachChunk([&](int chunk) {
+        loops->addUpGeometry(arrays, getFirstSlot(chunk), getLastGroup(chunk) * layout.width, chunkSums[chunk]);
+    });
+    addUpSurfaces(sums);
+    setGeometry(parameters, sums, true);
 }
 
 const CpuVertexGeometry& CpuCalcHelfrichForceKernel::getGeometry(ContextImpl& context,
@@ -588,7 +632,8 @@ CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl
     chooseNumThreads(context);
     updateLayout();
     setBox(parameters.box);
-    loadPositions(context);
+    if (!hasPositions(context))
+        loadPositions(context);
     forEachChunk([&](int chunk) {
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     });

@@ -33,19 +33,29 @@ void CpuHelfrichLayout::initialize(const HelfrichMesh& mesh, int width) {
 }
 
 void CpuHelfrichLayout::update(const HelfrichMesh& mesh, int numThreads) {
-    const vector<Part> patches = divide(mesh, HelfrichMesh::PATCH);
-    vector<int> changed;
-    if (revision != NONE && mesh.findChanges(revision, changed) && moveAll(mesh, patches, numThreads)) {
-        for (int& chosen : changed)
+    patches = divide(mesh, HelfrichMesh::PATCH);
+    isMoved = (revision != NONE && mesh.findChanges(revision, filled) && moveAll(mesh, numThreads));
+    if (isMoved) {
+        for (int& chosen : filled)
             chosen = slots[chosen];
-        fillRings(mesh, changed);
+        fillRings(mesh, filled);
     }
     else
-        fillAll(mesh, patches, numThreads);
+        fillAll(mesh, numThreads);
     revision = mesh.getRevision();
 }
 
-void CpuHelfrichLayout::fillAll(const HelfrichMesh& mesh, const vector<Part>& patches, int numThreads) {
+void CpuHelfrichLayout::moveNumbers(double* numbers, int numThreads) const {
+    CpuThreads::forEach(numThreads, patches.size(), [&](int i) {
+        double old[HelfrichMesh::PATCH];
+        int first = patches[i].firstSlot;
+        copy_n(numbers + first, patches[i].size, old);
+        for (int n = 0; n < patches[i].size; n++)
+            numbers[moves[first + n]] = old[n];
+    });
+}
+
+void CpuHelfrichLayout::fillAll(const HelfrichMesh& mesh, int numThreads) {
     CpuThreads::forEach(numThreads, patches.size(), [&](int i) { fillSlots(mesh, patches[i]); });
     patchStarts.assign(1, 0);
     for (const Part& patch : patches) {
@@ -61,7 +71,7 @@ void CpuHelfrichLayout::fillAll(const HelfrichMesh& mesh, const vector<Part>& pa
     });
 }
 
-bool CpuHelfrichLayout::moveAll(const HelfrichMesh& mesh, const vector<Part>& patches, int numThreads) {
+bool CpuHelfrichLayout::moveAll(const HelfrichMesh& mesh, int numThreads) {
     moves.resize(getNumSlots());
     CpuThreads::forEach(numThreads, patches.size(), [&](int i) {
         int first = patches[i].firstSlot, end = patches[i].getEnd();

@@ -34,6 +34,18 @@ void chooseGradient(const CpuHelfrichLayout& layout, const HelfrichParameters& p
     compute(layout, Parameters<Real>(p), slopes, arrays, firstGroup, lastGroup, gradients);
 }
 
+void addUpGeometry(const CpuHelfrichArrays<double>& arrays, int firstSlot, int lastSlot, HelfrichTotals& totals) {
+    Vector<double> area = {}, volume = {}, curvature = {};
+    for (int slot = firstSlot; slot < lastSlot; slot += SimdOf<double>::WIDTH) {
+        area += load(arrays.areas + slot);
+        volume += load(arrays.volumes + slot);
+        curvature += load(arrays.curvatures + slot);
+    }
+    totals.area = sum(area);
+    totals.volume = sum(volume) * (1.0 / 18.0);
+    totals.curvature = sum(curvature);
+}
+
 CpuHelfrichBox findBox(const double* positions, int firstSlot, int lastSlot) {
     // Several rows of points beside each other keep the processor busy.  Comparisons leave out what is not a number, a
     // sum does not.
@@ -83,6 +95,7 @@ const LoopsInSpace& getCompiledFor<LoopsInSpace, CpuInstructionSet::HELFRICH_SIM
                               loops::computeEnergyOfMaterials<double>, loops::computeGradientOfMaterials<double>},
                              {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>,
                               loops::computeEnergyOfMaterials<float>, loops::computeGradientOfMaterials<float>},
+                             addUpGeometry,
                              findBox,
                              roundPositions}};
     return functions;

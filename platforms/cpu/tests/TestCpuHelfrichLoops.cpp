@@ -60,6 +60,7 @@ private:
                   bendingSlopes.data(),
                   NULL,
                   NULL,
+                  NULL,
                   anglesPerLength.data(),
                   fixedPositions.data(),
                   float(unit),
