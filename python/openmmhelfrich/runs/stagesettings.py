@@ -114,8 +114,8 @@ class MinimizeStage(StageSettings):
         0.0,
         ge=0,
         le=1000,
-        description="weight of coarser meshes that move vertices together, with which the number of iterations hardly "
-        "grows with the mesh; 2 pays from 2562 vertices on, 0 for none",
+        description="weight of coarser meshes that move vertices together; 2 takes a third of the iterations at 642 "
+        "vertices, and an eighth at 10242, 0 for none",
     )
     within_bounds: bool = Field(
         False,
