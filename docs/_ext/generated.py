@@ -41,6 +41,7 @@ KINDS = {
     "Temperature": "temperature, K",
     "StepSize": 'positive time, ps, or "auto"',
     "Amplitude": 'positive length, or "auto"',
+    "MultilevelWeight": 'number from 0 to 1000, or "auto"',
     "TargetArea": "positive area, or one for each surface",
     "TargetVolume": "positive volume, or one for each surface",
     "ReducedVolume": "number above 0 and at most 1, or one for each surface",

@@ -23,6 +23,8 @@ from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
+GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
+
 
 # What the array of files is called that has the numbers of species.
 SPECIES_FIELD = "Species"
@@ -88,14 +90,14 @@ class Mesh:
         Raises
         ------
         ValueError
-            if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
-            triangles form a closed surface is :meth:`check`'s question.
+            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
+            Whether the triangles form a closed surface is :meth:`check`'s question.
         """
-        self.vertices = _floats(valueIn(vertices, unit.nanometer))
+        self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
-        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
-        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
+        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer, "beads"))
         self.speciesNames = tuple(speciesNames)
         self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
@@ -121,7 +123,7 @@ class Mesh:
         """
         if subdivisions < 0 or subdivisions != int(subdivisions):
             raise ValueError(f"icosphere: subdivisions is {subdivisions}; it must be a whole number, 0 or more")
-        radius = _inUnit(radius, unit.nanometer)
+        radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         vertices, triangles = _icosahedron()
@@ -151,7 +153,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        R, r, length = (_inUnit(value, unit.nanometer) for value in (R, r, edgeLength))
+        given = {"R": R, "r": r, "edgeLength": edgeLength}
+        R, r, length = (_inUnit(value, unit.nanometer, name) for name, value in given.items())
         if not (math.isfinite(R) and 0 < r < R):
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
@@ -185,8 +188,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        sides = [_inUnit(value, unit.nanometer) for value in (width, height)]
-        length = _inUnit(edgeLength, unit.nanometer)
+        sides = [_inUnit(width, unit.nanometer, "width"), _inUnit(height, unit.nanometer, "height")]
+        length = _inUnit(edgeLength, unit.nanometer, "edgeLength")
         if not (all(map(math.isfinite, sides)) and min(sides) > 0):
             raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
         if not 0 < length <= min(sides) / 5:
@@ -280,7 +283,8 @@ class Mesh:
         try:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
-            content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
+            isUsed = connectivity.isUsed(mesh.triangles, len(mesh.vertices))
+            content.noteLeftOut(int(np.count_nonzero(~isUsed)), "vertices of no face")
             mesh.species = _speciesIn(content, speciesField)
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
@@ -364,7 +368,7 @@ class Mesh:
         for name, value in (("tolerance", tolerance), ("smallest", smallest)):
             if not 0 <= value < 1:
                 raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
-        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
         vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
         result = Mesh(vertices, triangles, vectors, None, None if notes else self.species, self.speciesNames)
@@ -407,8 +411,7 @@ class Mesh:
         ValueError
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
-        if not np.all(np.isfinite(self.vertices)):
-            raise ValueError(_notFinite(self.vertices))
+        _requireSizes(self.vertices)
         folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
         if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
@@ -472,7 +475,7 @@ class Mesh:
         self.check()
         if self.isPeriodic:
             raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
-        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
+        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer, "edgeLength")
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
@@ -501,8 +504,15 @@ class Mesh:
         ----------
         mass : float or Quantity
             the mass of each particle, in Da.  Monte Carlo averages do not depend on it
+
+        Raises
+        ------
+        ValueError, TypeError
+            if it is negative, or no mass
         """
-        mass = _inUnit(mass, unit.dalton)
+        mass = _inUnit(mass, unit.dalton, "mass")
+        if not (math.isfinite(mass) and mass >= 0):
+            raise ValueError(f"mass is {mass} Da; it must be finite, and not negative")
         system = mm.System()
         for _ in range(len(self.vertices)):
             system.addParticle(mass)
@@ -582,8 +592,10 @@ class Mesh:
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
         result = self._with(slice(None), self.triangles)
-        result.vertices *= factor
-        result.box = None if self.box is None else self.box * factor
+        with np.errstate(over="ignore"):  # what becomes too large is refused
+            result.vertices *= factor
+            result.box = None if self.box is None else self.box * factor
+        _requireSizes(result.vertices)
         return result
 
     def _speciesLeft(self, other: "Mesh") -> list[str]:
@@ -601,8 +613,7 @@ class Mesh:
 
     def _withoutLooseVertices(self, notes: Iterable[str] = ()) -> "Mesh":
         """Return the mesh without vertices that belong to no triangle, with notes."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.triangles] = True
+        used = connectivity.isUsed(self.triangles, len(self.vertices))
         result = self._with(used, (np.cumsum(used) - 1)[self.triangles])
         result.notes = list(notes)
         return result
@@ -691,8 +702,7 @@ def _floats(vertices: Any) -> np.ndarray:
         raise ValueError("the vertices must be an array of numbers of shape (N, 3)") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"the vertices have the shape {vertices.shape}; it must be (N, 3)")
-    if not np.all(np.isfinite(vertices)):
-        raise ValueError(_notFinite(vertices))
+    _requireSizes(vertices)
     return vertices
 
 
@@ -703,16 +713,26 @@ def _boxVectors(box: Any) -> np.ndarray:
     except (TypeError, ValueError):
         raise ValueError("the box must be three vectors, three lengths, or one") from None
     vectors = np.diag(np.broadcast_to(box, 3)) if box.size in (1, 3) and box.ndim < 2 else box
-    if vectors.shape != (3, 3) or not np.all(np.isfinite(vectors)) or np.linalg.det(vectors) <= 0:
-        raise ValueError(f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive")
+    if vectors.shape != (3, 3) or not _isSized(vectors) or np.linalg.det(vectors) <= 0:
+        raise ValueError(
+            f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive and at most "
+            f"{GREATEST:g}"
+        )
     return vectors.copy()
 
 
-def _notFinite(vertices: np.ndarray) -> str:
-    v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
-    return (
-        f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
-    )
+def _isSized(numbers: np.ndarray) -> bool:
+    """Return whether all of some numbers are numbers, and not too large."""
+    return bool(numbers.min(initial=0) >= -GREATEST and numbers.max(initial=0) <= GREATEST)
+
+
+def _requireSizes(vertices: np.ndarray) -> None:
+    if not _isSized(vertices):
+        v = np.flatnonzero(~(np.abs(vertices) <= GREATEST).all(axis=1))[0]
+        raise ValueError(
+            f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be a "
+            f"number from {-GREATEST:g} to {GREATEST:g}"
+        )
 
 
 def _indices(triangles: Any, numVertices: int) -> np.ndarray:
@@ -734,15 +754,21 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     return triangles.astype(np.int32)
 
 
-def _inUnit(value: Any, wanted: unit.Unit) -> float:
-    return float(valueIn(value, wanted))
+def _inUnit(value: Any, wanted: unit.Unit, name: str) -> float:
+    """Return a number, or a Quantity, in a unit; raise a TypeError that names it if it is neither."""
+    plain = valueIn(value, wanted, name)
+    if isinstance(plain, str | bytes):
+        raise TypeError(f"{name} is {plain!r}; it must be a number, or a Quantity")
+    return float(plain)
 
 
 def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
-            (1 * length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer)
+            (1 * length).value_in_unit(unit.nanometer)
+            if unit.is_unit(length)
+            else _inUnit(length, unit.nanometer, "unit")
         )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None

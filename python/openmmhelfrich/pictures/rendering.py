@@ -165,9 +165,19 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
                 step = f"step {frames[i].step}"
                 plotter.add_text(step, position=place, name="step", color="black", font_size=letters)
             image = plotter.screenshot(return_img=True, transparent_background=look.transparent)
+            image = _withoutWhite(image) if look.transparent else image
             yield _withScaleBar(image, 2 * plotter.camera.parallel_scale, lengthUnit, look) if look.scaleBar else image
     finally:
         plotter.close()
+
+
+def _withoutWhite(image: np.ndarray) -> np.ndarray:
+    """Return a transparent picture whose colors are not mixed with the white of the background, as VTK has them where a
+    pixel is partly covered: on white it would be added again, and elsewhere it would show.
+    """
+    color, alpha = image[..., :3].astype(float), image[..., 3:].astype(float)
+    own = 255 * (color - (255 - alpha)) / np.maximum(alpha, 1)
+    return np.concatenate((np.clip(np.rint(own), 0, 255).astype(np.uint8), image[..., 3:]), axis=-1)
 
 
 def _addBeads(plotter: Any, pyvista: Any, mesh: Mesh, middle: np.ndarray, direction: np.ndarray, look: Look) -> None:
@@ -206,7 +216,7 @@ def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, np.ndarray,
         mesh, found = unwrappedSurface(frames[i].mesh)
         points = _pointsOf(mesh)
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-        count = max(count, speciesCount(frames[i].mesh))
+        count = max(count, speciesCount(mesh))
         if (own := float(np.quantile(np.abs(found), 0.99))) > bound:
             curvatures, bound = found, own
     middle = (low + high) / 2

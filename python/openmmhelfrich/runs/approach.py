@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from ..sampling.targets import absoluteTargets, listedTargets, totalOf
+from ..sampling.targets import TARGET_FACTORS, absoluteTargets, listedTargets, totalOf
 from .stagesettings import ApproachStage, StageSettings
 
 # What targets are called in configurations and elsewhere.
@@ -20,9 +20,6 @@ MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDiffer
 FAR = 0.05
 # What a membrane has after stages that did not hold it is not known, and counts as so far away, in factors of e.
 UNKNOWN = 0.2
-# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
-# less than 2.
-TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
 # Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
 # proportion to the root of their number.  docs/how-to/studies.md has what comes of it.
 STEPS_PER_E_FOLD, VERTICES = 3000, 642

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
 from ..geometry.formats import WRITTEN
+from ..io.runfiles import prefixOf
 from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEnergy
 from .sections import (
@@ -213,17 +215,29 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        if path.suffix.lower() in WRITTEN:
-            raise ValueError(
-                f"{path} is a mesh; a configuration is expected, for instance a file with these two lines:\n"
-                f'[mesh]\nfile = "{path}"'
-            ) from None
-        raise ValueError(f"{path} is not TOML: {error}") from None
+        raise ValueError(f"{path} is {_otherThanTOML(path, error)}") from None
+
+
+def _otherThanTOML(path: Path, error: Exception) -> str:
+    """Return what a file is that cannot be read as TOML, and what to do."""
+    prefix = prefixOf(path)
+    if path.suffix.lower() in WRITTEN:
+        return (
+            f'a mesh; a configuration is expected, for instance a file with these two lines:\n[mesh]\nfile = "{path}"'
+        )
+    if path.suffix.lower() != ".toml" and prefix != path:
+        return f"a file of the run {prefix}; a configuration is expected, and resume {prefix} goes on with that run"
+    if isinstance(error, UnicodeDecodeError):
+        return "not TOML, which is text in UTF-8; save it in this encoding"
+    return f"not TOML: {error}"
 
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
-    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
-    data, multiple = _inNamedUnit(_plain(data))
+    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake.
+
+    Numbers and arrays of NumPy, tuples and paths are taken for what a file would have in their place.
+    """
+    data, multiple = _inNamedUnit(_asInFile(data))
     try:
         config = Config.model_validate(data, context=_scales(data, multiple))
         config._source = source
@@ -254,13 +268,15 @@ def sections() -> dict[str, type[Section]]:
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
 
 
-def _plain(value: Any) -> Any:
-    """Return a nested dict with lists and numbers of Python for those of NumPy."""
+def _asInFile(value: Any) -> Any:
+    """Return a value of Python as a file has it: a table, a list, a number or a string."""
     if isinstance(value, Mapping):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
-    return value.tolist() if type(value).__module__ == "numpy" else value
+        return {key: _asInFile(each) for key, each in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_asInFile(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _inNamedUnit(data: Any) -> tuple[Any, float]:

@@ -33,7 +33,7 @@ from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
 from .readiness import Coarse, coarseness
 from .room import diskSize, requireMemory
-from .scene import Scene, loadMesh, requireEffectiveTargets
+from .scene import Scene, loadMesh, requireEffect
 from .sections import Section
 from .stages import checkStages
 
@@ -301,7 +301,7 @@ def _checkRun(config: Config, meshes: dict[str, Mesh]) -> tuple[float, list[Coar
     if key not in meshes:
         meshes[key] = loadMesh(config)
     scene = Scene.of(config, meshes[key])
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireMemory(len(scene.mesh.vertices))
     return diskSize(scene.config, len(scene.mesh.vertices)), coarseness(scene, targets)

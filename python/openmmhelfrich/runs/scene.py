@@ -26,10 +26,17 @@ from ..helfrich import (
     SpeciesExchangeIntegrator,
 )
 from ..messages import shortened
-from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
+from ..sampling.targets import (
+    listedTargets,
+    numberedTargets,
+    requireComparableTarget,
+    requireOnePerSurface,
+    setDefaultTargets,
+    totalOf,
+)
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import MODULUS_NAMES, TARGET_FACTORS, withApproaches
+from .approach import FAR, MODULUS_NAMES, withApproaches
 from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
 from .material import (
     bendingModulusOf,
@@ -168,13 +175,19 @@ class Scene:
         ------
         ValueError, OSError
             if the mesh cannot be simulated, or a value of the configuration does not go with it
+
+        A UserWarning says that targets are far from what the mesh has: see :func:`openmmhelfrich.continueTo`.
         """
+        isChecked = isinstance(config, Config)
         config = asConfig(config, hasMesh=mesh is not None)
-        if mesh is None:
-            return createScene(config, loadMesh(config), setup)
-        with namingSource(config):
-            requireOnePlace(config, mesh)
-        return createScene(config, mesh, setup)
+        if mesh is not None:
+            with namingSource(config):
+                requireOnePlace(config, mesh)
+        scene = createScene(config, loadMesh(config) if mesh is None else mesh, setup)
+        if not isChecked:
+            requireEffect(config, scene)
+            scene._warnOfFarTargets()
+        return scene
 
     @property
     def changing(self) -> list[str]:
@@ -185,6 +198,15 @@ class Scene:
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
         config = during(self.config, index)
         return replace(self, config=config, moduli=_moduliOf(config, self.kT))
+
+    def _warnOfFarTargets(self) -> None:
+        """Say that the first of the stages leads to targets to which a Simulation by itself does not go."""
+        if self.stages[0].isAdded:
+            warnings.warn(
+                f"targets are more than {FAR:.0%} from what the mesh has, and a Simulation of this Scene keeps to the "
+                "mesh's own: lead it there by continueTo(), or give approach = 'none' in [sampling]",
+                stacklevel=3,
+            )
 
     def createForce(self) -> HelfrichForce:
         """Create the membrane's force."""
@@ -507,31 +529,45 @@ def requireComparable(name: str, value: float | str | None, own: float, what: st
         raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
 
 
-def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
-    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+def requireEffect(config: Config, scene: Scene) -> None:
+    """Raise a ValueError if something that a Config, which is not resolved, gives has no effect in its Scene."""
+    _requireEffectiveKeys(config)
+    _requireEffectiveTargets(config, scene)
 
-    Parameters
-    ----------
-    what : str
-        the target, as the message names it
-    name : str
-        that of :mod:`openmmhelfrich.sampling.targets`
-    value, own : float
-        the target, and what the mesh has
-    """
-    factor = TARGET_FACTORS[totalOf(name)]
-    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+
+def _requireEffectiveKeys(config: Config) -> None:
+    """A key that switches on what others describe must be given with them, be it to switch it off."""
+    for section, switch, keys in _SWITCHES:
+        given = getattr(config, section).model_fields_set
+        for key in keys:
+            if key in given and switch not in given:
+                raise ValueError(
+                    f"{config.source}: [{section}] {key} is {getattr(getattr(config, section), key)}, and has no "
+                    f"effect, since {switch} is 0 by default; give a {switch}, or leave {key} out"
+                )
+    sampling, stages = config.sampling, config.stages
+    stepSizes = [sampling.step_size, *(getattr(stage, "step_size", None) for stage in stages)]
+    if sampling.burn_in is not None and "auto" not in stepSizes and sampling.shear_wave_probability == 0:
         raise ValueError(
-            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
-            "of them may be in another unit of length"
+            f"{config.source}: [sampling] burn_in is {sampling.burn_in}, and has no effect, since no step_size is "
+            "'auto'; make it that, or leave burn_in out"
         )
 
 
-def requireEffectiveTargets(config: Config, scene: Scene) -> None:
-    """Raise a ValueError if a target of [membrane] in a Config, which is not resolved, has no effect in its Scene.
+# The keys of a section that have no effect where another one is 0, as it is by default.
+_SWITCHES = (
+    ("repulsion", "modulus", ("onset", "length_scale", "exponent", "exclusion_level")),
+    ("sampling", "exchange_probability", ("exchange_fraction", "exchange_proposal")),
+    (
+        "sampling",
+        "shear_wave_probability",
+        ("shear_waves_per_step", "shear_wave_cutoff", "shear_wave_amplitude"),
+    ),
+)
 
-    The mesh's own area, volume or area difference does no harm.
-    """
+
+def _requireEffectiveTargets(config: Config, scene: Scene) -> None:
+    """The mesh's own area, volume or area difference does no harm."""
     membrane = config.membrane
     parts = [scene.during(index) for index in range(-1, len(scene.stages))]
     for total, (modulus, keys) in _TARGET_KEYS.items():
@@ -544,7 +580,7 @@ def requireEffectiveTargets(config: Config, scene: Scene) -> None:
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):
             raise ValueError(
                 f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
-                f"effect, since {modulus} is 0; give a {modulus}, or leave {given[0]} out"
+                f"effect, since {modulus} is 0; make it positive, or leave {given[0]} out"
             )
 
 
@@ -560,6 +596,16 @@ def _ownAreaDifferences(config: Config, mesh: Mesh) -> dict[str, float]:
     height = config.membrane.leaflet_separation
     values = [2 * height * float(surface.vertexMeanCurvatures.sum()) for surface in mesh.components()]
     return numberedTargets("areaDifference", values)
+
+
+def chosenWeight(config: Config, scene: Scene) -> list[str]:
+    """Return a sentence about the momenta on coarser meshes that the Scene of a Config, which is not resolved, has
+    where this leaves them open.
+    """
+    weight = scene.config.sampling.multilevel_weight
+    if config.sampling.multilevel_weight != "auto" or weight == 0:
+        return []
+    return [f"[sampling] multilevel_weight is {weight:g}, as a surface has {_MULTILEVEL_SIZE} vertices or more"]
 
 
 def changedIntervals(config: Config, scene: Scene) -> list[str]:
@@ -607,6 +653,8 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
+    if sampling.multilevel_weight == "auto":
+        sampling.multilevel_weight = _multilevelWeight(config, mesh)
     sampling.model_fields_set.discard("steps")
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
@@ -724,6 +772,40 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     decades = math.log(max(modulus / (minLength / lengthScale) ** r, 1.0))
     spring = r * (r - 1) * (r ** (r + 1) * modulus) ** (2 / r) / lengthScale**2
     return local + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
+
+
+# The weight of coarser meshes that "auto" takes, and the number of vertices from which on it was measured to pay.
+_MULTILEVEL_WEIGHT, _MULTILEVEL_SIZE = 2.0, 1000
+
+
+def _multilevelWeight(config: Config, mesh: Mesh) -> float:
+    """Return the weight that "auto" stands for: 0 where it is not known to pay.
+
+    Coarser meshes let a surface swell and shrink faster, against the penalties of its area and volume, the softest of
+    motions without them.  A step may take 1.5 radians of that; with 1.4 three trajectories in four were accepted.
+    """
+    sampling = config.sampling
+    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
+    surfaces = _surfaces(config, mesh)
+    if max(surface.numVertices for surface in surfaces) < _MULTILEVEL_SIZE or sampling.tether_substeps > 1:
+        return 0.0
+    stiffness = max(_swelling(config.membrane, surface) for surface in surfaces)
+    frequency = math.sqrt(stiffness * thermalEnergy(sampling.temperature) / sampling.mass)
+    return _MULTILEVEL_WEIGHT if stepSize * frequency <= 1.5 else 0.0
+
+
+def _swelling(membrane: MembraneSection, surface: "_Surface") -> float:
+    """Estimate the second derivative of the penalties, in kT per squared length unit, for a sphere that swells, times
+    the factor by which coarser meshes raise its inverse mass.
+    """
+    factor, amplification, count = 1.0, 1.0, surface.numVertices / 4
+    while count > 12:  # a level of n vertices has the inverse mass 4w times that of the next finer one
+        factor *= 4 * _MULTILEVEL_WEIGHT
+        amplification += factor
+        count /= 4
+    area = 8 * math.pi * (4 * membrane.area_modulus + membrane.area_difference_modulus) / surface.area
+    volume = 2 * membrane.volume_modulus * (surface.area / surface.volume) ** 2 if surface.volume else 0.0
+    return amplification * (area + volume) / surface.numVertices
 
 
 class _Surface(NamedTuple):

@@ -62,6 +62,19 @@ def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
     return PlainValidator(validate)
 
 
+def _weightOrAuto() -> PlainValidator:
+    """Return what takes a weight of coarser meshes, from 0 to 1000, or "auto"."""
+
+    def validate(value: Any) -> Any:
+        if value == "auto":
+            return value
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 <= value <= 1000:
+            raise ValueError("it must be a number from 0 to 1000, or 'auto'")
+        return float(value)
+
+    return PlainValidator(validate)
+
+
 def _perSurface(kind: str = "", above: float = -math.inf, most: float = math.inf) -> PlainValidator:
     """Return what takes a finite number above one and no more than another, or a list of them, one for each surface."""
 
@@ -100,6 +113,7 @@ Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
 StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps")]
 Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
+MultilevelWeight: TypeAlias = Annotated[Any, _weightOrAuto()]
 # Of each surface by itself: a number for all, or a list.
 TargetArea: TypeAlias = Annotated[Any, _perSurface("area", above=0)]
 TargetVolume: TypeAlias = Annotated[Any, _perSurface("volume", above=0)]
@@ -547,12 +561,11 @@ class SamplingSection(Section):
         description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
         "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
     )
-    multilevel_weight: float = Field(
-        0.0,
-        ge=0,
-        le=1000,
-        description="weight of momenta on coarser meshes, with which long waves move as fast as short ones; 2 for "
-        "trajectories of 30 to 50 steps of a large membrane, 0 for none",
+    multilevel_weight: MultilevelWeight = Field(
+        "auto",
+        description="weight of momenta on coarser meshes, with which long waves move nearly as fast as short ones; 0 "
+        'for none, 2 for a large membrane; "auto" takes 2 where a surface has 1000 vertices or more and steps need not '
+        "be shorter with it, and 0 elsewhere",
     )
     flip_fraction: float = Field(
         0.3,

@@ -38,7 +38,7 @@ from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import currentTargets, measuredTargets, setTargets, totalOf
+from ..sampling.targets import currentTargets, measuredTargets, requireComparableTarget, setTargets, totalOf
 from ..tables import Table
 from ..units import valueIn
 from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
@@ -49,7 +49,6 @@ from .scene import (
     Scene,
     currentMesh,
     requireComparable,
-    requireComparableTarget,
     requireTrajectories,
     stepSizeOf,
 )
@@ -307,7 +306,14 @@ class Minimize(Stage):
 
         search = minimizeFluid if settings.fluid else minimize
         with firmTether(simulation, self._force) if settings.within_bounds else contextlib.nullcontext():
-            result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
+            result = search(
+                simulation,
+                self._force,
+                tolerance,
+                settings.max_iterations,
+                progress,
+                multilevelWeight=settings.multilevel_weight,
+            )
         if not isStopped:
             beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
             if beyond is not None and result.iterations < settings.max_iterations:
@@ -346,6 +352,13 @@ class MonteCarlo(Stage):
 
     WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
     CHECKS: tuple[Check, ...] = (*verdict.OF_SHAPES, *verdict.OF_MOVES)
+
+    def _startAdaptation(self) -> None:
+        weight = getattr(self._settings, "multilevel_weight", None)
+        self._simulation.integrator.setMultilevelWeight(
+            self._scene.config.sampling.multilevel_weight if weight is None else weight
+        )
+        super()._startAdaptation()
 
     def advance(self) -> None:
         """Make a Monte Carlo step."""

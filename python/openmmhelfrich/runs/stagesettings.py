@@ -110,6 +110,13 @@ class MinimizeStage(StageSettings):
         description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
         "l/(4A), with the mean edge length l and the area A, below which long waves hardly move",
     )
+    multilevel_weight: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="weight of coarser meshes that move vertices together, with which the number of iterations hardly "
+        "grows with the mesh; 2 pays from 2562 vertices on, 0 for none",
+    )
     within_bounds: bool = Field(
         False,
         description="end with every edge within the tether's bounds, by a firmer tether for a while, or stop with an "
@@ -183,6 +190,9 @@ class AnnealStage(StageSettings):
     cooling_start: int = Field(0, ge=0, description="n_0, the stage's step at which cooling begins")
     table: list[list[Temperature]] | None = Field(
         None, min_length=1, description="instead: pairs [step, temperature in K], between which T is linear"
+    )
+    multilevel_weight: float | None = Field(
+        None, ge=0, le=1000, description="of the momenta on coarser meshes; that of [sampling] by default"
     )
 
     @model_validator(mode="after")

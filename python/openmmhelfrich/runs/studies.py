@@ -37,7 +37,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, createScene, currentMesh, platformOf, requireEffectiveTargets
+from .scene import Scene, changedIntervals, chosenWeight, createScene, currentMesh, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
@@ -86,7 +86,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -94,7 +94,7 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    warnings = [*changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
+    warnings = [*chosenWeight(config, scene), *changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
     study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()

@@ -21,7 +21,14 @@ from ..tables import Table
 from .averages import averageWindows
 from .conditions import moduliOf
 from .reporters import ObservablesReporter
-from .targets import absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
+from .targets import (
+    absoluteTargets,
+    currentTargets,
+    measuredTargets,
+    requireComparableTarget,
+    setTargets,
+    totalOf,
+)
 
 Number: TypeAlias = float | unit.Quantity
 
@@ -198,6 +205,9 @@ def continueTo(
     start = _startOf(simulation.context, force)
     ends = absoluteTargets(targets, start)
     _requireModuli(moduliOf(simulation.context, force), targets)
+    measured = measuredTargets(simulation.context, force)
+    for name in ends.keys() & measured.keys():
+        requireComparableTarget(f"continueTo: the target {name}", name, ends[name], measured[name])
     line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
     if interval < 1 or steps < interval or equilibration < 0:
         raise ValueError(

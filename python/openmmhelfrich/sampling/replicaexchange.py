@@ -577,9 +577,9 @@ def _resolved(state: ThermodynamicState, simulation: app.Simulation, membrane: M
     stepSize = trajectoriesOf(simulation.integrator).getStepSize() if state.stepSize is None else state.stepSize
     thermalEnergy(state.temperature)  # raises if it is not positive
     return ThermodynamicState(
-        float(valueIn(state.temperature, unit.kelvin)),
+        float(valueIn(state.temperature, unit.kelvin, "temperature")),
         membrane.named(state.parameters),
-        float(valueIn(stepSize, unit.picosecond)),
+        float(valueIn(stepSize, unit.picosecond, "stepSize")),
     )
 
 

@@ -27,6 +27,10 @@ _SETTERS: dict[str, Callable[..., None]] = {
     "areaDifference": HelfrichForce.setTargetAreaDifference,
 }
 
+# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
+# less than 2.
+TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
+
 
 def nameOf(total: str, surface: int) -> str:
     """Return the name of what one of several surfaces has of its own."""
@@ -67,6 +71,26 @@ def targetParameters(context: mm.Context, force: HelfrichForce) -> dict[str, str
 def currentTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return the targets in a Context by their names, in powers of nm."""
     return {name: context.getParameter(parameter) for name, parameter in targetParameters(context, force).items()}
+
+
+def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
+    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+
+    Parameters
+    ----------
+    what : str
+        the target, as the message names it
+    name : str
+        that of the module
+    value, own : float
+        the target, and what the mesh has
+    """
+    factor = TARGET_FACTORS[totalOf(name)]
+    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+        raise ValueError(
+            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
+            "of them may be in another unit of length"
+        )
 
 
 def measuredTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
@@ -116,7 +140,7 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
     for name, value in targets.items():
         if name != "reducedVolume":
             absolute |= {
-                known: float(valueIn(number, _UNITS[totalOf(name)]))
+                known: float(valueIn(number, _UNITS[totalOf(name)], f"the target {name}"))
                 for known, number in _spread(name, value, start).items()
             }
     for name, value in absolute.items():
