@@ -32,7 +32,7 @@ from .sections import (
     checkMaterial,
     checkSpecies,
 )
-from .stagesettings import STAGES, AnyStage, SampleStage, conditionsOf
+from .stagesettings import STAGES, AnyStage, SampleStage, givenConditions
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -81,7 +81,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _material(self) -> "Config":
         checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
-        checkMaterial(self.species, self.membrane, conditionsOf(self.stages))
+        checkMaterial(self.species, self.membrane, givenConditions(self.stages))
         return self
 
 

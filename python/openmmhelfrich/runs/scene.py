@@ -48,7 +48,7 @@ from .material import (
     spontaneousCurvatureOf,
 )
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
-from .stagesettings import StageSettings, conditionsOf
+from .stagesettings import StageSettings, givenConditions
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
@@ -192,7 +192,7 @@ class Scene:
     @property
     def changing(self) -> list[str]:
         """The names of the conditions that stages change, with the numbers of species."""
-        return [numbered(self.config, name) for name in conditionsOf(self.stages)]
+        return [numbered(self.config, name) for name in givenConditions(self.stages)]
 
     def during(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
@@ -727,7 +727,7 @@ def defaultStepSize(config: Config, mesh: Mesh) -> float:
 
 def _inForce(config: Config) -> list[Config]:
     """Return a Config with each of the moduli and the like that its membrane has in its stages."""
-    if not conditionsOf(config.stages):
+    if not givenConditions(config.stages):
         return [config]
     gradual = [i - 1 for i, stage in enumerate(config.stages) if stage.isGradual]
     return [during(config, i) for i in (*gradual, *range(len(config.stages)))]

@@ -218,7 +218,7 @@ class AnnealStage(StageSettings):
         return self.steps
 
 
-def conditionsOf(stages: Iterable[StageSettings]) -> list[str]:
+def givenConditions(stages: Iterable[StageSettings]) -> list[str]:
     """Return the names of the conditions that stages give, in their order."""
     return list(dict.fromkeys(name for stage in stages for name in stage.conditions()))
 

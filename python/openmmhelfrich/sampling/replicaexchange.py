@@ -534,7 +534,7 @@ def _requireSameEnergies(
                     "in simulation 0; it must be the same, or one of the states' parameters"
                 )
     own, *rest = (
-        _forcesOf(simulation.system, membrane.conditionsOf(exchanged))
+        _forcesOf(simulation.system, membrane.ofForce(exchanged))
         for simulation, membrane in zip(simulations, membranes)
     )
     for k, forces in enumerate(rest, 1):

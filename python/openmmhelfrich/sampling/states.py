@@ -80,7 +80,7 @@ class Membrane:
         }
         return {name: single[name] for name in sorted(single)}
 
-    def conditionsOf(self, parameters: Mapping[str, float]) -> dict[str, float]:
+    def ofForce(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Return the parameters that are conditions of the membrane's force."""
         own = {name: value for name, value in parameters.items() if name not in self._known}
         return {name: value for name, value in own.items() if _species(name) is None}
@@ -104,7 +104,7 @@ class Membrane:
         values = {name: self.context.getParameter(name) if name in self._known else 0.0 for name in names}
         if self.force is None:
             return values
-        return values | currentConditions(self.context, self.force, self.conditionsOf(values))
+        return values | currentConditions(self.context, self.force, self.ofForce(values))
 
     def takeOn(self, parameters: Mapping[str, float]) -> None:
         """Give the Context, the membrane and the moves the parameters of a state."""
@@ -114,7 +114,7 @@ class Membrane:
             elif (number := _species(name)) is not None:
                 for move in self._mutations:
                     move.setChemicalPotential(number, value)
-        conditions = self.conditionsOf(parameters)
+        conditions = self.ofForce(parameters)
         if conditions and self.force is not None:
             setConditions(self.context, self.force, conditions)
 
