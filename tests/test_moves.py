@@ -260,3 +260,72 @@ def test_checkpoints_of_other_mixtures_are_refused():
                     context.loadCheckpoint(other.createCheckpoint())
         context.getIntegrator().step(3)
         assert np.isfinite(energyOf(context))
+
+
+def createSweeps(hasSpecies):
+    """Return a mixture of trajectories and small sweeps."""
+    moves = [createFlips()] + [mh.SpeciesExchangeIntegrator(T, 0.2) for _ in range(2 * hasSpecies)]
+    for move in moves[2:]:
+        move.setProposal("mutation")
+    return mixture(createTrajectories(), *((move, 0.2) for move in moves))
+
+
+@pytest.mark.parametrize("threads", ["1", "2"])
+@pytest.mark.parametrize("hasSpecies", [False, True])
+def test_sweeps_know_of_whatever_happened(hasSpecies, threads):
+    """What a sweep keeps of trajectories and earlier sweeps is what a Context without a past computes."""
+    mesh = createBlob(3)
+    force = createForce(mesh, ("bending", "area", "volume", "tether"))
+    if hasSpecies:
+        force.addSpecies(40, 0.5, -10)
+        force.addSpecies(10, -0.5, 5)
+        force.setLineTension(0, 1, 20)
+        force.setVertexSpecies((mesh.vertices[:, 0] > 0).astype(int))
+    integrator = createSweeps(hasSpecies)
+    context = createContext(mesh, force, "CPU", integrator, {"Threads": threads})
+    moves = [integrator.getIntegrator(i) for i in range(integrator.getNumIntegrators())]
+
+    def rejectTrajectory():
+        moves[0].setStepSize(1)
+        moves[0].step(1)
+        moves[0].setStepSize(0.0001)
+
+    def change(set):
+        set()
+        force.updateParametersInContext(context)
+
+    triangles = force.getTrianglesInContext(context)
+    events = [lambda move=move: move.step(1) for move in moves] * 2 + [
+        lambda: moves[1].step(3),
+        rejectTrajectory,
+        lambda: context.setPositions(1.01 * positionsOf(context)),
+        lambda: context.setParameter(force.getSpontaneousCurvatureParameter(), 0.3),
+        lambda: change(lambda: force.setTether(0, 0, 1, 2)),
+        lambda: change(lambda: force.setAreaModulus(0)),
+        lambda: force.setTrianglesInContext(context, triangles),
+        lambda: None,
+    ]
+    if hasSpecies:
+        events += [
+            lambda: change(lambda: force.setSpeciesParameters(1, 30, 0.1, 5)),
+            lambda: change(lambda: force.setLineTension(0, 1, 0)),
+            lambda: change(lambda: force.setPairEnergy(0, 1, 3)),
+            lambda: force.setVertexSpeciesInContext(context, force.getVertexSpeciesInContext(context)[::-1]),
+        ]
+    for event in events + events[::-1]:
+        event()
+        system = mm.XmlSerializer.deserialize(mm.XmlSerializer.serialize(context.getSystem()))
+        fresh = mm.Context(system, createSweeps(hasSpecies), context.getPlatform(), {"Threads": "1"})
+        fresh.loadCheckpoint(context.createCheckpoint())
+        outcomes = []
+        for each in (context, fresh):
+            own = mh.HelfrichForce.cast(each.getSystem().getForce(0))
+            for i in range(1, len(moves)):
+                each.getIntegrator().getIntegrator(i).step(1)
+            outcomes.append(
+                [own.getTrianglesInContext(each).tolist(), own.getVertexSpeciesInContext(each).tolist()]
+                + [each.getIntegrator().getIntegrator(i).getNumAccepted() for i in range(1, len(moves))]
+            )
+        assert outcomes[0] == outcomes[1]
+        assert energyOf(context) == energyOf(fresh)
+    assert all(move.getNumAccepted() > 100 for move in moves[1:])

@@ -88,8 +88,14 @@ private:
         int first, second;
         /// the number to compare with the probability
         double uniform;
+        /// the change of energy by which it was accepted
         double change;
-        bool isAccepted;
+    };
+    /**
+     * A bit for each attempt that is accepted or deferred.
+     */
+    struct alignas(64) Marks {
+        uint64_t accepted, deferred;
     };
     /**
      * A part of a block, with a list for each zone of the attempts that are in it or on the border.
@@ -98,8 +104,10 @@ private:
         static constexpr int SIZE = 64;
         Attempt attempts[SIZE];
         int numAttempts, counts[MAX_THREADS], lists[MAX_THREADS][SIZE];
-        /// a bit for each attempt on the border, and for those that a zone defers
-        uint64_t border, deferred[MAX_THREADS];
+        /// a bit for each attempt on the border
+        uint64_t border;
+        /// of each zone, and of what was deferred; on lines of their own, for no zone looks at those of others
+        Marks marks[MAX_THREADS + 1];
     };
     /**
      * What comes of the attempts in a zone, or of those that are deferred.
@@ -148,7 +156,12 @@ private:
     bool isAlike(const Attempt& attempt) const;
     bool isBlocked(const Attempt& attempt) const;
     void defer(const Attempt& attempt, int zone);
-    void decide(Attempt& attempt, Outcome& outcome);
+    /**
+     * Decide an attempt and carry it out if it is accepted.
+     *
+     * @return whether it is accepted
+     */
+    bool decide(Attempt& attempt, Outcome& outcome);
     void decideDeferred();
     void observe(const Observer& observer) const;
     void storeSpecies();
@@ -183,6 +196,7 @@ private:
     /// what all this is of
     long long revision = NONE, speciesRevision = NONE, numberOfGeometry = NONE;
     int numZones, numParts;
+    bool isObserved;
     std::vector<Part> parts;
     long long numBlocks = 0;
     /// of each vertex the number of the last block in which an attempt beside it was deferred

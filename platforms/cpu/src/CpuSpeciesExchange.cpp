@@ -221,6 +221,7 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
     numZones = (proposal.kind == SpeciesProposal::Anywhere ? 1 : numThreads);
     int size = (numZones == 1 ? Part::SIZE : ATTEMPTS_PER_BLOCK);
     parts.resize(size / Part::SIZE);
+    isObserved = bool(observer);
     for (Outcome& outcome : outcomes) {
         outcome.accepted = outcome.alike = 0;
         outcome.changed.clear();
@@ -232,7 +233,7 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
         if (interruption.isRequested())
             throw StepInterrupted();
         makeBlock(first, min<long long>(size, numAttempts - first));
-        if (observer)
+        if (isObserved)
             observe(observer);
     }
     storeSpecies();
@@ -276,9 +277,11 @@ void CpuSpeciesExchange::decideDeferred() {
     for (int n = 0; n < numParts; n++) {
         uint64_t bits = parts[n].border;
         for (int zone = 0; zone < numZones; zone++)
-            bits |= parts[n].deferred[zone];
-        for (; bits != 0; bits &= bits - 1)
-            decide(parts[n].attempts[__builtin_ctzll(bits)], outcomes[numZones]);
+            bits |= parts[n].marks[zone].deferred;
+        Marks& marks = parts[n].marks[numZones];
+        for (marks = {}; bits != 0; bits &= bits - 1)
+            if (decide(parts[n].attempts[__builtin_ctzll(bits)], outcomes[numZones]))
+                marks.accepted |= bits & -bits;
     }
 }
 
@@ -295,7 +298,6 @@ void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempt
     part.numAttempts = numAttempts;
     part.border = 0;
     fill(part.counts, part.counts + numZones, 0);
-    fill(part.deferred, part.deferred + numZones, 0);
     for (int n = 0; n < numAttempts; n++) {
         SpeciesDraw draw = proposal.findVertices(draws[n], mesh);
         Attempt& attempt = part.attempts[n];
@@ -336,16 +338,18 @@ void CpuSpeciesExchange::decide(Part& part, int zone) {
             numUnprepared += (vertices[vertex].geometry != geometryNumber);
         }
     prepareVertices(unprepared, numUnprepared);
+    Marks marks = {};
     for (int i = 0; i < part.counts[zone]; i++) {
         int n = list[i];
         Attempt& attempt = part.attempts[n];
         if (numZones > 1 && (isOnBorder(n) || isBlocked(attempt))) {
-            part.deferred[zone] |= uint64_t(1) << n;
+            marks.deferred |= uint64_t(1) << n;
             defer(attempt, zone);
         }
         else
-            decide(attempt, outcomes[zone]);
+            marks.accepted |= uint64_t(decide(attempt, outcomes[zone])) << n;
     }
+    part.marks[zone] = marks;
 }
 
 void CpuSpeciesExchange::prefetchRing(int ring) const {
@@ -374,21 +378,21 @@ void CpuSpeciesExchange::defer(const Attempt& attempt, int zone) {
     }
 }
 
-void CpuSpeciesExchange::decide(Attempt& attempt, Outcome& outcome) {
+bool CpuSpeciesExchange::decide(Attempt& attempt, Outcome& outcome) {
     bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
     int from = species[attempt.first], to = (isMutation ? attempt.second : species[attempt.second]);
-    attempt.isAccepted = false;
     outcome.alike += (from == to);
     if (from == to)
-        return;
-    attempt.change = changeAt(attempt.first, from, to, NONE, 0);
+        return false;
+    double change = changeAt(attempt.first, from, to, NONE, 0);
     if (isMutation)
-        attempt.change -= materials[to].chemicalPotential - materials[from].chemicalPotential;
+        change -= materials[to].chemicalPotential - materials[from].chemicalPotential;
     else
-        attempt.change += changeAt(attempt.second, to, from, attempt.first, to);
-    attempt.isAccepted = (attempt.change <= 0 || attempt.uniform < exp(-attempt.change / kT));
-    if (!attempt.isAccepted)
-        return;
+        change += changeAt(attempt.second, to, from, attempt.first, to);
+    if (!(change <= 0 || attempt.uniform < exp(-change / kT)))
+        return false;
+    if (isObserved)
+        attempt.change = change;
     outcome.accepted++;
     outcome.changed.push_back(attempt.first);
     setSpecies(attempt.first, to);
@@ -396,6 +400,7 @@ void CpuSpeciesExchange::decide(Attempt& attempt, Outcome& outcome) {
         outcome.changed.push_back(attempt.second);
         setSpecies(attempt.second, from);
     }
+    return true;
 }
 
 bool CpuSpeciesExchange::isAlike(const Attempt& attempt) const {
@@ -404,10 +409,13 @@ bool CpuSpeciesExchange::isAlike(const Attempt& attempt) const {
 }
 
 void CpuSpeciesExchange::observe(const Observer& observer) const {
-    for (int n = 0; n < numParts; n++)
-        for (int i = 0; i < parts[n].numAttempts; i++)
-            if (parts[n].attempts[i].isAccepted)
-                observer(parts[n].attempts[i].change);
+    for (int n = 0; n < numParts; n++) {
+        uint64_t bits = 0;
+        for (int zone = 0; zone < numZones + (numZones > 1); zone++)
+            bits |= parts[n].marks[zone].accepted;
+        for (; bits != 0; bits &= bits - 1)
+            observer(parts[n].attempts[__builtin_ctzll(bits)].change);
+    }
 }
 
 double CpuSpeciesExchange::changeAt(int v, int from, int to, int other, int speciesOfOther) {
