@@ -244,6 +244,7 @@ def _sampling(source: Source, unit: float) -> dict[str, Any]:
         "steps_per_trajectory": source.number("HMC", "traj_steps", 10),
         "mass": mass,
         "flip_fraction": 0.0 if source.text("HMC", "flip_type", "serial") == "none" else fraction,
+        "multilevel_weight": 0.0,  # TriMem has plain trajectories
     }
 
 

@@ -387,8 +387,10 @@ class _Descent:
             if modulus == 0:
                 continue
             setTargets(context, force, {name: (1 + part) * target})
-            change = self._evaluate()[1] - forces
-            setTargets(context, force, {name: target})
+            try:
+                change = self._evaluate()[1] - forces
+            finally:
+                setTargets(context, force, {name: target})
             change[isFixed] = 0
             for surface in np.unique(surfaces[np.any(change != 0, axis=1)]):
                 own = np.where((surfaces == surface)[:, np.newaxis], change, 0)
