@@ -7,9 +7,8 @@ import numpy as np
 from openmm import unit
 
 from ..geometry.mesh import Mesh
-from ..sampling.conditions import flatEnergy
+from ..sampling.conditions import flatEnergy, moduliOf
 from ..sampling.replicaexchange import ReplicaExchange
-from ..sampling.targets import moduliOf
 from .verdict import DRIFT, LEVELS, OF_EXCHANGES, OF_MOVES, OF_SHAPES, ROWS, Evidence, Finding, Verdict, judge, ratesOf
 
 # What to do that is another thing here than in a stage of a run.

@@ -237,9 +237,23 @@ class Evidence:
         assert self.mesh is not None
         return np.abs(dihedralAngles(self.mesh))
 
-    def energyOf(self, shape: Callable[[Mesh], float]) -> float:
+    @cached_property
+    def shapes(self) -> "list[Shape]":
+        """The shapes of the surfaces at the end."""
+        return [
+            Shape(genus(s.triangles, len(s.vertices)), None if s.isPeriodic else s.reducedVolume) for s in self.surfaces
+        ]
+
+    def energyOf(self, energy: "Callable[[Shape], float]") -> float:
         """Return a bending energy, in kT, from that of the shape of each surface, over 8 pi kappa."""
-        return 8 * math.pi * self.moduli["bending"] * sum(map(shape, self.surfaces))
+        return 8 * math.pi * self.moduli["bending"] * sum(map(energy, self.shapes))
+
+
+class Shape(NamedTuple):
+    """What the bending energy of a smooth closed surface is estimated from; a periodic one has no reduced volume."""
+
+    genus: int
+    reducedVolume: float | None
 
 
 class Measured(NamedTuple):
@@ -316,23 +330,19 @@ def _rate(accepted: int, tried: int, name: str) -> float | None:
     return accepted / tried if tried >= LEAST_TRIED[name] else None
 
 
-def leastEnergy(surface: Mesh) -> float:
-    """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of the same genus and reduced
-    volume.
-    """
-    if genus(surface.triangles, len(surface.vertices)) > 0:
+def leastEnergy(shape: Shape) -> float:
+    """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of a shape."""
+    if shape.genus > 0 or shape.reducedVolume is None:
         return _LEAST_OF_TORI
-    return float(np.interp(surface.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
+    return float(np.interp(shape.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
 
 
-def greatestEnergy(surface: Mesh) -> float:
-    """Return the largest bending energy, over 8 pi kappa, that a smooth closed surface of the same reduced volume is
-    likely to have: that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.
-    Of a periodic one it is that of a sphere.
+def greatestEnergy(shape: Shape) -> float:
+    """Return the largest bending energy, over 8 pi kappa, that a smooth closed surface of a shape is likely to have:
+    that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.  Of a periodic one
+    it is that of a sphere.
     """
-    if surface.isPeriodic:
-        return 1.0
-    return 1 + 1 / max(surface.reducedVolume, 1e-3) ** 2
+    return 1.0 if shape.reducedVolume is None else 1 + 1 / max(shape.reducedVolume, 1e-3) ** 2
 
 
 def _finite(e: Evidence) -> Iterator[Measured]:
@@ -494,7 +504,7 @@ def _intersections(e: Evidence) -> Iterator[Measured]:
         count = len(crossings(e.mesh))
         what = f"the surface passes through itself {count} times at the end"
         advice = "a stronger or longer repulsion" if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
-        yield Measured(count / len(e.mesh.edges), what, f"{advice} prevents this")
+        yield Measured(count / (3 * len(e.mesh.triangles) // 2), what, f"{advice} prevents this")  # of the edges
 
 
 def _rowsLeft(e: Evidence) -> Iterator[Measured]:

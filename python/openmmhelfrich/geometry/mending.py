@@ -31,7 +31,7 @@ _CLEARLY = -0.01
 _NAMED = 10
 
 
-# Coordinates that are too large for areas or volumes are named by Mesh.check().
+# An edge may be longer than a small box by more than whole numbers tell.
 _unwarned = np.errstate(over="ignore", invalid="ignore")
 
 
@@ -574,7 +574,9 @@ def _keepSurfaces(surface: _Surface, wanted: Wanted) -> None:
 
 def surfaces(triangles: NDArray[np.integer], numVertices: int) -> tuple[int, NDArray[np.int64]]:
     """Return the number of connected surfaces and that of each triangle, in the order of their first triangles."""
-    _, label = connectivity.labelComponents(triangles, numVertices)
+    count, label = connectivity.labelComponents(triangles, numVertices)
+    if count == 1:
+        return min(1, len(triangles)), np.zeros(len(triangles), dtype=np.int64)
     _, first, mine = np.unique(label[triangles[:, 0]], return_index=True, return_inverse=True)
     return len(first), np.argsort(np.argsort(first))[mine]
 

@@ -15,12 +15,19 @@ from ..display import drawing
 from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, mending, meshfiles
+from .formats.content import Content
 from .measures import reducedVolume
 from .relaxation import TorusSurface, Triangulation, relax, torusTriangulation
 from .remeshing import remesh
 from .topology import MeshTopology
 
 Length: TypeAlias = unit.Unit | unit.Quantity | float
+
+GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
+
+
+# What the array of files is called that has the numbers of species.
+SPECIES_FIELD = "Species"
 
 
 class Mesh:
@@ -46,7 +53,8 @@ class Mesh:
     beads : (B, 3) float64 array
         positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
     species : (N,) array of int, or None
-        the number of the species of each vertex, in the frames and pictures of a membrane with species
+        the number of the species of each vertex, from 0.  An array of their names may be assigned, too; one that is
+        neither of these is a ValueError
     speciesNames : tuple of str
         what the species are called; empty if they have numbers only
     notes : list of str
@@ -74,30 +82,33 @@ class Mesh:
             the vectors of a periodic box, in nm unless they carry a unit
         beads : (B, 3) array or Quantity, optional
             the positions of particles that are no vertices
-        species : (N,) array of integers, optional
-            the number of the species of each vertex, from 0; an empty one is like None
+        species : (N,) array of integers or names, optional
+            the number of the species of each vertex, from 0, or its name; an empty one is like None
         speciesNames : iterable of str
             what they are called
 
         Raises
         ------
         ValueError
-            if a shape or type is wrong, a coordinate is not finite, or an index is out of range.  Whether the
-            triangles form a closed surface is :meth:`check`'s question.
+            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
+            Whether the triangles form a closed surface is :meth:`check`'s question.
         """
-        self.vertices = _floats(valueIn(vertices, unit.nanometer))
+        self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
-        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
-        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
-        self.species = None if species is None or not len(np.asarray(species)) else np.array(species, dtype=np.intc)
-        if self.species is not None and self.species.shape != (len(self.vertices),):
-            raise ValueError(
-                f"species has the shape {self.species.shape}; it must have a number for each of {len(self.vertices)} "
-                "vertices"
-            )
+        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer, "beads"))
         self.speciesNames = tuple(speciesNames)
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
+
+    @property
+    def species(self) -> NDArray[np.intc] | None:
+        return self._species
+
+    @species.setter
+    def species(self, species: Any) -> None:
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
 
     @classmethod
     def icosphere(cls, subdivisions: int = 3, radius: float | unit.Quantity = 1.0) -> "Mesh":
@@ -112,7 +123,7 @@ class Mesh:
         """
         if subdivisions < 0 or subdivisions != int(subdivisions):
             raise ValueError(f"icosphere: subdivisions is {subdivisions}; it must be a whole number, 0 or more")
-        radius = _inUnit(radius, unit.nanometer)
+        radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         vertices, triangles = _icosahedron()
@@ -142,7 +153,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        R, r, length = (_inUnit(value, unit.nanometer) for value in (R, r, edgeLength))
+        given = {"R": R, "r": r, "edgeLength": edgeLength}
+        R, r, length = (_inUnit(value, unit.nanometer, name) for name, value in given.items())
         if not (math.isfinite(R) and 0 < r < R):
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
@@ -176,8 +188,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        sides = [_inUnit(value, unit.nanometer) for value in (width, height)]
-        length = _inUnit(edgeLength, unit.nanometer)
+        sides = [_inUnit(width, unit.nanometer, "width"), _inUnit(height, unit.nanometer, "height")]
+        length = _inUnit(edgeLength, unit.nanometer, "edgeLength")
         if not (all(map(math.isfinite, sides)) and min(sides) > 0):
             raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
         if not 0 < length <= min(sides) / 5:
@@ -204,7 +216,8 @@ class Mesh:
 
     @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
-        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order.
+        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order, and their
+        species where all have some.
 
         Raises
         ------
@@ -223,11 +236,16 @@ class Mesh:
             np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first)]),
             boxes[0] if boxes else None,
         )
+        if all(mesh.species is not None for mesh in meshes):
+            result.species = np.concatenate([mesh.species for mesh in meshes if mesh.species is not None])
+            result.speciesNames = max((mesh.speciesNames for mesh in meshes), key=len)
         result.notes = [note for mesh in meshes for note in mesh.notes]
         return result
 
     @classmethod
-    def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
+    def read(
+        cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False, speciesField: str | None = None
+    ) -> "Mesh":
         """Read a mesh from a file.
 
         The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTP, VTK, GMSH (.msh), glTF (.gltf, .glb), the
@@ -244,6 +262,9 @@ class Mesh:
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
         repair : bool
             mend what can be mended, as :meth:`repaired` does
+        speciesField : str, optional
+            the name of an array of a VTU, VTK or PLY file with the number of the species of each vertex; by default
+            "Species", which :meth:`write` makes, if there is one
 
         Raises
         ------
@@ -262,7 +283,9 @@ class Mesh:
         try:
             content = meshfiles.read(path)
             mesh = cls(content.points, content.triangles(), content.box)
-            content.noteLeftOut(len(mesh.vertices) - len(np.unique(mesh.triangles)), "vertices of no face")
+            isUsed = connectivity.isUsed(mesh.triangles, len(mesh.vertices))
+            content.noteLeftOut(int(np.count_nonzero(~isUsed)), "vertices of no face")
+            mesh.species = _speciesIn(content, speciesField)
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:
@@ -298,7 +321,7 @@ class Mesh:
                 f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
             )
         box = None if self.box is None else self.box / length
-        own = {} if self.species is None else {"Species": self.species}
+        own = {} if self.species is None else {SPECIES_FIELD: self.species}
         meshfiles.write(
             Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
         )
@@ -345,10 +368,11 @@ class Mesh:
         for name, value in (("tolerance", tolerance), ("smallest", smallest)):
             if not 0 <= value < 1:
                 raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
-        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
         vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
-        return Mesh(vertices, triangles, vectors)._withoutLooseVertices([*self.notes, *notes])
+        result = Mesh(vertices, triangles, vectors, None, None if notes else self.species, self.speciesNames)
+        return result._withoutLooseVertices([*self.notes, *notes, *self._speciesLeft(result)])
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
@@ -387,8 +411,7 @@ class Mesh:
         ValueError
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
-        if not np.all(np.isfinite(self.vertices)):
-            raise ValueError(_notFinite(self.vertices))
+        _requireSizes(self.vertices)
         folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
         if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
@@ -452,12 +475,13 @@ class Mesh:
         self.check()
         if self.isPeriodic:
             raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
-        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
+        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer, "edgeLength")
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
         mesh = Mesh(*result.triangulation, self.box)
         mesh.notes = [*self.notes, *(f"remeshed: {text}" for text in (result.summary(), *result.shortcomings()))]
+        mesh.notes += self._speciesLeft(mesh)
         return mesh
 
     def topology(self) -> app.Topology:
@@ -480,8 +504,15 @@ class Mesh:
         ----------
         mass : float or Quantity
             the mass of each particle, in Da.  Monte Carlo averages do not depend on it
+
+        Raises
+        ------
+        ValueError, TypeError
+            if it is negative, or no mass
         """
-        mass = _inUnit(mass, unit.dalton)
+        mass = _inUnit(mass, unit.dalton, "mass")
+        if not (math.isfinite(mass) and mass >= 0):
+            raise ValueError(f"mass is {mass} Da; it must be finite, and not negative")
         system = mm.System()
         for _ in range(len(self.vertices)):
             system.addParticle(mass)
@@ -560,7 +591,20 @@ class Mesh:
 
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
-        return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
+        result = self._with(slice(None), self.triangles)
+        with np.errstate(over="ignore"):  # what becomes too large is refused
+            result.vertices *= factor
+            result.box = None if self.box is None else self.box * factor
+        _requireSizes(result.vertices)
+        return result
+
+    def _speciesLeft(self, other: "Mesh") -> list[str]:
+        """Return a note if another mesh, made of this one, has lost the species."""
+        return (
+            ["the species were left out, since vertices have changed"]
+            if self.species is not other.species is None
+            else []
+        )
 
     def _with(self, vertices: Any, triangles: ArrayLike) -> "Mesh":
         """Return a mesh of some of the vertices, with their species, and other triangles."""
@@ -569,8 +613,7 @@ class Mesh:
 
     def _withoutLooseVertices(self, notes: Iterable[str] = ()) -> "Mesh":
         """Return the mesh without vertices that belong to no triangle, with notes."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.triangles] = True
+        used = connectivity.isUsed(self.triangles, len(self.vertices))
         result = self._with(used, (np.cumsum(used) - 1)[self.triangles])
         result.notes = list(notes)
         return result
@@ -600,6 +643,57 @@ def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) 
     return np.bincount(places, values, count).astype(np.float64, copy=False)
 
 
+def _speciesOf(species: Any, numVertices: int, names: tuple[str, ...]) -> NDArray[np.intc] | None:
+    """Return the numbers of the species of vertices, given these or their names."""
+    try:
+        values = np.asarray([] if species is None else species)
+    except ValueError:
+        raise ValueError("the species must be an array of whole numbers of shape (N,), one for each vertex") from None
+    if values.size == 0:
+        return None
+    if values.shape != (numVertices,):
+        raise ValueError(
+            f"the species have the shape {values.shape}; there must be one for each of {numVertices} vertices"
+        )
+    if values.dtype.kind == "U":
+        values = _numbersOf(values, names)
+    if values.dtype.kind not in "iub":
+        raise ValueError(f"the species are of type {values.dtype}; they must be whole numbers")
+    wrong = np.flatnonzero((values < 0) | (values > np.iinfo(np.intc).max))
+    if len(wrong):
+        raise ValueError(
+            f"the species of vertex {wrong[0]} is {values[wrong[0]]}; it must be a whole number, 0 or more"
+        )
+    return values.astype(np.intc)
+
+
+def _numbersOf(species: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the numbers of species of some names."""
+    for vertex in np.flatnonzero(~np.isin(species, names))[:1]:
+        known = f"they are called {', '.join(names)}" if names else "there are no speciesNames"
+        raise ValueError(f"the species of vertex {vertex} is '{species[vertex]}'; {known}")
+    return np.array([names.index(name) for name in species.tolist()])
+
+
+def _speciesIn(content: Content, field: str | None) -> NDArray[np.int64] | None:
+    """Return the species of the vertices of a file, by the name of an array, or by ours if there is one."""
+    name = field or SPECIES_FIELD
+    if name not in content.fields:
+        if field is None:
+            return None
+        has = f"it has {', '.join(content.fields)}" if content.fields else "it has none"
+        raise ValueError(f"the file has no array of vertices called '{name}': {has}")
+    values = np.asarray(content.fields[name], dtype=float)
+    wrong = values[~((values >= 0) & (values == np.rint(values)) & (values <= np.iinfo(np.intc).max))]
+    if len(wrong) == 0:
+        return values.astype(np.int64)
+    sentence = f"the array {name} has the value {wrong[0]:g}, which is no number of a species: whole, and 0 or more"
+    if field is not None:
+        raise ValueError(sentence)
+    content.notes.append(f"{sentence}; it was left out")
+    return None
+
+
 def _floats(vertices: Any) -> np.ndarray:
     try:
         with np.errstate(invalid="ignore"):  # what is no number is found later
@@ -608,8 +702,7 @@ def _floats(vertices: Any) -> np.ndarray:
         raise ValueError("the vertices must be an array of numbers of shape (N, 3)") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"the vertices have the shape {vertices.shape}; it must be (N, 3)")
-    if not np.all(np.isfinite(vertices)):
-        raise ValueError(_notFinite(vertices))
+    _requireSizes(vertices)
     return vertices
 
 
@@ -620,16 +713,26 @@ def _boxVectors(box: Any) -> np.ndarray:
     except (TypeError, ValueError):
         raise ValueError("the box must be three vectors, three lengths, or one") from None
     vectors = np.diag(np.broadcast_to(box, 3)) if box.size in (1, 3) and box.ndim < 2 else box
-    if vectors.shape != (3, 3) or not np.all(np.isfinite(vectors)) or np.linalg.det(vectors) <= 0:
-        raise ValueError(f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive")
+    if vectors.shape != (3, 3) or not _isSized(vectors) or np.linalg.det(vectors) <= 0:
+        raise ValueError(
+            f"the box is {box.tolist()}; it must be three vectors, three lengths, or one, all positive and at most "
+            f"{GREATEST:g}"
+        )
     return vectors.copy()
 
 
-def _notFinite(vertices: np.ndarray) -> str:
-    v = np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0]
-    return (
-        f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be finite"
-    )
+def _isSized(numbers: np.ndarray) -> bool:
+    """Return whether all of some numbers are numbers, and not too large."""
+    return bool(numbers.min(initial=0) >= -GREATEST and numbers.max(initial=0) <= GREATEST)
+
+
+def _requireSizes(vertices: np.ndarray) -> None:
+    if not _isSized(vertices):
+        v = np.flatnonzero(~(np.abs(vertices) <= GREATEST).all(axis=1))[0]
+        raise ValueError(
+            f"the position of vertex {v} is ({', '.join(f'{c:g}' for c in vertices[v])}); every coordinate must be a "
+            f"number from {-GREATEST:g} to {GREATEST:g}"
+        )
 
 
 def _indices(triangles: Any, numVertices: int) -> np.ndarray:
@@ -651,15 +754,21 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     return triangles.astype(np.int32)
 
 
-def _inUnit(value: Any, wanted: unit.Unit) -> float:
-    return float(valueIn(value, wanted))
+def _inUnit(value: Any, wanted: unit.Unit, name: str) -> float:
+    """Return a number, or a Quantity, in a unit; raise a TypeError that names it if it is neither."""
+    plain = valueIn(value, wanted, name)
+    if isinstance(plain, str | bytes):
+        raise TypeError(f"{name} is {plain!r}; it must be a number, or a Quantity")
+    return float(plain)
 
 
 def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
-            (1 * length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer)
+            (1 * length).value_in_unit(unit.nanometer)
+            if unit.is_unit(length)
+            else _inUnit(length, unit.nanometer, "unit")
         )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None

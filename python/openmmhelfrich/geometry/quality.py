@@ -187,12 +187,11 @@ def dihedralAngles(mesh: Mesh) -> np.ndarray:
     """
     first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
     origin, target = (end[first] for end in connectivity.halfedges(mesh.triangles))
-    angles = np.empty(len(first))
+    normals, angles = np.empty(mesh.triangles.shape), np.empty(len(first))
+    for block in connectivity.blocks(len(normals)):
+        normals[block] = connectivity.triangleNormals(mesh.vertices, mesh.triangles[block], mesh.images)
     for block in connectivity.blocks(len(angles)):
-        f, g = (
-            connectivity.triangleNormals(mesh.vertices, mesh.triangles[side[block] // 3], mesh.images)
-            for side in (first, second)
-        )
+        f, g = (normals[side[block] // 3] for side in (first, second))
         edge = connectivity.edgeVectors(mesh.vertices, origin[block], target[block], mesh.images)
         sine = _dot(np.cross(f, g), edge) / np.linalg.norm(edge, axis=1)
         angles[block] = np.degrees(np.arctan2(sine, _dot(f, g)))
@@ -214,12 +213,12 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
         patch = connectivity.patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box), 2 * reach)
         points, owner = patch.vertices, patch.vertexOf
         near.setdiag(True)  # of a vertex's own images
-    for pairs in _touching(points, np.full(len(points), reach), BLOCK):
-        if len(pairs):
-            pairs = pairs[~np.asarray(near[owner[pairs[:, 0]], owner[pairs[:, 1]]]).ravel()]
-        distances = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-        if len(pairs) and (closest is None or distances.min() < closest[2]):
-            (i, j), distance = owner[pairs[distances.argmin()]], distances.min()
+    for a, b in _touching(np.ascontiguousarray(points.T), np.full(len(points), reach), BLOCK):
+        isFar = ~np.asarray(near[owner[a], owner[b]]).ravel() if len(a) else np.zeros(0, dtype=bool)
+        a, b = a[isFar], b[isFar]
+        distances = np.linalg.norm(points[a] - points[b], axis=1)
+        if len(a) and (closest is None or distances.min() < closest[2]):
+            i, j, distance = owner[a[distances.argmin()]], owner[b[distances.argmin()]], distances.min()
             closest = int(i), int(j), float(distance)
     return closest
 
@@ -233,15 +232,17 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     """
     if mesh.isPeriodic:
         return _crossingsInBox(mesh, block)
-    middles, radii = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
+    middles, radii = np.empty((3, len(mesh.triangles))), np.empty(len(mesh.triangles))
     for some in connectivity.blocks(len(radii)):
         corners = mesh.vertices[mesh.triangles[some]]
-        middles[some] = corners.mean(axis=1)
-        radii[some] = np.linalg.norm(corners - middles[some][:, np.newaxis], axis=2).max(axis=1)
+        middle = corners.mean(axis=1)
+        middles[:, some] = middle.T
+        radii[some] = np.linalg.norm(corners - middle[:, np.newaxis], axis=2).max(axis=1)
+    vertices, triangles = (np.ascontiguousarray(rows.T) for rows in (mesh.vertices, mesh.triangles))
     found = [
-        _passing(mesh, edges, triangles)
+        _passing(mesh, *sides)
         for pairs in _touching(middles, radii, block)
-        for edges, triangles in _near(mesh, pairs, middles, radii)
+        for sides in _near(vertices, triangles, pairs, middles, radii)
     ]
     rows = np.unique(np.concatenate(found), axis=0) if found else np.zeros((0, 3), dtype=int)
     return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
@@ -256,60 +257,69 @@ def _crossingsInBox(mesh: Mesh, block: int) -> np.ndarray:
     return np.unique(np.column_stack((edges, patch.triangleOf[found[:, 2]])), axis=0)
 
 
+# What follows has a row for each coordinate and a column for each point: numpy is slow with many short rows.
+
+
 def _touching(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
-    """Yield the pairs of spheres that touch, in arrays of shape (K, 2)."""
+    """Yield the pairs of spheres that touch, in arrays of shape (2, K)."""
     # Spheres of similar size together, so that a few large ones do not widen the search for all.
     sizes = np.minimum(np.floor(np.log2(radii.max() / radii)), 20)
     classes = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    trees = [cKDTree(middles[mine]) for mine in classes] if len(classes) > 1 else []
+    trees = [cKDTree(middles[:, mine].T) for mine in classes] if len(classes) > 1 else []
     for i, mine in enumerate(classes):
-        for pairs in _touchingInSlabs(middles[mine], radii[mine], block):
+        for pairs in _touchingInSlabs(middles[:, mine], radii[mine], block):
             yield mine[pairs]
         for tree, others in zip(trees[i + 1 :], classes[i + 1 :]):
             reach = radii[mine].max() + radii[others].max()
             for start in range(0, len(mine), block):
                 some = mine[start : start + block]
-                found = cKDTree(middles[some]).sparse_distance_matrix(tree, reach, output_type="ndarray")
+                found = cKDTree(middles[:, some].T).sparse_distance_matrix(tree, reach, output_type="ndarray")
                 a, b = some[found["i"]], others[found["j"]]
-                yield np.column_stack((a, b))[found["v"] <= SLACK * (radii[a] + radii[b])]
+                yield np.stack((a, b))[:, found["v"] <= SLACK * (radii[a] + radii[b])]
 
 
 def _touchingInSlabs(middles: np.ndarray, radii: np.ndarray, block: int) -> Iterator[np.ndarray]:
     """Yield the pairs of spheres of similar size that touch, found in slabs across the longest axis, each with the
     spheres beyond it that its own can reach.
     """
-    along, reach = middles[:, np.ptp(middles, axis=0).argmax()], 2 * radii.max()
-    order = np.argsort(along, kind="stable") if len(middles) > block else np.arange(len(middles))
+    along, reach = middles[np.ptp(middles, axis=1).argmax()], 2 * radii.max()
+    order = np.argsort(along, kind="stable") if len(radii) > block else np.arange(len(radii))
     for start in range(0, len(order), block):
         last = min(start + block, len(order)) - 1
         stop = np.searchsorted(along, along[order[last]] + reach, "right", order) if block < len(order) else len(order)
         mine = order[start:stop]
-        x, r = middles[mine], radii[mine]
-        pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
-        a, b = pairs[np.minimum(*pairs.T) <= last - start].T
-        d = x[a] - x[b]
-        isTouching = _dot(d, d) <= SLACK * (r[a] + r[b]) ** 2
-        yield np.column_stack((mine[a[isTouching]], mine[b[isTouching]]))
+        x, r = middles[:, mine], radii[mine]
+        pairs = np.ascontiguousarray(cKDTree(x.T).query_pairs(reach, output_type="ndarray").T)
+        pairs = pairs[:, np.minimum(*pairs) <= last - start]
+        a, b = pairs
+        square = sum(np.square(row[a] - row[b]) for row in x)
+        yield mine[pairs[:, square <= SLACK * (r[a] + r[b]) ** 2]]
 
 
 def _near(
-    mesh: Mesh, pairs: np.ndarray, middles: np.ndarray, radii: np.ndarray
+    vertices: np.ndarray, triangles: np.ndarray, pairs: np.ndarray, middles: np.ndarray, radii: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the edges of each triangle of a pair that have no vertex of the other, and come close to it, with that."""
-    first, second = mesh.triangles[pairs[:, 0]].T, mesh.triangles[pairs[:, 1]].T
+    first, second = (triangles[:, mine] for mine in pairs)
     same = [[a == b for b in second] for a in first]
     for corners, isShared, others in (
-        (first, [a | b | c for a, b, c in same], pairs[:, 1]),
-        (second, [a | b | c for a, b, c in zip(*same)], pairs[:, 0]),
+        (first, [a | b | c for a, b, c in same], pairs[1]),
+        (second, [a | b | c for a, b, c in zip(*same)], pairs[0]),
     ):
         for i, j in ((0, 1), (1, 2), (2, 0)):
             mine = np.flatnonzero(~(isShared[i] | isShared[j]))
             one, other, t = corners[i][mine], corners[j][mine], others[mine]
-            ends = np.column_stack((np.minimum(one, other), np.maximum(one, other)))
-            a, b = mesh.vertices[ends[:, 0]], mesh.vertices[ends[:, 1]]
-            distance, d = (a + b) / 2 - middles[t], b - a
-            isNear = _dot(distance, distance) <= SLACK * (np.sqrt(_dot(d, d)) / 2 + radii[t]) ** 2
-            yield ends[isNear], t[isNear]
+            square, length = np.zeros(len(mine)), np.zeros(len(mine))
+            for row, middle in zip(vertices, middles):
+                a, b = row[one], row[other]
+                length += np.square(b - a)
+                square += np.square((a + b) / 2 - middle[t])
+            isNear = square <= SLACK * (np.sqrt(length) / 2 + radii[t]) ** 2
+            one, other, t = one[isNear], other[isNear], t[isNear]
+            yield np.column_stack((np.minimum(one, other), np.maximum(one, other))), t
+
+
+# --- what is near, row by row
 
 
 def _passing(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -114,7 +114,10 @@ class Draft:
 
     def read(self, size: int) -> bytes:
         first, last = self._position // PAGE, (self._position + size - 1) // PAGE
-        content = b"".join(self._page(page) for page in range(first, last + 1))
+        if self._changes:
+            content = b"".join(self._page(page) for page in range(first, last + 1))
+        else:
+            content = self._stored(first, last + 1 - first)
         return content[self._position - first * PAGE :][:size]
 
     def readinto(self, buffer: Any) -> None:
@@ -138,11 +141,15 @@ class Draft:
         pass
 
     def _page(self, number: int) -> bytes:
-        content = self._changes.get(number, b"")
-        if not content and self._base:
+        return self._changes.get(number) or self._stored(number)
+
+    def _stored(self, number: int, count: int = 1) -> bytes:
+        """Return some pages of the file, with zeros beyond its end and where it cannot be read."""
+        content = b""
+        if self._base:
             with self._noting():
-                content = os.pread(self._base.fileno(), PAGE, number * PAGE)
-        return content.ljust(PAGE, b"\0")
+                content = os.pread(self._base.fileno(), count * PAGE, number * PAGE)
+        return content.ljust(count * PAGE, b"\0")
 
     @contextlib.contextmanager
     def _noting(self) -> Iterator[None]:

@@ -12,6 +12,7 @@ import openmm as mm
 from openmm import app, unit
 
 from ..files import PathLike
+from ..geometry.connectivity import isUsed
 from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
@@ -194,7 +195,12 @@ class MeshReporter:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
         self._speciesNames = tuple(speciesNames)
-        self._vertices, self._beads = np.unique(force.getTriangles()), np.asarray(beads, dtype=np.int64)
+        triangles = force.getTriangles()
+        isVertex = isUsed(triangles, int(triangles.max(initial=-1)) + 1)
+        self._vertices, self._beads = np.flatnonzero(isVertex), np.asarray(beads, dtype=np.int64)
+        self._numbers = (
+            np.cumsum(isVertex, dtype=np.int32) - 1
+        )  # of the vertices, which other particles may lie between
         isLater = append and numFrames != 0 and Path(file).exists()
         self._names = self._requireSameMembrane(file) if isLater else None
         self._writer = MeshTrajectoryWriter(file, numFrames if append else 0, precision, lengthUnit)
@@ -212,8 +218,7 @@ class MeshReporter:
         geometry = self._force.getGeometryInContext(simulation.context)
         areas = valueIn(geometry.vertexAreas, unit.nanometer**2)
         curvatures = valueIn(geometry.vertexMeanCurvatures, unit.nanometer)
-        # The vertices are numbered anew if other particles lie between them.
-        triangles = np.searchsorted(self._vertices, self._force.getTrianglesInContext(simulation.context))
+        triangles = self._numbers[self._force.getTrianglesInContext(simulation.context)]
         species = self._force.getVertexSpeciesInContext(simulation.context)
         beads = positions[self._beads]
         box = state.getPeriodicBoxVectors(asNumpy=True) if self._force.usesPeriodicBoundaryConditions() else None

@@ -47,6 +47,7 @@ def read(content: bytes) -> Content:
     points = np.column_stack([values["vertex"][name] for name in "xyz"])
     result = _faces(points, values)
     result.box = _boxOf(content[:body])
+    result.fields = {p: v for p, v in values["vertex"].items() if p not in "xyz" and np.ndim(v) == 1}
     for name, count in ((e.name, e.count) for e in elements if e.name not in ("vertex", "face", "tristrips")):
         result.noteLeftOut(count, f"elements '{name}'")
     result.noteLeftOut(source.beyond(), f"{'bytes' if order else 'lines'} after the last element")
