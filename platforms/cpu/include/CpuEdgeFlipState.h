@@ -100,6 +100,8 @@ private:
     void addRepulsion(CpuEdgeFlipBatch& batch, ClosePairs& pairs) const;
     Vector3<double> getPosition(int vertex) const;
     double distance2(int vertex1, int vertex2) const;
+    /// apart from the other, which every attempt asks for and inlines
+    [[gnu::noinline]] double periodicDistance2(int vertex1, int vertex2) const;
     double pairEnergy(int vertex1, int vertex2) const;
     void setBonded(int vertex, int other);
     void setApart(int vertex, int other);
@@ -109,6 +111,7 @@ private:
     const std::vector<int>&particles, &surfaces, &species;
     CpuHalfedges mesh;
     const CpuEdgeFlipEvaluation* evaluation;
+    bool isPeriodic = false;
     HelfrichParameters p;
     std::vector<CpuEdgeFlipVertex> vertices;
     CpuHelfrichNeighborList* neighborList;

@@ -37,7 +37,8 @@ void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const CpuVert
 
 void CpuEdgeFlipState::setParameters(const HelfrichParameters& parameters) {
     p = parameters;
-    if (p.box.exists())
+    isPeriodic = p.box.exists();
+    if (isPeriodic)
         evaluation = &getForProcessor<CpuPeriodicEdgeFlipEvaluation>();
 }
 
@@ -339,6 +340,13 @@ Vector3<double> CpuEdgeFlipState::getPosition(int vertex) const {
 }
 
 double CpuEdgeFlipState::distance2(int vertex1, int vertex2) const {
+    if (isPeriodic)
+        return periodicDistance2(vertex1, vertex2);
+    Vector3<double> d = displacement(getPosition(vertex1), getPosition(vertex2));
+    return dot(d, d);
+}
+
+double CpuEdgeFlipState::periodicDistance2(int vertex1, int vertex2) const {
     Vector3<double> d = displacement(getPosition(vertex1), getPosition(vertex2), p.box);
     return dot(d, d);
 }
