@@ -180,6 +180,8 @@ class Scene:
 
     @classmethod
     def _of(cls, config: Config, mesh: Mesh | None, setup: Setup | None) -> "Scene":
+        if setup is not None and not callable(setup):
+            raise TypeError(f"setup is {setup!r}; it must be a function of the System and the Scene")
         mesh = loadMesh(config) if mesh is None else mesh
         with namingSource(config), _overflowsExplained(config):
             config = resolve(config, mesh)
