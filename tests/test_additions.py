@@ -274,3 +274,12 @@ def test_a_setup_must_say_where_its_beads_are(tmp_path, positions):
 
     with pytest.raises(ValueError, match=r"the setup added 1 particle to the System; .* of shape \(1, 3\)"):
         mh.run(configuration(tmp_path), setup=setup)
+
+
+def test_a_setup_is_a_function_that_returns_beads_or_nothing(tmp_path):
+    for wrong in ("here", [[0, 0, 0]]):
+        with pytest.raises(ValueError, match="the setup returned something, and added no particles; add beads, or"):
+            mh.run(configuration(tmp_path), setup=lambda system, scene, wrong=wrong: wrong)
+    with pytest.raises(TypeError, match="setup is 3; it must be a function of the System and the Scene"):
+        mh.run(configuration(tmp_path), setup=3)
+    assert not list(tmp_path.glob("run*"))

@@ -150,8 +150,10 @@ def beadPositions(positions: Any, count: int) -> NDArray[np.float64]:
     try:
         found = np.array(valueIn(positions, unit.nanometer, "what the setup returns"), dtype=np.float64)
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.size == 0 and count == 0:
+        found = np.full(1, np.nan)
+    if count == 0:
+        if found.size > 0:
+            raise ValueError("the setup returned something, and added no particles; add beads, or return nothing")
         return np.empty((0, 3))
     if found.shape != (count, 3) or not np.all(np.isfinite(found)):
         raise ValueError(

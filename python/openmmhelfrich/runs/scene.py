@@ -178,6 +178,8 @@ class Scene:
 
         A UserWarning says that targets are far from what the mesh has: see :func:`openmmhelfrich.continueTo`.
         """
+        if setup is not None and not callable(setup):
+            raise TypeError(f"setup is {setup!r}; it must be a function of the System and the Scene")
         isChecked = isinstance(config, Config)
         config = asConfig(config, hasMesh=mesh is not None)
         if mesh is not None:
