@@ -9,8 +9,8 @@
 namespace HelfrichPlugin {
 
 /**
- * The geometry of some vertices, by the loop that computes that of all, and so to the same bits: it gets copies of their
- * rings, as the only group of a layout.
+ * The geometry of some vertices, by the loop that computes that of all, and so to the same bits: it gets copies of
+ * their rings, as the only group of a layout.
  */
 class CpuChosenVertices {
 public:

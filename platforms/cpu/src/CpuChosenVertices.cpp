@@ -51,7 +51,7 @@ void CpuChosenVertices::computeGroup(const int* slots, int count, CpuVertexGeome
     copyPosition(getOrigin(slots[0]), copies.groups[0].origin);
     for (int lane = 0; lane < width; lane++)
         copyRing(slots[min(lane, count - 1)], lane);
-    CpuHelfrichArrays<double> arrays = {copiedPositions.data(),    bendingSlopes.data(),    ofCopies.areas.data(),
+    CpuHelfrichArrays<double> arrays = {copiedPositions.data(),     bendingSlopes.data(),    ofCopies.areas.data(),
                                         ofCopies.curvatures.data(), ofCopies.volumes.data(), anglesPerLength.data()};
     arrays.box = p.box;
     CpuHelfrichSums sums;
