@@ -498,12 +498,14 @@ def adaptStepSize(
 def _obstacle(simulation: app.Simulation, stepSize: float) -> str | None:
     """Return why a step size, in ps, moves the vertices of a membrane by next to nothing, or None if it moves them."""
     system, context = simulation.system, simulation.context
-    positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    state = context.getState(positions=True)
+    positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     for force in (HelfrichForce.cast(each) for each in system.getForces() if HelfrichForce.isinstance(each)):
         triangles = force.getTrianglesInContext(context)
         vertices, corners = np.unique(triangles, return_inverse=True)
         masses = np.array([valueIn(system.getParticleMass(int(i)), unit.dalton) for i in vertices])
-        mesh = Mesh(positions[vertices], corners.reshape(triangles.shape))
+        box = state.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
+        mesh = Mesh(positions[vertices], corners.reshape(triangles.shape), box)
         lengths = mesh.edgeLengths
         if not masses.any():
             continue
