@@ -69,10 +69,11 @@ private:
     void updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
     void adaptSkin();
     void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
-    void addImages(std::vector<PlacedVertex>& vertices) const;
+    void placeInBox(const CpuHelfrichLayout& layout);
     Cell findCell(const Point& x) const;
     unsigned int findBucket(const Cell& cell) const;
-    void sortIntoBuckets(const std::vector<PlacedVertex>& vertices);
+    template <class GetVertex>
+    void sortIntoBuckets(size_t count, const GetVertex& getVertex);
     void addCandidates(const PlacedVertex& vertex, double cutoff2);
     void addCandidatesInRow(const PlacedVertex& vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);

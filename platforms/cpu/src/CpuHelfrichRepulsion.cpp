@@ -131,10 +131,13 @@ unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
     return hash & (bucketStarts.size() - 2);
 }
 
-void CpuHelfrichRepulsion::addImages(vector<PlacedVertex>& vertices) const {
+void CpuHelfrichRepulsion::placeInBox(const CpuHelfrichLayout& layout) {
     // All vertices come into one box, and beyond each border of it images of those near the opposite one.
 
     auto coordinateOf = [](Point& x, int axis) -> double& { return axis == 0 ? x.x : axis == 1 ? x.y : x.z; };
+    vector<PlacedVertex> vertices;
+    for (size_t v = 0; v < layout.slots.size(); v++)
+        vertices.push_back({reference[layout.slots[v]], (int) v, false});
     for (int axis = 0; axis < 3; axis++) {
         double side = box.lengths[axis], cutoff = onset + skin;
         for (size_t i = 0, count = vertices.size(); i < count; i++) {
@@ -147,37 +150,39 @@ void CpuHelfrichRepulsion::addImages(vector<PlacedVertex>& vertices) const {
                 vertices.push_back(image);
         }
     }
+    sortIntoBuckets(vertices.size(), [&](size_t i) { return vertices[i]; });
+    for (const PlacedVertex& placed : vertices)
+        if (!placed.isImage)
+            reference[layout.slots[placed.vertex]] = placed.x;
 }
 
-void CpuHelfrichRepulsion::sortIntoBuckets(const vector<PlacedVertex>& vertices) {
+template <class GetVertex>
+void CpuHelfrichRepulsion::sortIntoBuckets(size_t count, const GetVertex& getVertex) {
     size_t numBuckets = 1;
-    while (numBuckets < vertices.size())
+    while (numBuckets < count)
         numBuckets *= 2;
     bucketStarts.assign(numBuckets + 1, 0);
-    for (const PlacedVertex& placed : vertices)
-        bucketStarts[findBucket(findCell(placed.x)) + 1]++;
+    for (size_t i = 0; i < count; i++)
+        bucketStarts[findBucket(findCell(getVertex(i).x)) + 1]++;
     for (size_t i = 1; i < bucketStarts.size(); i++)
         bucketStarts[i] += bucketStarts[i - 1];
     vector<int> next(bucketStarts.begin(), bucketStarts.end() - 1);
-    placedVertices.resize(vertices.size());
-    for (const PlacedVertex& placed : vertices)
-        placedVertices[next[findBucket(findCell(placed.x))]++] = placed;
+    placedVertices.resize(count);
+    for (size_t i = 0; i < count; i++) {
+        PlacedVertex vertex = getVertex(i);
+        placedVertices[next[findBucket(findCell(vertex.x))]++] = vertex;
+    }
 }
 
 void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
     reference.resize(layout.getNumSlots());
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         reference[slot] = getPoint(positions + 4 * slot);
-    vector<PlacedVertex> vertices;
-    vertices.reserve(layout.slots.size());
-    for (size_t v = 0; v < layout.slots.size(); v++)
-        vertices.push_back({reference[layout.slots[v]], (int) v, false});
     if (box.exists())
-        addImages(vertices);
-    sortIntoBuckets(vertices);
-    for (const PlacedVertex& placed : placedVertices)
-        if (!placed.isImage)
-            reference[layout.slots[placed.vertex]] = placed.x;
+        placeInBox(layout);
+    else
+        sortIntoBuckets(layout.slots.size(),
+                        [&](size_t v) { return PlacedVertex{reference[layout.slots[v]], (int) v, false}; });
     candidates.lists.resize(layout.slots.size());
     candidates.neighbors.clear();
     candidates.revision = -1;
