@@ -84,18 +84,18 @@ def createContext(mesh, force, integrator, platform, threads):
     return context
 
 
-def timeCalls(call, seconds=1.0, repeats=7):
+def timeCalls(call, seconds=1.0, repeats=7, clock=time.perf_counter):
     """Return the median and the spread (max-min)/median of the time of a call, in seconds."""
     call()
-    start = time.perf_counter()
+    start = clock()
     call()
-    count = max(1, int(seconds / repeats / max(time.perf_counter() - start, 1e-9)))
+    count = max(1, int(seconds / repeats / max(clock() - start, 1e-9)))
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = clock()
         for _ in range(count):
             call()
-        times.append((time.perf_counter() - start) / count)
+        times.append((clock() - start) / count)
     median = statistics.median(times)
     return median, (max(times) - min(times)) / median
 
@@ -304,16 +304,16 @@ def measure(size, platform, threads, precision):
     return results
 
 
-def measureTriMem(size):
-    """Return the figures of TriMem for the same mesh and moduli on one thread, or {} if it cannot be imported."""
+def measureTriMem(vertices, triangles, bendingModulus=20, clock=time.perf_counter):
+    """Return the figures of TriMem for a mesh and the same moduli on one thread, or {} if it cannot be imported."""
     try:
         import trimem.core as core
     except ImportError:
         return {}
     import numpy as np
 
-    mesh = createMembrane(size)
-    triMesh = core.TriMesh(mesh.vertices, mesh.triangles)
+    size = len(vertices)
+    triMesh = core.TriMesh(vertices, triangles)
     bonds, repulsion, continuation = core.BondParams(), core.SurfaceRepulsionParams(), core.ContinuationParams()
     bonds.lc0, bonds.lc1, bonds.r, bonds.type = 1.5, 0.7, 2, core.BondType.Edge
     repulsion.n_search, repulsion.rlist, repulsion.exclusion_level, repulsion.lc1, repulsion.r = (
@@ -332,14 +332,14 @@ def measureTriMem(size):
         parameters.kappa_c,
         parameters.kappa_t,
         parameters.kappa_r,
-    ) = 20, 1e4, 1e4, 1e2, 1e2, 0
+    ) = bendingModulus, 1e4, 1e4, 1e2, 1e2, 0
     parameters.area_frac = parameters.volume_frac = parameters.curvature_frac = 1
     parameters.bond_params, parameters.repulse_params, parameters.continuation_params = bonds, repulsion, continuation
     manager = core.EnergyManager(triMesh, parameters)
-    energy, spread = timeCalls(lambda: manager.energy(triMesh))
-    gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)))
+    energy, spread = timeCalls(lambda: manager.energy(triMesh), clock=clock)
+    gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)), clock=clock)
     # TriMem counts a sweep's attempts by the fraction of edges too.
-    flips, flipSpread = timeCalls(lambda: core.flip(triMesh, manager, 0.1))
+    flips, flipSpread = timeCalls(lambda: core.flip(triMesh, manager, 0.1), clock=clock)
     return {
         "energy": (energy / size * 1e9, spread),
         "gradient": (gradient / size * 1e9, gradientSpread),
@@ -442,13 +442,15 @@ def main():
     for platform in options.platforms:
         for threads in options.threads if platform == "CPU" else [1]:
             for size in options.sizes:
+                mesh = createMembrane(size)
+                isTheirs = threads == 1 and platform == "CPU"
                 cases.append(
                     {
                         "size": size,
                         "platform": platform,
                         "threads": threads,
                         "results": runCase(size, platform, threads, options.precision),
-                        "TriMem": measureTriMem(size) if threads == 1 and platform == "CPU" else {},
+                        "TriMem": measureTriMem(mesh.vertices, mesh.triangles) if isTheirs else {},
                     }
                 )
                 print(f"{size} vertices, {platform}, {threads} threads: done", file=sys.stderr)

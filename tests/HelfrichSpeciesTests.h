@@ -188,6 +188,45 @@ void testOneSpeciesAVertex() {
     assertEqualVectors(computeForcesExactly(blob, p, some), found, 1e-11);
 }
 
+void testTableOfSpecies() {
+    // What all species have in common is that of a search through them, whatever was set before.
+
+    TestRandom random(6);
+    HelfrichSpeciesTable table;
+    vector<HelfrichSpecies> expected;
+    ASSERT_EQUAL(0.0, table.getGreatest().bendingModulus);
+    ASSERT(!table.hasDifferentGaussianModuli());
+    auto check = [&] {
+        HelfrichSpecies greatest;
+        bool isDifferent = false;
+        for (auto& each : expected) {
+            isDifferent |= (each.gaussianModulus != expected[0].gaussianModulus);
+            for (auto member : {&HelfrichSpecies::bendingModulus, &HelfrichSpecies::spontaneousCurvature,
+                                &HelfrichSpecies::gaussianModulus})
+                if (fabs(each.*member) > fabs(greatest.*member))
+                    greatest.*member = each.*member;
+        }
+        ASSERT_EQUAL(greatest.bendingModulus, table.getGreatest().bendingModulus);
+        ASSERT_EQUAL(greatest.spontaneousCurvature, table.getGreatest().spontaneousCurvature);
+        ASSERT_EQUAL(greatest.gaussianModulus, table.getGreatest().gaussianModulus);
+        ASSERT_EQUAL(isDifferent, table.hasDifferentGaussianModuli());
+    };
+    auto draw = [&](double gaussian) {
+        return HelfrichSpecies{double(random.index(9)), random.index(9) - 4.0, gaussian};
+    };
+    for (int i = 0; i < 700; i++) {
+        expected.push_back(draw(-1));
+        table.add(expected.back());
+        check();
+    }
+    for (int i = 0; i < 2000; i++) {
+        int index = random.index(expected.size());
+        expected[index] = draw(random.index(500) == 0 ? -2 : -1);
+        table.set(index, expected[index]);
+        check();
+    }
+}
+
 void testTableOfPairs() {
     // It is that of a map, with its greatest number, whatever was set before.
 
@@ -284,6 +323,7 @@ void testSpecies() {
     testPatchOfASphere();
     testChangingSpecies();
     testOneSpeciesAVertex();
+    testTableOfSpecies();
     testTableOfPairs();
     testInvalidSpecies();
 }

@@ -150,6 +150,21 @@ def test_too_short_a_burn_in_changes_nothing():
     assert simulation.integrator.getStepSize() == 5 * unit.picosecond
 
 
+def test_a_step_size_that_moves_nothing_is_an_error():
+    """On an uneven mesh steps that are accepted are of no use: it is told why, and all is as before."""
+    sphere = mh.Mesh.icosphere(2)
+    for height, isEven in ((1.0, True), (8.0, False)):
+        mesh = mh.Mesh(sphere.vertices * [1, 1, height], sphere.triangles)
+        scene = mh.Scene.of({"sampling": {"seed": 1}}, mesh)
+        simulation = scene.createSimulation(scene.createForce())
+        if isEven:
+            assert mh.adaptStepSize(simulation, 200).stepSize > scene.stepSize / 10
+            continue
+        with pytest.raises(ValueError, match=r"moves vertices by .* edges are .* angles down to .*Mesh\.remeshed\(\)"):
+            mh.adaptStepSize(simulation, 200)
+        assert simulation.integrator.getStepSize() == scene.stepSize * unit.picosecond
+
+
 def test_dynamics_have_nothing_to_adapt():
     simulation = createSimulation(0.001, mm.LangevinMiddleIntegrator(300, 1, 0.001), flipProbability=0)
     with pytest.raises(

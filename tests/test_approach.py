@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.runs.approach import FAR, STEPS_PER_E_FOLD, withApproaches
+from openmmhelfrich.runs.approach import FAR, STEPS_PER_E_FOLD, UNKNOWN, withApproaches
 from openmmhelfrich.runs.config import parseConfig, readTOML
 from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.stages import placeOf
@@ -78,6 +78,70 @@ def test_terms_that_are_off_ask_for_nothing(tmp_path):
     config = parseConfig(configOf(tmp_path, membrane={"volume_modulus": 0.0, "reduced_volume": None}))
     config.membrane.target_volume = 1.0
     assert [stage.kind for stage in Scene.of(config).stages] == ["sample"]
+
+
+FAR_AWAY = {"area": 12.0, "volume": 3.0}
+
+
+def ledOf(stages, targets=FAR_AWAY, held=("area",)):
+    return withApproaches(stages, MEASURES, targets, 642, held)[0]
+
+
+def test_the_moduli_of_the_stage_decide():
+    on, off = sample(volume_modulus=1e6), sample(volume_modulus=0.0)
+    assert [stage.kind for stage in ledOf([sample()])] == ["sample"]
+    assert [stage.kind for stage in ledOf([off], held=("area", "volume"))] == ["sample"]
+    approach, last = ledOf([on])
+    assert (approach.kind, approach.volume_modulus, approach.target_volume, last) == ("approach", 1e6, 3.0, on)
+    going = ContinueStage(kind="continue", volume_modulus=1e6)
+    assert [stage.kind for stage in ledOf([going, sample()])] == ["continue", "sample"]
+
+
+def test_what_was_released_may_be_anywhere():
+    """So it is led back, though its target is what the mesh has at the start."""
+    on, off = sample(volume_modulus=1e6), sample(volume_modulus=0.0)
+    led = ledOf([off, on, on], targets=MEASURES, held=("area", "volume"))
+    assert [stage.kind for stage in led] == ["sample", "approach", "sample", "sample"]
+    assert led[1].steps == math.ceil(STEPS_PER_E_FOLD * UNKNOWN)
+    back = ContinueStage(kind="continue", volume_modulus=0.0, there_and_back=True)
+    assert [stage.kind for stage in ledOf([back, on], MEASURES, ("area", "volume"))] == ["continue", "sample"]
+
+
+def test_an_approach_begins_where_the_membrane_is(tmp_path):
+    """A stage that brings a modulus from 0 leads the target from what the membrane has, whatever it was before."""
+    stage = {"kind": "approach", "steps": 10, "volume_modulus": 1e4, "reduced_volume": 0.9}
+    config = configOf(tmp_path, membrane={"volume_modulus": 0.0, "reduced_volume": None}, stages=[stage])
+    del config["sampling"]["steps"]
+    table = mh.run(config).table
+    start, end = table["volume"][0], 0.9 * table["targetArea"][0] ** 1.5 / (6 * math.sqrt(math.pi))
+    assert np.allclose(table["targetVolume"][1:], start + (end - start) * np.arange(1, 11) / 10)
+    assert np.allclose(table["volumeModulus"], 1e3 * np.arange(11))
+
+
+def test_a_target_of_the_membrane_may_wait_for_its_modulus(tmp_path):
+    """It is no setting without effect where a stage gives it a modulus."""
+    stages = [{"kind": "sample", "steps": 2}, {"kind": "minimize", "max_iterations": 5, "volume_modulus": 1e3}]
+    config = configOf(tmp_path, membrane={"volume_modulus": 0.0, "reduced_volume": 0.9}, stages=stages)
+    del config["sampling"]["steps"]
+    mh.run(config)
+    config["stages"][1]["volume_modulus"] = 0.0
+    with pytest.raises(ValueError, match=r"reduced_volume is 0\.9, and has no effect, since volume_modulus is 0"):
+        mh.run(config)
+
+
+def test_the_step_size_is_that_of_the_stiffest_stage(tmp_path):
+    """Stages without effect on the moduli leave it as it is."""
+
+    def stepSizeOf(modulus, stages):
+        config = configOf(tmp_path, membrane={"bending_modulus": modulus, "reduced_volume": None}, stages=stages)
+        del config["sampling"]["steps"]
+        return Scene.of(config).stepSize
+
+    going = {"kind": "continue", "bending_modulus": 3.0}
+    plain = [{"kind": "sample", "steps": 2}]
+    assert stepSizeOf(9.0, [*plain, {"kind": "sample", "bending_modulus": 90.0}, *plain]) == stepSizeOf(90.0, plain)
+    assert stepSizeOf(90.0, [going]) == stepSizeOf(90.0, plain)
+    assert stepSizeOf(90.0, [{**going, "kind": "sample"}]) == stepSizeOf(3.0, plain) > stepSizeOf(90.0, plain)
 
 
 def test_targets_go_in_equal_parts_to_their_end(tmp_path):

@@ -411,3 +411,24 @@ def testNoFileOfTriMem(tmp_path):
     (tmp_path / "a.inp").write_text("kappa_b = 3\n")
     with pytest.raises(ValueError, match=r"a.inp is not a configuration of TriMem"):
         convertConfig(tmp_path / "a.inp")
+
+
+def testNumbersOfNumPyTuplesAndPaths():
+    """A dict may have what scripts have, and means what a file with the same text means."""
+    script = {
+        "mesh": {"icosphere": np.int64(1)},
+        "membrane": {"reduced_volume": np.float32(0.5), "target_area": np.array([12.0])},
+        "system": {"fixed": (np.int32(1), 2), "forces": [Path("a.xml")]},
+        "sampling": {"steps": np.int64(7), "seed": np.uint8(3)},
+        "output": {"prefix": Path("results") / "cell", "overwrite": np.True_},
+    }
+    file = {
+        "mesh": {"icosphere": 1},
+        "membrane": {"reduced_volume": 0.5, "target_area": [12.0]},
+        "system": {"fixed": [1, 2], "forces": ["a.xml"]},
+        "sampling": {"steps": 7, "seed": 3},
+        "output": {"prefix": str(Path("results/cell")), "overwrite": True},
+    }
+    assert parseConfig(script) == parseConfig(file)
+    with pytest.raises(ValueError, match=r"steps is 7\.5; it must be a whole number"):
+        parseConfig({"mesh": {"icosphere": 1}, "sampling": {"steps": np.float64(7.5)}})

@@ -88,10 +88,32 @@ def testTheSpectrumOfAHarmonic():
     assert powers[2] < 1e-3 and powers[4] < 1e-3
 
 
+def halved(mesh, names=()):
+    mesh.speciesNames = names
+    mesh.species = (mesh.vertices[:, 2] > 0).astype(int)
+    return mesh
+
+
+def testSpeciesGoByNames():
+    mesh = halved(sphere(2), ("a", "b", "none"))
+    assert np.array_equal(mh.findDomains(mesh, "b").labels, mh.findDomains(mesh, 1).labels)
+    assert len(mh.findDomains(mesh, "none").areas) == 0 and mh.contactNumbers(mesh).shape == (3, 3)
+    assert mh.speciesCurvature(mesh, "a") == mh.speciesCurvature(mesh, 0)
+
+
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda mesh: mh.findDomains(mesh), "the mesh has no species"),
+        (lambda mesh: mh.findDomains(mesh), "the mesh has no species; give it some"),
+        (lambda mesh: mh.findDomains(halved(mesh), 2), "the mesh has no species 2; it has 0 to 1, and more if"),
+        (lambda mesh: mh.speciesCurvature(halved(mesh), -1), "the mesh has no species -1; it has 0 to 1"),
+        (lambda mesh: mh.compositionProfile(halved(mesh), 4), "the mesh has no species 4"),
+        (
+            lambda mesh: mh.compositionSpectrum(halved(mesh), "lo"),
+            "no species of the mesh is called 'lo'; they have no",
+        ),
+        (lambda mesh: mh.findDomains(halved(mesh, ("a", "b")), "lo"), "called 'lo'; they are called a, b"),
+        (lambda mesh: mh.findDomains(halved(mesh, ("a", "b")), 2), r"the mesh has no species 2; it has 0 to 1$"),
         (lambda mesh: mh.compositionProfile(mesh, axis=(0, 0, 0)), "axis is"),
         (lambda mesh: mh.compositionProfile(mesh, bins=0), "bins is 0"),
         (lambda mesh: mh.compositionSpectrum(mesh, maxDegree=0), "maxDegree is 0"),

@@ -1,5 +1,6 @@
 """Species and spontaneous curvature in a configuration: which vertices have them, and what a run makes of them."""
 
+import base64
 import itertools
 import signal
 
@@ -9,7 +10,8 @@ import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.pictures.look import Look
+from openmmhelfrich.geometry.formats import vtkfiles
+from openmmhelfrich.pictures.look import Look, speciesColors, speciesCount, speciesLegend
 from openmmhelfrich.pictures.plots import drawMesh
 from openmmhelfrich.pictures.rendering import render
 from openmmhelfrich.pictures.report import writeReport
@@ -20,7 +22,9 @@ from openmmhelfrich.runs.material import placeSpecies
 from openmmhelfrich.runs.sections import SpeciesSection
 from openmmhelfrich.runs.stages import checkStages
 from openmmhelfrich.sampling.conditions import flatEnergy
+from openmmhelfrich.sampling.observables import OBSERVABLES, PANELS, curves, observableUnits
 from openmmhelfrich.units import thermalEnergy
+from test_report import partsOf
 
 MESH = mh.Mesh.icosphere(2, 2.0)
 LO_LD = [{"name": "lo", "fraction": 0.25, "bending_modulus": 40}, {"name": "ld", "spontaneous_curvature": 0.3}]
@@ -150,11 +154,102 @@ def test_a_run_with_exchanges_goes_on_to_the_same_bits(tmp_path):
         ({"sampling": {"exchange_probability": 0.2}}, "exchange_probability has no effect without"),
         ({"sampling": {"exchange_probability": 0.7}, "species": LO_LD}, "must not add up to more than 1"),
         ({"membrane": {"spontaneous_curvature": "3 nm"}}, "is not a unit of curvature"),
+        ({"species": [{"name": ""}]}, r"\[\[species\]\] 1 name is ''; it must not be empty"),
+        ({"species": [{"name": "a", "direction": [1.0, 2.0]}]}, r"direction is \[1.0, 2.0\]; it must have at least 3"),
+        ({"species": [{"name": "a", "direction": [1.0] * 4}]}, "it must have at most 3 values"),
+        ({"species": {"name": "a"}}, r"it must be a list of tables, each under \[\[species\]\]"),
+        ({"membrane": {"pair_energies": 3}}, "pair_energies is 3; it must be a table"),
     ],
 )
 def test_mistakes_are_named(sections, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=message) as found:
         mh.Scene.of(configOf(**sections))
+    assert "validation" not in str(found.value)
+
+
+ONE = [{"name": "a"}]
+
+
+def withSpecies(**keys):
+    return [{"name": "a", "fraction": 0.5}, {"name": "b", **keys}]
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"species": withSpecies(direction=[0.0, 1.0, 0.0])}, r"direction is \[0.0, 1.0, 0.0\], and has no effect"),
+        ({"species": withSpecies(chemical_potential=1.0)}, "chemical_potential of the species b has no effect without"),
+        (
+            {"species": withSpecies(chemical_potential=1.0), "sampling": {"exchange_probability": 0.2}},
+            "chemical_potential of the species b has no effect without mutations",
+        ),
+        ({"sampling": {"exchange_proposal": "anywhere"}}, "exchange_proposal has no effect without"),
+        ({"sampling": {"exchange_fraction": 0.5}, "species": ONE}, "exchange_fraction has no effect with one"),
+        ({"sampling": {"exchange_fraction": 0.5}, "species": LO_LD}, "since exchange_probability is 0; give it"),
+        ({"species": ONE, "membrane": {"line_tension": 2}}, "line_tension has no effect with one of"),
+        ({"species": ONE, "membrane": {"pair_energies": {"a, a": 2}}}, "pair_energies has no effect with one of"),
+        (
+            {"species": [{**each, "gaussian_modulus": 1.0} for each in LO_LD], "membrane": {"gaussian_modulus": 2.0}},
+            "gaussian_modulus has no effect, since each of",
+        ),
+        (
+            {"species": withSpecies(spontaneous_curvature=1.0, bending_modulus=0.0)},
+            "spontaneous_curvature of the species b has no effect, since its bending_modulus is 0",
+        ),
+        (
+            {"membrane": {"spontaneous_curvature": 1.0, "bending_modulus": 0.0}},
+            "spontaneous_curvature has no effect, since the bending_modulus is 0",
+        ),
+    ],
+)
+def test_settings_without_effect_are_told(sections, message):
+    """And so they are in what is read back of a resolved configuration, which has all defaults."""
+    with pytest.raises(ValueError, match=message):
+        parseConfig(configOf(**sections))
+
+
+def test_a_curvature_may_wait_for_its_modulus():
+    membrane = {"spontaneous_curvature": 1.0, "bending_modulus": 0.0}
+    stage = {"kind": "sample", "bending_modulus": 5.0}
+    sampling = {"seed": 1}
+    checkStages(mh.Scene.of(configOf(membrane=membrane, stages=[stage], sampling=sampling)))
+    stage = {"kind": "sample", "spontaneous_curvature": 5.0}
+    with pytest.raises(
+        ValueError, match=r"stage 1 \(sample\): it has a spontaneous_curvature, and the bending_modulus is"
+    ):
+        checkStages(mh.Scene.of(configOf(membrane={"bending_modulus": 0.0}, stages=[stage], sampling=sampling)))
+
+
+def test_arrays_of_numpy_are_lists():
+    species = [
+        {"name": "a", "fraction": np.float32(0.25), "region": "cap", "direction": np.array([1, 0, 0])},
+        {"name": "b", "vertices": np.arange(np.int64(3))},
+        {"name": "c"},
+    ]
+    config = configOf(species=species, sampling={"seed": np.int64(1)}, membrane={"target_volume": np.array([4.0])})
+    scene = mh.Scene.of(config)
+    assert np.all(scene.vertexSpecies[:3] == 1) and np.count_nonzero(scene.vertexSpecies == 0) == round(0.25 * 162)
+    assert parseConfig(config) == parseConfig(asDict(parseConfig(config)))
+
+
+def test_axes_of_a_sweep_name_one_species(tmp_path):
+    (tmp_path / "base.toml").write_text(configText(configOf(species=LO_LD)))
+
+    def points(key):
+        (tmp_path / "grid.toml").write_text(f'base = "base.toml"\n[grid]\n{key} = [10.0, 20.0]\n')
+        return mh.readGrid(tmp_path / "grid.toml")
+
+    assert [point.config.species[1].bending_modulus for point in points("species.ld.bending_modulus")] == [10, 20]
+    assert [point.config.species[0].bending_modulus for point in points("species.1.bending_modulus")] == [10, 20]
+    for key, message in (
+        ("species.lx.bending_modulus", "does not name one of the species; the species are 1 .lo., 2 .ld."),
+        (
+            "species.bending_modulus",
+            "it is written like species.NAME.bending_modulus, with the species' name or number",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            points(key)
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +268,7 @@ def test_files_have_the_species(results):
     assert np.any(frames[0].mesh.species != frames[-1].mesh.species)
     final = meshio.read(f"{results[1]}.ply")
     assert np.array_equal(final.point_data["Species"], frames[-1].mesh.species)
+    assert not {o.name for o in OBSERVABLES if o.condition} & set(results[0].table)
     assert results[0].table["E_line"].min() > 0 and np.ptp(results[0].table["E_line"]) > 0
 
 
@@ -197,6 +293,44 @@ def test_a_report_names_the_species(results):
         or '"legend":[["lo","#1f77b4"],["ld","#ff7f0e"]]' in page
     )
     assert '"species":' in page
+
+
+def withSpecies642(numbers, names=()):
+    mesh = mh.Mesh.icosphere(3)
+    mesh.speciesNames, mesh.species = names, numbers(mesh)
+    return mesh
+
+
+def test_few_species_have_colors_of_their_own_and_many_a_scale():
+    for count in (1, 2, 10, 11, 40, 642, 5000):
+        colors = speciesColors(np.arange(count), count)
+        assert len(np.unique(colors, axis=0)) >= min(count, 100)
+    few = withSpecies642(lambda mesh: np.arange(642) % 12 % 10)
+    assert [label for label, _ in speciesLegend(few, speciesCount(few))] == [f"species {k}" for k in range(10)]
+    names = [f"C0 = {k}" for k in range(33)]
+    many = withSpecies642(lambda mesh: np.arange(642) % 30, names)
+    legend = speciesLegend(many, speciesCount(many))
+    assert [label for label, _ in legend] == ["C0 = 0", "C0 = 8", "C0 = 16", "C0 = 24", "C0 = 32"]
+    assert np.array_equal([color for _, color in legend], speciesColors(np.arange(0, 33, 8), 33))
+
+
+def test_a_field_of_a_species_each_is_shown_where_numbers_say_something():
+    byHeight = withSpecies642(lambda mesh: np.argsort(np.argsort(mesh.vertices[:, 2])))
+    anyhow = withSpecies642(lambda mesh: np.random.default_rng(1).permutation(642))
+    mixed = withSpecies642(lambda mesh: np.random.default_rng(1).integers(0, 12, 642))
+    assert Look().species(byHeight) is not None and Look().species(mixed) is not None
+    assert Look().species(anyhow) is None and Look(colorBy="species").species(anyhow) is not None
+
+
+def test_a_report_shows_many_species_by_a_scale(tmp_path):
+    frames = [mh.meshFrame(k, withSpecies642(lambda mesh: np.argsort(np.argsort(mesh.vertices[:, 2])))) for k in (0, 1)]
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", frames)
+    shape = partsOf(writeReport(tmp_path / "a"))[0]["shape"]
+    places = np.frombuffer(base64.b64decode(shape["frames"][0]["species"]), np.uint8)
+    order = np.argsort(frames[0].mesh.species)
+    assert len(shape["speciesColors"]) == 256 and places.min() == 0 and places.max() == 255
+    assert np.all(np.diff(places[order].astype(int)) >= 0)
+    assert [label for label, _ in shape["legend"]] == [f"species {k}" for k in (0, 160, 320, 481, 641)]
 
 
 STAGES = [
@@ -235,6 +369,28 @@ def test_stages_change_moduli_and_the_like(tmp_path):
     assert force.getAreaDifferenceModulus()._value == pytest.approx(100 * kT)
 
 
+def test_tables_have_what_stages_change(tmp_path):
+    """And nothing else; windows have it too, and plots a panel where it changes."""
+    summary = runStages(tmp_path / "run")
+    table = summary.table
+    first, second, third = (table["stage"] == k for k in (1, 2, 3))
+    names = {o.name for o in OBSERVABLES if o.condition} & set(table)
+    assert names == {"volumeModulus", "pressure", "spontaneousCurvature", "lineTension", "areaDifferenceModulus"}
+    assert np.all(table["volumeModulus"][1:] == 0) and table["volumeModulus"][0] == pytest.approx(1e6)
+    assert np.allclose(table["pressure"][1:], 3)
+    windows = table["window"][second].astype(int)
+    assert np.allclose(table["spontaneousCurvature"][second], np.array([0, 0.2, 0.4, 0.2, 0])[windows])
+    assert np.allclose(table["lineTension"][second], np.array([2, 2.5, 4, 2.5, 2])[windows])
+    assert np.all(table["lineTension"][first] == table["lineTension"][third][-1])
+    assert np.allclose(table["areaDifferenceModulus"][third], [25, 50, 75, 100])
+    path = mh.readObservables(tmp_path / "run_path.csv")
+    assert np.allclose(path["lineTension"], [2, 2.5, 4, 2.5, 2]) and np.allclose(path["lineTensionDeviation"], 0)
+    units = observableUnits(tmp_path / "run.csv")
+    assert [units[name] for name in ("spontaneousCurvature", "lineTension", "pressure")] == ["1/nm", "kT/nm", "kT/nm^3"]
+    drawn = [panel.title for panel in PANELS if curves(panel, table)]
+    assert "line tension" in drawn and "volume modulus" in drawn and "tension" not in drawn
+
+
 def test_a_path_of_a_line_tension_is_the_one_given(tmp_path):
     table = runStages(tmp_path / "run").table
     # The line energy over the line tension is a length, which changes little in so few steps.
@@ -260,7 +416,7 @@ def test_a_run_whose_stages_change_moduli_goes_on_to_the_same_bits(tmp_path):
     )
     assert mh.run(config, progress=progress).interrupted
     resumed = mh.resume(tmp_path / "part")
-    for name in ("energy", "E_line", "E_bending"):
+    for name in ("energy", "E_line", "E_bending", "lineTension", "spontaneousCurvature"):
         assert np.array_equal(whole.table[name], resumed.table[name])
 
 
@@ -290,8 +446,8 @@ def test_a_field_of_the_mesh_file_says_where_species_are(tmp_path, suffix):
     scene = mh.Scene.of(configOf(mesh=mesh, species=[{"name": "a"}, {"name": "b"}]))
     assert np.array_equal(scene.vertexSpecies, own)
     for change, message in (
-        ({"species": [{"name": "a"}]}, "has the value 1; with 1 species"),
-        ({"mesh": {**mesh, "species_field": "x"}}, "has no array of vertices of this name: it has Species"),
+        ({"species": [{"name": "a"}]}, r"species_field Species has the number 1; with 1 \[\[species\]\]"),
+        ({"mesh": {**mesh, "species_field": "x"}}, "has no array of vertices called 'x': it has Species"),
         ({"species": [{"name": "a", "fraction": 0.5}, {"name": "b"}]}, "has a fraction or vertices of its own"),
         ({"species": []}, "species_field has no effect without"),
         ({"mesh": {"icosphere": 1, "species_field": "x"}}, "there is no file that has it"),
@@ -300,12 +456,104 @@ def test_a_field_of_the_mesh_file_says_where_species_are(tmp_path, suffix):
             mh.Scene.of(configOf(**{"mesh": mesh, "species": [{"name": "a"}, {"name": "b"}], **change}))
 
 
+def withOwnSpecies():
+    return mh.Mesh(MESH.vertices, MESH.triangles, species=np.arange(len(MESH.vertices)) % 3)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "vtu", "vtk"])
+@pytest.mark.parametrize("hasVTK", [True, False])
+def test_files_bring_species_back(tmp_path, monkeypatch, suffix, hasVTK):
+    """Those of write() by themselves, and those of another array by its name."""
+    if not hasVTK:
+        monkeypatch.setattr(vtkfiles, "_hasVTK", lambda: False)
+    mesh, file = withOwnSpecies(), tmp_path / f"a.{suffix}"
+    others = {"kind": np.arange(162) % 2, "height": MESH.vertices[:, 2]}
+    mesh.write(file, unit=2.0, data=others)
+    read = mh.Mesh.read(file, unit=2.0)
+    assert np.array_equal(read.species, mesh.species) and not read.notes and read.species.dtype == np.intc
+    np.testing.assert_allclose(read.vertices, mesh.vertices, rtol=1e-15)
+    assert np.array_equal(mh.Mesh.read(file, speciesField="kind").species, others["kind"])
+    assert np.array_equal(mh.Mesh.read(file, repair=True).species, mesh.species)
+    with pytest.raises(ValueError, match=r"the file has no array of vertices called 'x': it has .*kind"):
+        mh.Mesh.read(file, speciesField="x")
+    with pytest.raises(ValueError, match=r"the array height has the value 1\.70\d+, which is no number of a species"):
+        mh.Mesh.read(file, speciesField="height")
+    mh.Mesh(MESH.vertices, MESH.triangles).write(file, data={"Species": others["height"]})
+    read = mh.Mesh.read(file)
+    assert read.species is None and "which is no number of a species: whole, and 0 or more; it was" in read.notes[0]
+
+
+def test_a_file_without_species_has_none(tmp_path):
+    withOwnSpecies().write(tmp_path / "a.stl")
+    assert mh.Mesh.read(tmp_path / "a.stl").species is None
+    with pytest.raises(ValueError, match="called 'Species': it has none"):
+        mh.Mesh.read(tmp_path / "a.stl", speciesField="Species")
+
+
+def test_species_follow_the_vertices_that_are_left(tmp_path):
+    mesh = withOwnSpecies()
+    two = mh.Mesh.merged([mesh, mh.Mesh(mesh.vertices + 9.0, mesh.triangles)])
+    two.species = np.repeat([0, 1], len(mesh.vertices))
+    two.triangles = two.triangles[len(mesh.triangles) :]
+    two.write(tmp_path / "a.ply")
+    read = mh.Mesh.read(tmp_path / "a.ply")
+    assert len(read.vertices) == 162 and set(read.species) == {1}
+    assert "vertices of no face were left out" in read.notes[0]
+    corner = mh.Mesh(
+        np.append(mesh.vertices, mesh.vertices[:1], axis=0), mesh.triangles, species=np.append(mesh.species, 0)
+    )
+    corner.triangles[0, corner.triangles[0] == corner.triangles[0, 0]] = 162
+    mended = corner.repaired()
+    assert mended.species is None and "the species were left out, since vertices have changed" in mended.notes
+
+
+def test_a_trajectory_brings_species_and_names_back(tmp_path):
+    mesh = withOwnSpecies()
+    mesh.speciesNames = ("a", "b", "c")
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", [mh.meshFrame(0, mesh)])
+    with mh.readMeshTrajectory(tmp_path / "a.vtkhdf") as frames:
+        read = frames[0].mesh
+    assert np.array_equal(read.species, mesh.species) and read.speciesNames == mesh.speciesNames
+
+
+@pytest.mark.parametrize(
+    ("species", "message"),
+    [
+        ([0, 1], r"the species have the shape \(2,\); there must be one for each of 162 vertices"),
+        ([[0]] * 162, r"the shape \(162, 1\)"),
+        ([0.0] * 162, "the species are of type float64; they must be whole numbers"),
+        ([0] * 161 + [-1], "the species of vertex 161 is -1; it must be a whole number, 0 or more"),
+        (["a"] * 161 + ["x"], "the species of vertex 161 is 'x'; they are called a, b"),
+        ([None] * 162, "the species are of type object"),
+        ([[0], [0, 1]], "must be an array of whole numbers"),
+        ([2**40] * 162, "the species of vertex 0 is 1099511627776"),
+    ],
+)
+def test_species_that_are_none_are_refused(species, message):
+    """When they are assigned, and when a mesh is made of them; the mesh then has those that it had."""
+    mesh = mh.Mesh(MESH.vertices, MESH.triangles, species=["a", "b"] * 81, speciesNames=("a", "b"))
+    for assign in (
+        lambda: setattr(mesh, "species", species),
+        lambda: mh.Mesh(MESH.vertices, MESH.triangles, species=species, speciesNames=("a", "b")),
+    ):
+        with pytest.raises(ValueError, match=message):
+            assign()
+    assert mesh.species.tolist() == [0, 1] * 81
+    mesh.species = None
+    assert mesh.species is None
+
+
 def test_a_mesh_with_species_keeps_them():
     own = (np.arange(len(MESH.vertices)) % 2).astype(np.intc)
-    mesh = mh.Mesh(MESH.vertices, MESH.triangles, species=own)
-    assert np.array_equal(mh.Scene.of({"species": LO_LD, "sampling": {"seed": 1}}, mesh).vertexSpecies, own)
-    with pytest.raises(ValueError, match="has the value 1; with 1 species"):
-        mh.Scene.of({"species": [{"name": "a"}], "sampling": {"seed": 1}}, mesh)
+    mesh, sampling = mh.Mesh(MESH.vertices, MESH.triangles, species=own), {"seed": 1}
+    two = [{"name": "a"}, {"name": "b"}]
+    assert np.array_equal(mh.Scene.of({"species": two, "sampling": sampling}, mesh).vertexSpecies, own)
+    for species, message in (
+        (two[:1], r"the mesh has species, of which one has the number 1; with 1 \[\[species\]\]"),
+        (LO_LD, "the mesh has species of its own, and the species lo has a fraction or vertices"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mh.Scene.of({"species": species, "sampling": sampling}, mesh)
 
 
 def test_a_sweep_over_species_goes_on(tmp_path):

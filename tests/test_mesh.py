@@ -312,7 +312,10 @@ def testSpeciesGoWithTheirVertices(tmp_path, sphere):
     parts = mesh.components()
     assert np.array_equal(np.concatenate([part.species for part in parts]), species)
     assert np.array_equal(mesh.reversed().species, species) and mesh.reversed().speciesNames == ("a", "b", "c")
-    assert mesh.repaired().species is None  # which has other vertices
+    assert np.array_equal(mesh.repaired().species, species)  # where nothing is to be mended
+    merged = mh.Mesh.merged(parts)
+    assert np.array_equal(merged.species, species) and merged.speciesNames == ("a", "b", "c")
+    assert mh.Mesh.merged([mesh, sphere]).species is None
     mesh.write(tmp_path / "a.ply", data={"Species": species.astype(float)})
     assert meshio.read(tmp_path / "a.ply").point_data["Species"].dtype.kind == "i"
     for name in ("a.stl", "a.off", "a.q", "a.h5"):

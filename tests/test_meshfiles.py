@@ -121,6 +121,34 @@ def testBoxOfFreeDTS(tmp_path, sphere):
     assert not (tmp_path / "c.tsi").exists()
 
 
+@given(seed=st.integers(0, 10**9), suffix=st.sampled_from(["tsi", "q"]), room=st.none() | st.floats(1.01, 30))
+@settings(max_examples=30, deadline=None)
+def testFreeDTSFindsAllVerticesInItsBox(tmp_path_factory, seed, suffix, room):
+    """Numbers in the file are from 0 to the box's lengths, and the mesh is read where it was."""
+    plain, file = randomMesh(seed), tmp_path_factory.mktemp("boxes") / f"a.{suffix}"
+    mesh = mh.Mesh(plain.vertices, plain.triangles, None if room is None else room * np.ptp(plain.vertices, axis=0))
+    mesh.write(file)
+    lines = [line.split() for line in file.read_text().splitlines()]
+    first = 3 if suffix == "tsi" else 2
+    box = np.array(lines[first - 2][-3:], dtype=float)
+    points = np.array([line[1:4] for line in lines[first : first + len(mesh.vertices)]], dtype=float)
+    assert np.all(points >= 0) and np.all(points < box)
+    again = mh.Mesh.read(file)
+    assert again.vertices == pytest.approx(mesh.vertices, rel=1e-12, abs=1e-13 * box.max())
+    if np.all((plain.vertices >= 0) & (plain.vertices < box)):
+        assert np.array_equal(points, plain.vertices)
+
+
+def testABoxThatIsTooSmallForFreeDTS(tmp_path, sphere):
+    with pytest.raises(
+        ValueError, match=r"the sizes of the mesh and its box are 2 x .* and 1.5 x 9 x 9; FreeDTS needs"
+    ):
+        mh.Mesh(sphere.vertices * 2 / np.ptp(sphere.vertices, axis=0), sphere.triangles, (1.5, 9, 9)).write(
+            tmp_path / "a.tsi"
+        )
+    assert not (tmp_path / "a.tsi").exists()
+
+
 def testNumbersOfFreeDTS(tmp_path):
     content = "version 1.1\nbox 9 9 9\nvertex 4\n7 0 0 0\n3 1 0 0\n5 0 1 0\n9 0 0 1\n"
     content += "triangle 4\n0 7 5 3\n1 7 3 9\n2 7 9 5\n3 3 5 9\n"
@@ -330,6 +358,7 @@ TSI = b"version 1.1\nbox 9 9 9\nvertex 1\n0 0 0 0\ntriangle 1\n0 0 0 0\n"
         ("a.tsi", TSI[:-9], "it is not complete: it ends after 0 of 1 lines of the section triangle"),
         ("a.tsi", TSI.replace(b"box 9 9 9", b"box 9 9 -9"), "the box is 9 x 9 x -9; its lengths must be positive"),
         ("a.tsi", TSI.replace(b"box 9 9 9\n", b""), "it has no section 'box'"),
+        ("a.tsi", TSI + b"# origin 1 2 x\n", "its origin is '1 2 x'; it must be three numbers"),
         (
             "a.tsi",
             TSI.replace(b"vertex 1\n", b"vertex 2\n1 1 1 1\n") + b"vector_fields 2\n1 1 0 0 1 0 0\n",

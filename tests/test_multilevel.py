@@ -2,7 +2,9 @@
 same, and that every setting works with them.
 """
 
+import json
 import re
+import zipfile
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,6 +17,7 @@ from membranes import PLATFORMS, createBlob, createContext, createForce, energyO
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.sampling.coarsemeshes import makeCoarseMeshes
+from openmmhelfrich.tables import Table
 from test_flips import flipped, octahedron, stateOf
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf
 from test_minimization import createSimulation as createMinimization
@@ -321,7 +324,7 @@ def test_long_waves_move_faster(platform):
     """A trajectory moves the longest waves further than one without coarser meshes, and short ones alike."""
     lengths = []
     for weight in (0, 2):
-        mesh, integrator, context = createRun(2, platform, stepSize=0.0005, steps=10, weight=weight)
+        mesh, integrator, context = createRun(3, platform, stepSize=0.0001, steps=10, weight=weight)
         integrator.step(1)
         move = positionsOf(context) - mesh.vertices
         lengths.append((np.linalg.norm(move.mean(axis=0)), np.linalg.norm(move)))
@@ -350,9 +353,106 @@ def test_configuration():
         {"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": 2}, "platform": {"name": "Reference"}}
     )
     assert Scene.of(config, mh.Mesh.icosphere(1)).createIntegrator().getMultilevelWeight() == 2
-    assert parseConfig({"mesh": {"icosphere": 1}}).sampling.multilevel_weight == 0
-    with pytest.raises(ValueError, match="multilevel_weight is -1"):
-        parseConfig({"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": -1}})
+    for value in (-1, 1001, "much", True, float("nan")):
+        with pytest.raises(ValueError, match=r"multilevel_weight is .*it must be a number from 0 to 1000, or 'auto'"):
+            parseConfig({"mesh": {"icosphere": 1}, "sampling": {"multilevel_weight": value}})
+
+
+def weightOf(subdivisions, membrane=None, sampling=None):
+    config = {"membrane": membrane or {}, "sampling": sampling or {}}
+    scene = Scene.of(config, mh.Mesh.icosphere(subdivisions))
+    assert scene.createIntegrator().getMultilevelWeight() == scene.config.sampling.multilevel_weight
+    return scene.config.sampling.multilevel_weight
+
+
+def test_the_weight_is_chosen():
+    """By default a large surface has coarser meshes, where they do not make steps shorter."""
+    assert weightOf(4) == weightOf(4, sampling={"multilevel_weight": "auto"}) == weightOf(4, {"volume_modulus": 0}) == 2
+    assert weightOf(3) == 0
+    assert weightOf(4, sampling={"multilevel_weight": 0}) == 0
+    assert weightOf(4, sampling={"tether_substeps": 2}) == 0
+    assert weightOf(4, {"area_modulus": 1e8}) == weightOf(4, {"volume_modulus": 1e8}) == 0
+    assert weightOf(4, sampling={"step_size": 2e-3}) == 0 < weightOf(4, sampling={"step_size": 1e-4})
+    sphere = mh.Mesh.icosphere(3)
+    two = mh.Mesh(
+        np.concatenate((sphere.vertices, np.add(sphere.vertices, [3, 0, 0]))),
+        np.concatenate((sphere.triangles, sphere.triangles + len(sphere.vertices))),
+    )
+    assert Scene.of({}, two).config.sampling.multilevel_weight == 0
+
+
+def test_a_run_tells_the_weight(tmp_path):
+    config = {
+        "mesh": {"icosphere": 4},
+        "sampling": {"steps": 2, "steps_per_trajectory": 2, "seed": 1},
+        "output": {"prefix": str(tmp_path / "run")},
+    }
+    mh.run(config)
+    assert "multilevel_weight = 2" in (tmp_path / "run.resolved.toml").read_text()
+    assert "[sampling] multilevel_weight is 2" in (tmp_path / "run.resolved.toml").read_text()
+
+
+def test_older_runs_go_on_without(tmp_path):
+    """A checkpoint that does not name the weight is of a version that had none."""
+    stages = [{"kind": "sample", "steps": 2}]
+    sampling = {"steps_per_trajectory": 2, "seed": 1, "multilevel_weight": 0}
+    config = {
+        "mesh": {"icosphere": 4},
+        "sampling": sampling,
+        "stages": stages,
+        "output": {"prefix": str(tmp_path / "run")},
+    }
+    mh.run(config)
+    checkpoint = tmp_path / "run.checkpoint"
+    with zipfile.ZipFile(checkpoint) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    state = json.loads(parts["run.json"])
+    del state["config"]["sampling"]["multilevel_weight"]
+    parts["run.json"] = json.dumps(state).encode()
+    with zipfile.ZipFile(checkpoint, "w") as archive:
+        for name, data in parts.items():
+            archive.writestr(name, data)
+    mh.resume(tmp_path / "run", steps=2)
+    assert "multilevel_weight = 0" in (tmp_path / "run.resolved.toml").read_text()
+
+
+def test_stages_have_weights(tmp_path):
+    """Minimizations and annealing take one; other stages go on with that of [sampling]."""
+    seen = []
+    config = {
+        "mesh": {"icosphere": 2},
+        "membrane": {"reduced_volume": 0.9},
+        "sampling": {"steps_per_trajectory": 2, "seed": 1, "multilevel_weight": 1},
+        "stages": [
+            {"kind": "minimize", "multilevel_weight": 2, "max_iterations": 30},
+            {"kind": "anneal", "steps": 2, "end_temperature": 100, "multilevel_weight": 0.5},
+            {"kind": "anneal", "steps": 2, "end_temperature": 100},
+            {"kind": "sample", "steps": 2},
+        ],
+        "output": {"prefix": str(tmp_path / "run")},
+    }
+    mh.run(config, lambda study: seen.append((study.index, study.simulation.integrator.getMultilevelWeight())))
+    assert [dict(seen)[i] for i in (1, 2, 3)] == [0.5, 1, 1]
+
+
+def test_a_minimization_by_coarser_meshes_is_that_of_the_function(tmp_path):
+    energies = []
+    for weight in (0, 2):
+        config = {
+            "mesh": {"icosphere": 2},
+            "membrane": {"reduced_volume": 0.95},
+            "sampling": {"seed": 1},
+            "stages": [{"kind": "minimize", "fluid": False, "multilevel_weight": weight, "max_iterations": 40}],
+            "output": {"prefix": str(tmp_path / f"run{weight}")},
+        }
+        mh.run(config)
+        scene = Scene.of(config)
+        force = scene.createForce()
+        simulation = scene.createSimulation(force)
+        result = mh.minimize(simulation, force, maxIterations=40, multilevelWeight=weight)
+        energies.append(Table.read(tmp_path / f"run{weight}.csv")["energy"][-1])
+        assert energies[-1] == pytest.approx(result.energy._value / scene.kT, rel=1e-6)
+    assert energies[0] != energies[1]
 
 
 def test_the_step_size_adapts():
@@ -374,7 +474,7 @@ def test_the_step_size_adapts():
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_matrices_are_those_of_trajectories(platform):
     """From rest, a step of leapfrog moves vertices by h^2/2m B B^T f."""
-    mesh, step, weight = createBlob(2), 1e-4, 1.7
+    mesh, step, weight = createBlob(3), 1e-5, 1.7
     isFixed = np.arange(len(mesh.vertices)) % 7 == 0
     integrator = createIntegrator(step, 1, weight, kT=1e-25)
     system = mesh.createSystem()
@@ -409,6 +509,23 @@ def test_minimization():
         mh.minimize(simulation, force, multilevelWeight=-1)
 
 
+def test_stiff_penalties_do_not_slow_minimization():
+    """Coarser meshes do not move a membrane along penalties that they would make the stiffest of all."""
+    mesh = mh.spheroid(642, mh.spheroidAspectRatio(0.9, "prolate"))
+    noise = np.random.default_rng(3).normal(size=mesh.vertices.shape)
+    rough = mh.Mesh(mesh.vertices + 0.08 * mesh.edgeLengths.mean() * noise, mesh.triangles)
+    results = []
+    for weight in (0, 2):
+        force, simulation = createMinimization(rough, 0.9)
+        force.setAreaModulus(1e6 * force.getBendingModulus())
+        force.setVolumeModulus(1e6 * force.getBendingModulus())
+        force.updateParametersInContext(simulation.context)
+        results.append(mh.minimize(simulation, force, maxIterations=2000, multilevelWeight=weight))
+        assert results[-1].converged
+    assert results[1].iterations < 1.5 * results[0].iterations
+    assert results[1].energy._value == pytest.approx(results[0].energy._value, rel=1e-2)
+
+
 def test_minimization_keeps_what_is_fixed():
     mesh = createBlob(1)
     force = createForce(mesh)
@@ -428,3 +545,15 @@ def test_minimization_keeps_what_is_fixed():
     moved = np.any(positionsOf(simulation.context) != mesh.vertices, axis=1)
     assert np.array_equal(np.flatnonzero(~moved), [0, 7])
     assert result.iterations == len(calls) == 20 and calls == sorted(calls, reverse=True)
+
+
+def test_levels():
+    """Meshes of up to 48 vertices have no coarser one, but for a membrane of more than 4."""
+
+    def sizesOf(mesh):
+        count = len(mesh.vertices)
+        return makeCoarseMeshes(mesh.triangles, count, 2, np.zeros(count, bool)).sizes
+
+    assert sizesOf(mh.Mesh.icosphere(1)) == [42, 12]
+    assert sizesOf(mh.Mesh.icosphere(2)) == [162, 42]
+    assert sizesOf(mh.Mesh.icosphere(3)) == [642, 162, 42]

@@ -56,6 +56,16 @@ def test_the_background_can_be_left_out(tmp_path, with3D):
     assert image[0, 0, 3] == 0 and image[110, 150, 3] == 255
 
 
+def test_a_transparent_picture_on_white_is_the_opaque_one(tmp_path, with3D):
+    """So letters and edges are black on any background, and not half white."""
+    look = Look(size=SMALL, edges=True, scaleBar=True)
+    opaque = picture(tmp_path, look, with3D=with3D)[..., :3].astype(float)
+    image = picture(tmp_path, replace(look, transparent=True), with3D=with3D).astype(float)
+    share = image[..., 3:] / 255
+    assert np.abs(share * image[..., :3] + (1 - share) * 255 - opaque).max() < 10
+    assert ((share > 0) & (share < 1)).any()
+
+
 def test_beads_are_drawn_where_they_are(tmp_path, with3D):
     look = Look(size=SMALL, elevation=0, azimuth=0)
     without = grays(picture(tmp_path, look, with3D=with3D))

@@ -336,7 +336,7 @@ def test_energies_in_other_states():
         ),
         (
             lambda: ReplicaExchange(vesicles().simulations[:2], [ThermodynamicState(300, {"x": 1})] * 2),
-            "parameter 'x'; simulation 0 has .*TargetVolume",
+            "state 0: there is no parameter 'x'; it must be one of .*TargetVolume",
         ),
         (lambda: oscillators([1, math.nan]), "in state 1 the parameter 'k' is nan"),
         (lambda: vesicles(seed=-1), "seed is -1"),
@@ -398,8 +398,7 @@ def test_replicas_may_have_other_species_and_spontaneous_curvatures():
     ReplicaExchange(scenes(*sections), ladder).run(1, 1)
     for section in sections:
         section["species"] = [section["species"][0], {**section["species"][1], "chemical_potential": 1.0}]
-    with pytest.raises(ValueError, match="simulation 0 has mutations at chemical potentials that are not 0"):
-        ReplicaExchange(scenes(*sections), ladder)
+    ReplicaExchange(scenes(*sections), ladder).run(1, 1)
     plain = [{"membrane": {"spontaneous_curvature": c}} for c in (0.0, 0.3)]
     ReplicaExchange(scenes(*plain), ladder).run(1, 1)
 

@@ -41,6 +41,7 @@ def test_each_file_tells_the_prefix(prefix):
     files = sorted(prefix.parent.iterdir())
     assert len(files) == 9
     assert {prefixOf(file) for file in files} == {prefix} == {prefixOf(prefix), prefixOf(prefix.parent)}
+    assert prefixOf(f"{prefix}.toml") == prefix  # its configuration
     assert prefixOf("other.csv") == Path("other.csv")
 
 

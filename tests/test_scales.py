@@ -34,7 +34,13 @@ def study(folder, factor, stages=None, **sections):
         "mesh": {"file": str(folder / "mesh.ply"), "length_unit": "R0"},
         "membrane": {"reduced_volume": 0.97},
         "repulsion": {"modulus": 5.0, "onset": 2.2 * length, "length_scale": length},
-        "sampling": {"steps": 30, "seed": 3, "steps_per_trajectory": 20, "shear_wave_amplitude": 0.1 * factor},
+        "sampling": {
+            "steps": 30,
+            "seed": 3,
+            "steps_per_trajectory": 20,
+            "shear_wave_probability": 0.0,
+            "shear_wave_amplitude": 0.1 * factor,
+        },
         "platform": {"threads": 1},
         "output": {"prefix": str(folder / "a"), "observables_interval": 1, "overwrite": True},
     }

@@ -190,8 +190,8 @@ def test_many_triangles():
 @pytest.mark.parametrize(
     "make, versions",
     [
-        (forceOfSurfaces, "1 to 6"),
-        (completeForce, "1 to 6"),
+        (forceOfSurfaces, "1 to 7"),
+        (completeForce, "1 to 7"),
         (lambda: mh.EdgeFlipIntegrator(300, 0.1), "1"),
         (lambda: mh.HamiltonianTrajectoryIntegrator(300, 0.1), "1"),
         (hybridIntegrator, "1 to 2"),

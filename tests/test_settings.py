@@ -1,5 +1,6 @@
 """Settings that contradict each other, or do nothing, are errors that name what is wrong."""
 
+import re
 import subprocess
 import sys
 
@@ -71,7 +72,7 @@ def testUnitsOfForce(name, wanted):
 
 def testEverySetterIsTested():
     """The list of setters with a dimension is complete."""
-    others = {"Triangle", "FixedEdge", "ForceGroup", "Name", "set_", "Species"}
+    others = {"Triangle", "FixedEdge", "ForceGroup", "Name", "set_", "Species", "Periodic"}
     ofPairs = {"setLineTension", "setPairEnergy"}  # test_species.py has them
     setters = {name for name in dir(mh.HelfrichForce) if name.startswith("set")}
     found = {name for name in setters if not any(word in name for word in others)} - ofPairs
@@ -111,6 +112,23 @@ def testWholeNumbers():
         force.setTether(1, 1, 2, 2**40)
     with pytest.raises(TypeError, match=r"HybridMonteCarloIntegrator: stepsPerTrajectory is '9'; it must be a whole"):
         mh.HybridMonteCarloIntegrator(300, 1, "9")
+
+
+def testWords():
+    """What is to be a string is named."""
+    mixture, trajectories, exchanges = (
+        mh.HybridMonteCarloIntegrator(300, 0.01),
+        mh.HamiltonianTrajectoryIntegrator(300, 0.01, 5),
+        mh.SpeciesExchangeIntegrator(300, 0.1),
+    )
+    for setter, name in (
+        (mixture.setSplitting, "HamiltonianTrajectoryIntegrator.setSplitting: splitting"),
+        (trajectories.setForcePrecision, "HamiltonianTrajectoryIntegrator.setForcePrecision: precision"),
+        (exchanges.setProposal, "SpeciesExchangeIntegrator.setProposal: proposal"),
+    ):
+        for wrong in (None, 3, 1.0 * unit.nanometer, b"leapfrog"):
+            with pytest.raises(TypeError, match=rf"^{re.escape(f'{name} is {wrong!r}')}; it must be a string$"):
+                setter(wrong)
 
 
 def testKeywordsOfTheMixture():
@@ -206,9 +224,11 @@ def testMembranesInsideOtherForces():
         alchemical.addParticle()
     alchemical.addForce(createForce(mesh))
     for hidden in (createVariable(mesh), nested, alchemical):
-        for integrator in (mh.HybridMonteCarloIntegrator(300, 0.001, 10), mh.EdgeFlipIntegrator(300, 0.1)):
-            with pytest.raises(mm.OpenMMException, match=message):
-                createContext(createSystem(mesh, createForce(mesh), hidden.__copy__()), integrator, mesh)
+        for beside in ([], [createForce(mesh)]):
+            for integrator in (mh.HybridMonteCarloIntegrator(300, 0.001, 10), mh.EdgeFlipIntegrator(300, 0.1)):
+                system = createSystem(mesh, *(force.__copy__() for force in (*beside, hidden)))
+                with pytest.raises(mm.OpenMMException, match=message):
+                    createContext(system, integrator, mesh)
 
 
 def testMembranesInsideOtherForcesWithoutFlips():
@@ -227,6 +247,12 @@ def testMembranesInsideOtherForcesWithoutFlips():
     flips = mh.EdgeFlipIntegrator(300, 0)
     context = createContext(createSystem(mesh, createForce(mesh), createVariable(mesh)), flips, mesh)
     flips.step(2)
+    integrator = mh.HybridMonteCarloIntegrator(300, 0.001, 10, flipProbability=0)
+    context = createContext(createSystem(mesh, createVariable(mesh)), integrator, mesh)
+    integrator.step(2)
+    integrator.setFlipProbability(1)
+    with pytest.raises(mm.OpenMMException, match="is inside another Force"):
+        integrator.step(1)
 
 
 def testMeshesThatSpanThePeriodicBox():
@@ -298,11 +324,47 @@ def testTargetsWithoutModulus(tmp_path, membrane, message):
     with pytest.raises(ValueError, match=message.replace("[", r"\[")):
         runConfig(tmp_path, membrane=membrane)
     assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match=message.replace("[", r"\[")):
+        mh.Scene.of({"membrane": membrane}, mh.Mesh.icosphere(1))
     lines = [f"{key} = {value}" for key, value in membrane.items()]
     grid = tmp_path / "grid.toml"
     grid.write_text("\n".join(["[base.mesh]", "icosphere = 2", "[base.membrane]", *lines]))
     with pytest.raises(ValueError, match=message.replace("[", r"\[")):
         mh.sweep(grid)
+
+
+@pytest.mark.parametrize(
+    "section, idle, switch",
+    [
+        ("repulsion", {"onset": 0.2}, {"modulus": 0}),
+        ("repulsion", {"exponent": 3}, {"modulus": 10}),
+        ("sampling", {"shear_wave_cutoff": 2.0}, {"shear_wave_probability": 0.1}),
+        ("sampling", {"exchange_fraction": 0.2}, {"exchange_probability": 0}),
+        ("sampling", {"burn_in": 2}, {"step_size": "auto"}),
+        ("sampling", {"burn_in": 2}, {"shear_wave_probability": 0.1}),
+    ],
+)
+def testKeysThatHaveNoEffect(tmp_path, section, idle, switch):
+    """What describes something that is off is an error, unless its switch is given, even if that is 0."""
+    (key,) = idle
+    for read in (runConfig, lambda _, **sections: mh.Scene.of(sections, mh.Mesh.icosphere(1))):
+        with pytest.raises(ValueError, match=rf"\[{section}\] {key} is .*, and has no effect, since"):
+            read(tmp_path, **{section: idle})
+    assert not list(tmp_path.iterdir())
+    mh.Scene.of({section: idle | switch}, mh.Mesh.icosphere(1))
+
+
+def testAScriptIsToldOfFarTargets(recwarn):
+    """A Scene by itself does not lead there, and says so where it was to be led."""
+    for membrane, approach, isFar in (
+        ({"reduced_volume": 0.7}, "auto", True),
+        ({"reduced_volume": 0.7}, "none", False),
+        ({"reduced_volume": 0.93}, "auto", False),
+        ({}, "auto", False),
+    ):
+        mh.Scene.of({"membrane": membrane, "sampling": {"approach": approach}}, mh.Mesh.icosphere(1))
+        said = [str(recwarn.pop(UserWarning).message)] if len(recwarn) else []
+        assert len(said) == isFar and all("lead it there by continueTo()" in text for text in said)
 
 
 def testTargetsThatHaveAnEffect(tmp_path):

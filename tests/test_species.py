@@ -70,6 +70,34 @@ def test_xml_keeps_everything():
     assert 'version="6"' in mm.XmlSerializer.serialize(force)
 
 
+def test_a_species_for_each_of_many_vertices():
+    """Moduli that change one by one, in the force, a Context and XML: what took the square of their number would take
+    minutes here.
+    """
+    mesh = mh.Mesh.icosphere(6, 100)
+    numSpecies = len(mesh.vertices)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    for i in range(numSpecies):
+        force.addSpecies(20 - i / numSpecies, 0, -15 + i / numSpecies)
+    force.setVertexSpecies(np.arange(numSpecies)[::-1])
+    context = createContext(mesh, force, "CPU")
+    for moduli in ((10, 0.01, -5), (5, 0.01, -6)):
+        for i in range(numSpecies):
+            force.setSpeciesParameters(i, *moduli)
+        assert force.getBendingModulus() == moduli[0] * kJ and force.getGaussianModulus() == moduli[2] * kJ
+        force.updateParametersInContext(context)
+    plain = mh.HelfrichForce()
+    plain.setTriangles(mesh.triangles)
+    plain.setBendingModulus(5)
+    plain.setSpontaneousCurvature(0.01)
+    plain.setGaussianModulus(-6)
+    assert energyOf(context) == pytest.approx(energyOf(createContext(mesh, plain, "CPU")), rel=1e-12)
+    again = copy.deepcopy(force)
+    assert again.getNumSpecies() == numSpecies
+    assert again.getSpeciesParameters(numSpecies - 1) == force.getSpeciesParameters(numSpecies - 1)
+
+
 @pytest.mark.parametrize("subdivisions", [2, 4])
 def test_platforms_agree(subdivisions):
     mesh = createBlob(subdivisions)

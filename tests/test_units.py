@@ -4,6 +4,7 @@ import numpy as np
 import openmm.unit as u
 import pytest
 
+import openmmhelfrich as mh
 from openmmhelfrich import units
 from openmmhelfrich.units import Scales, plainNumber, thermalEnergy
 
@@ -111,6 +112,37 @@ def test_thermal_energy_is_openmms_to_the_last_bit():
     for temperature in [300, 1.5, *np.random.default_rng(1).uniform(0.001, 2000, 2000).tolist()]:
         expected = (u.MOLAR_GAS_CONSTANT_R * temperature * u.kelvin).value_in_unit(u.kilojoule_per_mole)
         assert thermalEnergy(temperature) == thermalEnergy(temperature * u.kelvin) == expected
+
+
+def test_a_quantity_of_another_dimension_is_named():
+    """Functions and methods say which argument it is, and which dimension it must have."""
+    mesh = mh.Mesh.icosphere(1)
+    scene = mh.Scene.of({"sampling": {"seed": 1}}, mesh)
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
+    to = {"windows": 1, "equilibration": 0, "steps": 1}
+    for call, message in (
+        (lambda: mh.Mesh(mesh.vertices * u.kelvin, mesh.triangles), "the unit of vertices is K; .* dimension of nm$"),
+        (lambda: mh.Mesh.icosphere(1, 2 * u.picosecond), "the unit of radius is ps; .* dimension of nm$"),
+        (lambda: mesh.remeshed(edgeLength=1 * u.kelvin), "the unit of edgeLength is K; .* dimension of nm$"),
+        (lambda: mesh.createSystem(1 * u.nanometer), "the unit of mass is nm; .* dimension of Da$"),
+        (lambda: mesh.createSystem("1"), "mass is '1'; it must be a number, or a Quantity$"),
+        (lambda: mh.minimize(simulation, force, 1 * u.kelvin), r"the unit of tolerance is K; .* of kJ/\(nm mol\)$"),
+        (lambda: mh.StepSizeAdapter(1 * u.kelvin), "the unit of the step size is K; .* dimension of ps$"),
+        (lambda: thermalEnergy(1 * u.nanometer), "the unit of the temperature is nm; .* dimension of K$"),
+        (
+            lambda: mh.continueTo(simulation, force, {"area": 12 * u.nanometer}, **to),
+            r"the unit of the target area is nm; .* dimension of nm\*\*2$",
+        ),
+    ):
+        with pytest.raises(TypeError, match=message):
+            call()
+    with pytest.raises(ValueError, match=r"mass is -1\.0 Da; it must be finite, and not negative"):
+        mesh.createSystem(-1)
+    with pytest.raises(
+        ValueError, match=r"continueTo: the target area is 1.2e\+07; it must be within a factor of 25 of"
+    ):
+        mh.continueTo(simulation, force, {"area": 12e6}, **to)
 
 
 @pytest.mark.parametrize("temperature", [0, -1.0, np.inf, np.nan, 0 * u.kelvin])

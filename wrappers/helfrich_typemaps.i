@@ -269,6 +269,27 @@ static void rejectInteger(const char* caller, const char* argument, PyObject* ob
                  "%s: %s is %R; it must be a whole number, of less than 2147483648 in size",
                  describeCaller(caller).c_str(), argument, object);
 }
+
+/**
+ * Convert a string.  If that is not possible, a Python error is set.
+ */
+static bool objectToText(const char* caller, const char* argument, PyObject* object, std::string& text) {
+    Py_ssize_t size = 0;
+    const char* characters = PyUnicode_Check(object) ? PyUnicode_AsUTF8AndSize(object, &size) : NULL;
+    if (characters != NULL)
+        text.assign(characters, size);
+    else if (!PyErr_Occurred())
+        PyErr_Format(PyExc_TypeError, "%s: %s is %R; it must be a string", describeCaller(caller).c_str(), argument,
+                     object);
+    return characters != NULL;
+}
+}
+%typemap(in, fragment="HelfrichNumbers") const std::string& (std::string text) {
+    if (!objectToText("$symname", "$1_name", $input, text))
+        SWIG_fail;
+    $1 = &text;
+}
+%typemap(freearg) const std::string& {
 }
 %typemap(in, fragment="HelfrichNumbers") double {
     if (!objectToNumber("$symname", "$1_name", $input, $1))

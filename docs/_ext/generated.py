@@ -41,6 +41,7 @@ KINDS = {
     "Temperature": "temperature, K",
     "StepSize": 'positive time, ps, or "auto"',
     "Amplitude": 'positive length, or "auto"',
+    "MultilevelWeight": 'number from 0 to 1000, or "auto"',
     "TargetArea": "positive area, or one for each surface",
     "TargetVolume": "positive volume, or one for each surface",
     "ReducedVolume": "number above 0 and at most 1, or one for each surface",
@@ -198,13 +199,19 @@ def _plain(text: str) -> str:
 
 def observables() -> str:
     """Return the columns of tables of observables."""
-    units = {"energy": "kT", "length": "length", "length^2": "squared length", "length^3": "cubed length", "": ""}
-    rows = (f"| `{o.name}` | {units.get(o.unit, o.unit)} | {_meaning(o)} |" for o in OBSERVABLES)
+    rows = (f"| `{o.name}` | {_unit(o.unit)} | {_meaning(o)} |" for o in OBSERVABLES)
     return "\n".join(["| column | unit | what it is |", "|---|---|---|", *rows])
 
 
+def _unit(unit: str) -> str:
+    """Return a unit in words."""
+    words = {"energy": "kT", "length^2": "squared length", "length^3": "cubed length", "1": "one"}
+    return " per ".join(words.get(part, part) for part in unit.split("/"))
+
+
 def _meaning(observable: Any) -> str:
-    return MEANINGS.get(observable.name) or observable.title
+    where = ", where stages change it" if observable.condition else ""
+    return MEANINGS.get(observable.name) or f"{observable.title}{where}"
 
 
 TEXTS: dict[str, Callable[[], str]] = {

@@ -26,10 +26,10 @@ void EdgeFlipIntegrator::setFraction(double fraction) {
 }
 
 void EdgeFlipIntegrator::initialize(ContextImpl& contextRef) {
-    if (findMembranes(contextRef).empty())
+    hasHiddenMembranes = findHiddenMembrane(contextRef.getSystem()) != NULL;
+    if (!hasHiddenMembranes && findMembranes(contextRef).empty())
         throw OpenMMException("EdgeFlipIntegrator: the System has no HelfrichForce whose edges could flip");
     MonteCarloIntegrator::initialize(contextRef);
-    hasHiddenMembranes = findHiddenMembrane(contextRef.getSystem()) != NULL;
     if (&contextRef.getIntegrator() == this)
         requireLiveMembranes();
 }

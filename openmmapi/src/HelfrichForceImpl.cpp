@@ -1,5 +1,6 @@
 #include "openmmhelfrich/internal/HelfrichForceImpl.h"
 #include "openmmhelfrich/internal/HelfrichSerialization.h"
+#include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/internal/ContextImpl.h"
@@ -31,6 +32,8 @@ void HelfrichForceImpl::initialize(ContextImpl& context) {
     createSpecies();
     checkSurfaceTargets();
     checkContextParameters(parameters);
+    isPeriodic = owner.usesPeriodicBoundaryConditions();
+    checkPeriodicTerms(parameters);
     kernel = context.getPlatform().createKernel(CalcHelfrichForceKernel::Name(), context);
     kernel.getAs<CalcHelfrichForceKernel>().initialize(system, owner, *mesh);
 }
@@ -125,17 +128,44 @@ HelfrichParameters HelfrichForceImpl::getParameters(ContextImpl& context) const 
     for (auto& target : p.surfaceTargets)
         target.second = context.getParameter(getParameterName(target.first));
     checkContextParameters(p);
+    checkPeriodicTerms(p);
+    p.box = getBox(context);
     return p;
+}
+
+void HelfrichForceImpl::checkPeriodicTerms(const HelfrichParameters& p) const {
+    for (Term term : {Term::Volume, Term::Pressure})
+        if (isPeriodic && p.has(term))
+            throw OpenMMException(owner.getName() + ": the " + TERM_NAMES[int(term)] +
+                                  " term is on, but a membrane in a periodic box encloses no volume; set its modulus "
+                                  "to 0, or call setUsesPeriodicBoundaryConditions(False)");
+}
+
+PeriodicBox HelfrichForceImpl::getBox(ContextImpl& context) const {
+    if (!isPeriodic)
+        return PeriodicBox();
+    Vec3 sides[3];
+    context.getPeriodicBoxVectors(sides[0], sides[1], sides[2]);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (i != j && sides[i][j] != 0) {
+                stringstream message;
+                message << owner.getName() << ": periodic box vector " << "abc"[i] << " is (" << sides[i][0] << ", "
+                        << sides[i][1] << ", " << sides[i][2]
+                        << ") nm; a membrane needs a rectangular box, whose vectors are along x, y and z";
+                throw OpenMMException(message.str());
+            }
+    return PeriodicBox(sides[0][0], sides[1][1], sides[2][2]);
 }
 
 void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichParameters& parameters) {
     // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held
     // to this.
 
-    if (isOrientationChecked || !parameters.needsOrientation())
+    if (isOrientationChecked || isPeriodic || !parameters.needsOrientation())
         return;
     HelfrichGeometry geometry;
-    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, parameters.box, geometry);
     for (int i = 0; i < mesh->getNumSurfaces(); i++) {
         double volume = geometry.surfaces[i].volume;
         if (volume <= 0) {
@@ -157,10 +187,46 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
  */
 static const double DEFAULT_BOX = 2;
 
-void HelfrichForceImpl::checkBox(ContextImpl& context) {
-    if (isBoxChecked)
+void HelfrichForceImpl::checkBox(ContextImpl& context, const HelfrichParameters& parameters) {
+    if (isBoxChecked && checkedBox == parameters.box)
         return;
     isBoxChecked = true;
+    checkedBox = parameters.box;
+    if (isPeriodic)
+        checkPeriodicInBox(context, parameters);
+    else
+        checkClosedInBox(context);
+}
+
+void HelfrichForceImpl::checkPeriodicInBox(ContextImpl& context, const HelfrichParameters& parameters) const {
+    const PeriodicBox& box = parameters.box;
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    auto point = [&](int particle) {
+        const Vec3& x = positions[particle];
+        return Vector3<double>{x[0], x[1], x[2]};
+    };
+    double longest = 0, shortestSide = box.shortest();
+    for (auto& t : mesh->getTriangles())
+        for (int c = 0; c < 3; c++) {
+            Vector3<double> edge = displacement(point(t[c]), point(t[(c + 1) % 3]), box);
+            longest = max(longest, sqrt(dot(edge, edge)));
+        }
+    stringstream message;
+    message << owner.getName() << ": the periodic box is " << box.lengths[0] << " x " << box.lengths[1] << " x "
+            << box.lengths[2] << " nm, and ";
+    if (shortestSide < 2 * longest) {
+        message << "an edge from a vertex to the nearest image of another is " << longest
+                << " nm long; each side must be at least twice as long as any edge, and be that of the mesh";
+        throw OpenMMException(message.str());
+    }
+    if (parameters.has(Term::Repulsion) && parameters.repulsionOnset > shortestSide / 3) {
+        message << "the repulsion's onset " << parameters.repulsionOnset << " nm; it must be at most a third of a side";
+        throw OpenMMException(message.str());
+    }
+}
+
+void HelfrichForceImpl::checkClosedInBox(ContextImpl& context) const {
     Vec3 vectors[3];
     context.getPeriodicBoxVectors(vectors[0], vectors[1], vectors[2]);
     bool isPeriodic = context.getSystem().usesPeriodicBoundaryConditions(), isGiven = isPeriodic;
@@ -182,15 +248,17 @@ void HelfrichForceImpl::checkBox(ContextImpl& context) {
         stringstream message;
         message << owner.getName() << ": the System's periodic box is " << box << " nm along " << "xyz"[i]
                 << ", and the vertices span " << upper - lower << " nm, with edges of up to " << longest
-                << " nm; a HelfrichForce does not use periodic boundary conditions.  It takes a closed mesh that is "
-                   "smaller than the box, with no edge longer than half of it";
+                << " nm; a HelfrichForce does not use periodic boundary conditions, unless "
+                   "setUsesPeriodicBoundaryConditions() makes it.  It takes a closed mesh that is smaller than the "
+                   "box, "
+                   "with no edge longer than half of it";
         throw OpenMMException(message.str());
     }
 }
 
 HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includeForces) {
     HelfrichParameters parameters = getParameters(context);
-    checkBox(context);
+    checkBox(context, parameters);
     checkOrientation(context, parameters);
     if (kick != NULL)
         parameters = kick->getParameters(parameters);
@@ -311,6 +379,7 @@ void HelfrichForceImpl::updateParametersInContext(ContextImpl& context) {
     auto surfaceTargets = parameters.surfaceTargets;
     parameters = owner.getParameters();
     parameters.surfaceTargets = surfaceTargets;
+    isBoxChecked = isBoxChecked && !isPeriodic;
     kernel.getAs<CalcHelfrichForceKernel>().copyParametersToContext(context, owner);
     context.systemChanged();
 }
@@ -334,7 +403,7 @@ HelfrichEnergyTerms HelfrichForceImpl::getEnergyTerms(ContextImpl& context) {
 HelfrichGeometry HelfrichForceImpl::getGeometry(ContextImpl& context) {
     requirePositions(context);
     HelfrichGeometry geometry;
-    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, geometry);
+    kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, getBox(context), geometry);
     if (!isFinite(geometry, true))
         throwNonFinite(context, geometry);
     geometry.areaDifference = 2 * parameters.leafletSeparation * geometry.integratedMeanCurvature;
@@ -421,7 +490,7 @@ EdgeFlipStatistics HelfrichForceImpl::flipEdges(ContextImpl& context, double kT,
     if (!flipKernel->getAs<SweepEdgeFlipsKernel>().execute(context, parameters, kT, numAttempts, random, sweep,
                                                            statistics)) {
         HelfrichGeometry geometry;
-        calculation.computeGeometry(context, geometry);
+        calculation.computeGeometry(context, parameters.box, geometry);
         throwNonFinite(context, geometry);
     }
     context.systemChanged();
@@ -442,7 +511,7 @@ SpeciesExchangeStatistics HelfrichForceImpl::exchangeSpecies(ContextImpl& contex
     if (!exchangeKernel->getAs<ExchangeSpeciesKernel>().execute(context, parameters, proposal, kT, numAttempts, random,
                                                                 sweep, statistics)) {
         HelfrichGeometry geometry;
-        calculation.computeGeometry(context, geometry);
+        calculation.computeGeometry(context, parameters.box, geometry);
         throwNonFinite(context, geometry);
     }
     context.systemChanged();

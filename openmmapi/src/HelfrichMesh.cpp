@@ -113,7 +113,7 @@ void HelfrichMesh::renewOrder() {
 
     chooseOutgoings();
     order = PatchOrder(*this).order;
-    revision++;
+    markChanged();
 }
 
 void HelfrichMesh::setOrder(const vector<int>& order) {
@@ -129,7 +129,36 @@ void HelfrichMesh::setOrder(const vector<int>& order) {
     if (numChanges != getNumSurfaces() - 1)
         throw OpenMMException("HelfrichMesh: an order of the vertices must have those of a surface together");
     this->order = order;
+    markChanged();
+}
+
+void HelfrichMesh::markChanged() {
     revision++;
+    changes.clear();
+    changeEnds.clear();
+}
+
+void HelfrichMesh::markChanged(const vector<int>& vertices) {
+    // Those who look at every revision find at least its own changes.  What all of a long past have in common is little
+    // less than everything.
+
+    if (changes.size() + vertices.size() > particles.size() / 2) {
+        changes.clear();
+        changeEnds.clear();
+    }
+    revision++;
+    changes.insert(changes.end(), vertices.begin(), vertices.end());
+    changeEnds.push_back(changes.size());
+}
+
+bool HelfrichMesh::findChanges(long long since, vector<int>& vertices) const {
+    long long numRevisions = changeEnds.size(), first = numRevisions - (revision - since);
+    if (first < 0 || since > revision)
+        return false;
+    vertices.assign(changes.begin() + (first == 0 ? 0 : changeEnds[first - 1]), changes.end());
+    sort(vertices.begin(), vertices.end());
+    vertices.erase(unique(vertices.begin(), vertices.end()), vertices.end());
+    return true;
 }
 
 void HelfrichMesh::findParticles(const vector<array<int, 3>>& triangles) {

@@ -1,4 +1,5 @@
 #include "openmmhelfrich/ShearWaveIntegrator.h"
+#include "openmmhelfrich/HelfrichForce.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
 #include <cmath>
@@ -44,9 +45,19 @@ void ShearWaveIntegrator::setMovesPerStep(int moves) {
     movesPerStep = moves;
 }
 
+static void requireNoPeriodicMembrane(const System& system) {
+    for (int i = 0; i < system.getNumForces(); i++)
+        if (dynamic_cast<const HelfrichForce*>(&system.getForce(i)) != NULL &&
+            system.getForce(i).usesPeriodicBoundaryConditions())
+            throw OpenMMException("ShearWaveIntegrator: the membrane of " + system.getForce(i).getName() +
+                                  " is periodic, and waves in any direction would tear it at the borders of the box; "
+                                  "use setMultilevelWeight() of the trajectories instead");
+}
+
 void ShearWaveIntegrator::initialize(ContextImpl& contextRef) {
     const System& system = contextRef.getSystem();
     requireFreeParticles(system, "ShearWaveIntegrator");
+    requireNoPeriodicMembrane(system);
     MonteCarloIntegrator::initialize(contextRef);
     lastAcceptanceProbability = 0;
     fixedParticles.clear();

@@ -209,6 +209,39 @@ void testManyFlips() {
     }
 }
 
+void testChanges() {
+    // Who knew an earlier revision learns of all vertices that changed since, or that more have than are told.
+
+    Membrane sphere = createSphere(2);
+    HelfrichMesh mesh(sphere.triangles, sphere.positions.size());
+    auto find = [&](long long since) {
+        vector<int> vertices;
+        ASSERT(mesh.findChanges(since, vertices));
+        return vertices;
+    };
+    vector<int> none;
+    long long first = mesh.getRevision();
+    ASSERT(find(first).empty());
+    ASSERT(!mesh.findChanges(first - 1, none) && !mesh.findChanges(first + 1, none));
+    mesh.markChanged({7, 3, 9, 3});
+    ASSERT_EQUAL(first + 1, mesh.getRevision());
+    mesh.markChanged({5, 7});
+    ASSERT((find(first) == vector<int>{3, 5, 7, 9}) && (find(first + 1) == vector<int>{5, 7}));
+    ASSERT(find(first + 2).empty() && !mesh.findChanges(first - 1, none));
+    mesh.markChanged(vector<int>(mesh.getNumVertices(), 1));
+    ASSERT((find(first + 2) == vector<int>{1}) && !mesh.findChanges(first + 1, none));
+    for (auto& change : vector<function<void()>>{[&] { mesh.markChanged(); }, [&] { mesh.renewOrder(); },
+                                                 [&] { mesh.setOrder(mesh.getOrder()); },
+                                                 [&] { mesh.setTriangles(mesh.getTriangles()); }}) {
+        long long before = mesh.getRevision();
+        change();
+        ASSERT_EQUAL(before + 1, mesh.getRevision());
+        ASSERT(!mesh.findChanges(before, none) && find(before + 1).empty());
+        mesh.markChanged({2});
+        ASSERT(find(before + 1) == vector<int>{2});
+    }
+}
+
 void testSetTriangles() {
     Membrane sphere = createSphere(1), blob = sphere;
     HelfrichMesh mesh(sphere.triangles, sphere.positions.size()), flipped = mesh;
@@ -415,6 +448,7 @@ int main() {
         testUnflip();
         testCirculators();
         testManyFlips();
+        testChanges();
         testSetTriangles();
         testFixedEdges();
         testInvalidTriangles();

@@ -22,10 +22,12 @@ from .analysis import (
     describeTrajectory as describeTrajectory,
     findDomains as findDomains,
     fluctuationSpectrum as fluctuationSpectrum,
+    heightSpectrum as heightSpectrum,
     meanAndError as meanAndError,
     speciesCurvature as speciesCurvature,
     vertexDiffusion as vertexDiffusion,
 )
+from .analysis.freeenergies import freeEnergies as freeEnergies, reducedEnergies as reducedEnergies
 from .analysis.reweighting import reweight as reweight
 from .geometry.axisymmetric import axisymmetricMinimum as axisymmetricMinimum
 from .geometry.measures import reducedVolume as reducedVolume
@@ -72,13 +74,14 @@ from .sampling.minimization import (
     minimizeFluid as minimizeFluid,
 )
 from .sampling.observables import readObservables as readObservables
-from .sampling.replicaexchange import ReplicaExchange as ReplicaExchange, ThermodynamicState as ThermodynamicState
+from .sampling.replicaexchange import ReplicaExchange as ReplicaExchange
 from .sampling.reporters import MeshReporter as MeshReporter, ObservablesReporter as ObservablesReporter
 from .sampling.schedules import (
     ExponentialSchedule as ExponentialSchedule,
     TableSchedule as TableSchedule,
     createSchedule as createSchedule,
 )
+from .sampling.states import ThermodynamicState as ThermodynamicState
 from .version import __version__ as __version__
 
 __all__ = [
@@ -121,6 +124,8 @@ __all__ = [
     "describeTrajectory",
     "findDomains",
     "fluctuationSpectrum",
+    "freeEnergies",
+    "heightSpectrum",
     "meanAndError",
     "meshFrame",
     "minimize",
@@ -128,6 +133,7 @@ __all__ = [
     "readGrid",
     "readMeshTrajectory",
     "readObservables",
+    "reducedEnergies",
     "reducedVolume",
     "resume",
     "reweight",

@@ -109,15 +109,24 @@ def isQuantity(value: Any) -> bool:
     return hasattr(value, "value_in_unit")
 
 
-def valueIn(value: Any, wanted: Any) -> Any:
-    """Return a Quantity, or a number that has this unit already, as a number."""
-    return value.value_in_unit(wanted) if isQuantity(value) else value
+def valueIn(value: Any, wanted: Any, name: str = "a number") -> Any:
+    """Return a Quantity, or a number that has this unit already, as a number.
+
+    Raises a TypeError that names it if it is a Quantity of another dimension.
+    """
+    if not isQuantity(value):
+        return value
+    if not value.unit.is_compatible(wanted):
+        raise TypeError(
+            f"the unit of {name} is {value.unit.get_symbol()}; it must be of the dimension of {wanted.get_symbol()}"
+        )
+    return value.value_in_unit(wanted)
 
 
 def thermalEnergy(temperature: Any) -> float:
     """Return kT, in kJ/mol, of a temperature in K; raise a ValueError if it is not positive."""
     if isQuantity(temperature):
-        temperature = temperature.value_in_unit(_openmmUnit("temperature"))
+        temperature = valueIn(temperature, _openmmUnit("temperature"), "the temperature")
     if not (math.isfinite(temperature) and temperature > 0):
         raise ValueError(f"the temperature is {temperature} K; it must be positive")
     return GAS_CONSTANT * temperature * 0.001

@@ -11,13 +11,15 @@ using namespace std;
 /**
  * Version 2 added the fixed edges, version 3 the length scale of the tether, version 4 the tension and the pressure,
  * version 5 the length scale of the repulsion and the targets of single surfaces, version 6 the spontaneous curvature,
- * the Gaussian modulus and the species.  A force is written as the oldest version from 4 on that has all that it uses,
- * which older releases read.
+ * the Gaussian modulus and the species, version 7 periodic membranes.  A force is written as the oldest version from 4
+ * on that has all that it uses, which older releases read.
  */
-static const int VERSION = 6, OLDEST_VERSION = 1;
+static const int VERSION = 7, OLDEST_VERSION = 1;
 
 static int getVersion(const HelfrichForce& force) {
     const HelfrichParameters& p = force.getParameters();
+    if (force.usesPeriodicBoundaryConditions())
+        return 7;
     if (p.species || !force.getVertexSpecies().empty() || p.spontaneousCurvature != 0 || p.has(Term::Gaussian))
         return 6;
     return p.repulsionLengthScale != 1 || !p.surfaceTargets.empty() ? 5 : 4;
@@ -169,6 +171,8 @@ void HelfrichForceProxy::serialize(const void* object, SerializationNode& node) 
         storeSurfaceTargets(p, node.createChildNode("SurfaceTargets"));
     if (version > 5)
         storeMaterial(force, node.createChildNode("Material"));
+    if (version > 6)
+        node.setBoolProperty("usesPeriodicBoundaryConditions", force.usesPeriodicBoundaryConditions());
 }
 
 void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
@@ -199,5 +203,7 @@ void* HelfrichForceProxy::deserialize(const SerializationNode& node) const {
             loadSurfaceTarget(*force, target);
     if (version > 5)
         loadMaterial(*force, node.getChildNode("Material"));
+    if (version > 6)
+        force->setUsesPeriodicBoundaryConditions(node.getBoolProperty("usesPeriodicBoundaryConditions"));
     return force.release();
 }

@@ -22,7 +22,8 @@ struct OPENMM_EXPORT_HELFRICH HelfrichSurfaceGeometry {
     }
     /// total area A, in nm^2
     double area = 0;
-    /// enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside
+    /// enclosed volume V, in nm^3, positive when the triangles are counter-clockwise seen from outside; 0 of a periodic
+    /// membrane
     double volume = 0;
     /// integrated mean curvature M, in nm: 4 pi R on a sphere
     double integratedMeanCurvature = 0;
@@ -112,7 +113,7 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry : HelfrichSurfaceGeometry {
  * Edges that must not flip, those of a frame or a border between two materials for example, are marked with
  * addFixedEdge().
  *
- * The System's periodic boundary conditions do not apply to this force.
+ * A membrane may be periodic: see setUsesPeriodicBoundaryConditions().
  */
 class OPENMM_EXPORT_HELFRICH HelfrichForce : public OpenMM::Force {
 public:
@@ -589,10 +590,22 @@ public:
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**
-     * A membrane is never periodic: this returns false.
+     * Get whether the membrane is periodic, as a sheet is.
      */
     bool usesPeriodicBoundaryConditions() const {
-        return false;
+        return periodic;
+    }
+    /**
+     * Set whether the membrane is periodic: whether vertices interact with the nearest image of each other in the
+     * Context's periodic box, which must be rectangular, with sides at least twice as long as any edge.  A sheet
+     * without borders goes on across the box, and is a torus for the connectivity.  It encloses no volume: volume and
+     * pressure must be off, and the geometry's volume is 0.  Its outside is where its triangles are counter-clockwise.
+     * The default is false.
+     *
+     * @param periodic  whether it is periodic, in Contexts created from now on
+     */
+    void setUsesPeriodicBoundaryConditions(bool periodic) {
+        this->periodic = periodic;
     }
 protected:
     OpenMM::ForceImpl* createImpl() const;
@@ -607,6 +620,7 @@ private:
     std::vector<std::array<int, 2>> fixedEdges;
     std::vector<int> vertexSpecies;
     HelfrichParameters parameters;
+    bool periodic = false;
 };
 
 } // namespace HelfrichPlugin

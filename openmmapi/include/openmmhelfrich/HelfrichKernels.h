@@ -74,9 +74,10 @@ public:
      * Compute areas, volume and curvatures.
      *
      * @param context        the Context in which to execute the kernel
+     * @param box            the periodic box, if the surface is periodic; its volume is 0 then
      * @param[out] geometry  the geometry; the area differences are left as they are
      */
-    virtual void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry) = 0;
+    virtual void computeGeometry(OpenMM::ContextImpl& context, const PeriodicBox& box, HelfrichGeometry& geometry) = 0;
     /**
      * Get whether makeTrajectory() can take the place of execute() and IntegrateHamiltonianTrajectoryKernel::move()
      * where no other force acts and every particle belongs to the surface.  It gives the same result, bit for bit, if

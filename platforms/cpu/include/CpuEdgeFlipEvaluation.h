@@ -120,6 +120,11 @@ struct CpuEdgeFlipEvaluation {
                      int first, int last);
 };
 
+/**
+ * The same in a periodic box.
+ */
+struct CpuPeriodicEdgeFlipEvaluation : CpuEdgeFlipEvaluation {};
+
 } // namespace HelfrichPlugin
 
 #endif /*OPENMM_CPUEDGEFLIPEVALUATION_H_*/

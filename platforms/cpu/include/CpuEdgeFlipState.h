@@ -4,10 +4,10 @@
 #include "CpuEdgeFlipEvaluation.h"
 #include "CpuHalfedges.h"
 #include "CpuHelfrichNeighborList.h"
+#include "CpuVertexGeometry.h"
 #include "openmmhelfrich/internal/HelfrichParameters.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
-#include "openmmhelfrich/HelfrichForce.h"
 #include <vector>
 
 namespace HelfrichPlugin {
@@ -37,7 +37,7 @@ public:
      * @param first      the number of the first vertex
      * @param last       the number of the vertex after the last
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry, int first,
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry& geometry, int first,
                       int last);
     /**
      * Set the same as another state of the membrane has them.
@@ -50,9 +50,7 @@ public:
     void setNeighborList(CpuHelfrichNeighborList* neighborList) {
         this->neighborList = neighborList;
     }
-    void setParameters(const HelfrichParameters& parameters) {
-        p = parameters;
-    }
+    void setParameters(const HelfrichParameters& parameters);
     /**
      * Find the neighbors of a vertex that are closer than the repulsion's onset.
      */
@@ -110,7 +108,7 @@ private:
     }
     const std::vector<int>&particles, &surfaces, &species;
     CpuHalfedges mesh;
-    const CpuEdgeFlipEvaluation& evaluation;
+    const CpuEdgeFlipEvaluation* evaluation;
     HelfrichParameters p;
     std::vector<CpuEdgeFlipVertex> vertices;
     CpuHelfrichNeighborList* neighborList;

@@ -2,10 +2,10 @@
 #define OPENMM_CPUEDGEFLIPSWEEP_H_
 
 #include "CpuEdgeFlipState.h"
+#include "CpuSweep.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include <atomic>
 #include <exception>
-#include <functional>
 #include <memory>
 #include <vector>
 
@@ -38,13 +38,8 @@ namespace HelfrichPlugin {
  * So the outcome is that of the sequential chain, to the last bit, for any number of threads, whichever of them is
  * faster.
  */
-class CpuEdgeFlipSweep {
+class CpuEdgeFlipSweep : public CpuSweep {
 public:
-    /**
-     * This is called for each accepted flip, in their order, with the change of energy by which it was accepted.  The
-     * mesh has all of them after the sweep.
-     */
-    typedef std::function<void(double)> Observer;
     /**
      * Create a CpuEdgeFlipSweep.
      *
@@ -62,7 +57,7 @@ public:
      * @param neighborList  the neighbors at these positions if needsNeighborList(), else NULL.  Sweeps partition them
      * as the flipped mesh does
      */
-    void setPositions(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
+    void setPositions(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry& geometry,
                       CpuHelfrichNeighborList* neighborList);
     /**
      * Get whether a sweep needs to know which vertices are close to each other.
@@ -152,19 +147,15 @@ private:
     void accept(Place& place, int batch, const CpuEdgeFlipAttempt& attempt, const CpuEdgeFlip& flip, double energy);
     bool isStale(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const;
     bool isCloseNeighborFlipped(const CpuEdgeFlipAttempt& attempt, int firstUnseen) const;
-    HelfrichMesh& mesh;
     const CpuEdgeFlipEvaluation& evaluation;
-    int numThreads, batchSize;
-    HelfrichParameters p;
-    double kT;
-    long long sweep, numAttempts;
-    int numBatches;
-    Philox random;
+    int batchSize, numBatches;
     const Observer* observer;
     /// what ended the sweep early, and whether something did
     std::exception_ptr exception;
     std::atomic<bool> isAbandoned;
     std::vector<HelfrichTotals> totals;
+    /// the vertices of accepted flips
+    std::vector<int> flippedVertices;
     /// what the energy would change by with the totals of each surface
     std::vector<ChangeByTotals> changes;
     EdgeFlipStatistics statistics;

@@ -12,6 +12,7 @@
 #include "openmmhelfrich/internal/TrajectoryStart.h"
 #include "CpuEdgeFlipSweep.h"
 #include "CpuSpeciesExchange.h"
+#include "CpuVertexGeometry.h"
 #include <memory>
 #include <vector>
 
@@ -38,20 +39,30 @@ struct CpuMembraneSums {
 class CpuCalcHelfrichForceKernel : public CalcHelfrichForceKernel {
 public:
     CpuCalcHelfrichForceKernel(std::string name, const OpenMM::Platform& platform)
-            : CalcHelfrichForceKernel(name, platform), loops(getForProcessor<CpuHelfrichLoops>()) {
+            : CalcHelfrichForceKernel(name, platform), loops(&getForProcessor<CpuHelfrichLoops>()) {
     }
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    void computeGeometry(OpenMM::ContextImpl& context, const PeriodicBox& box, HelfrichGeometry& geometry);
+    /**
+     * Get the geometry at the present positions, which a sweep reads.  It is not computed again where the last
+     * evaluation, that at the end of a trajectory for example, was at the same positions and went through the same
+     * loop.
+     *
+     * @param context     the Context in which to execute the kernel
+     * @param parameters  the moduli
+     * @return the geometry, which is valid up to the next evaluation
+     */
+    const CpuVertexGeometry& getGeometry(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     /**
      * Get the neighbors of each vertex for the present positions, partitioned as the present mesh is.  Who changes the
      * mesh may partition them anew.
      *
-     * @param context  the Context in which to execute the kernel
-     * @param onset    the onset of the repulsion, measured in nm
+     * @param context     the Context in which to execute the kernel
+     * @param parameters  those of the repulsion
      */
-    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, double onset);
+    CpuHelfrichNeighborList& getNeighborList(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     bool canMakeTrajectory() const {
         return true;
     }
@@ -68,7 +79,14 @@ private:
     template <class Function>
     void forEachChunk(const Function& function) const;
     void updateLayout();
-    void loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
+    void setBox(const PeriodicBox& newBox);
+    /**
+     * Load the positions of a chunk.
+     *
+     * @return whether they are the same as before
+     */
+    bool loadPositions(const std::vector<OpenMM::Vec3>& source, int chunk);
+    void loadPositions(OpenMM::ContextImpl& context);
     void loadState(OpenMM::ContextImpl& context, int chunk);
     void storeState(OpenMM::ContextImpl& context, const double* positions, int chunk) const;
     void computeRepulsion(const HelfrichParameters& parameters, const double* positions, int chunk, double* gradients);
@@ -78,6 +96,15 @@ private:
     // Real is the type in which the loops compute.
     template <class Real>
     CpuHelfrichArrays<Real> prepareArrays(const HelfrichParameters& parameters);
+    /**
+     * Get whether an evaluation has the geometry that sweeps ask for: its loop is that of findGeometry().
+     */
+    bool canKeepGeometry(const HelfrichParameters& parameters) const;
+    /**
+     * Let the next evaluation keep the geometry.
+     */
+    void keepGeometry(CpuHelfrichArrays<double>& arrays);
+    void findGeometry(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     template <class Real>
     void computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                          const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients);
@@ -110,8 +137,9 @@ private:
     int getLastGroup(int chunk) const;
     int getFirstSlot(int chunk) const;
     int getLastSlot(int chunk) const;
-    const CpuHelfrichLoops& loops;
+    const CpuHelfrichLoops* loops;
     const HelfrichMesh* mesh;
+    bool isPeriodic;
     int numThreads;
     long long revision;
     CpuHelfrichLayout layout;
@@ -119,9 +147,13 @@ private:
     CpuHelfrichRepulsion repulsion;
     CpuHelfrichMaterials materials;
     Array positions, bendingSlopes, anglesPerLength;
-    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass; else the first has
-    /// room for areas and curvatures
+    /// in a trajectory: where the vertices go, and for each slot the velocity and the inverse mass
     Array nextPositions, velocities;
+    /// the geometry at the positions of slots, if it is known; whether its loop had a tether, and whether sweeps ask
+    CpuVertexGeometry geometry;
+    bool isGeometryKnown = false, hadTether = false, isGeometryWanted = false;
+    /// in which the positions are
+    PeriodicBox box;
     /// in a trajectory with coarser meshes: these, and the force on each slot
     CoarseMotion<CpuCoarseMeshes>* coarse = NULL;
     Array forces;
@@ -147,7 +179,6 @@ private:
     HelfrichMesh* mesh;
     CpuCalcHelfrichForceKernel* calculation;
     std::unique_ptr<CpuEdgeFlipSweep> edgeFlips;
-    HelfrichGeometry geometry;
 };
 
 /**
@@ -167,7 +198,6 @@ private:
     HelfrichMesh* mesh;
     CpuCalcHelfrichForceKernel* calculation;
     std::unique_ptr<CpuSpeciesExchange> exchange;
-    HelfrichGeometry geometry;
 };
 
 /**

@@ -47,7 +47,8 @@ public:
      */
     void initialize(const HelfrichMesh& mesh, int width);
     /**
-     * Fill the layout, at first and after each change of the connectivity.
+     * Fill the layout, at first and after each change of the connectivity.  Where few edges have flipped since, most
+     * rings are the same but for the slots that neighbors have moved to.
      */
     void update(const HelfrichMesh& mesh, int numThreads);
     /**
@@ -72,13 +73,40 @@ public:
     std::vector<int> slots;
     /// the valence of each slot, 0 for padding
     std::vector<int> valences;
-    /// four times the slot of each neighbor: the offset of its position
+    /// four times the slot of each neighbor: the offset of its position.  Between the rings of two patches there is
+    /// some room.
     std::vector<int> neighbors;
 private:
+    void fillAll(const HelfrichMesh& mesh, const std::vector<Part>& patches, int numThreads);
+    /**
+     * Move the slots of patches and their rings, all but those of vertices around which the connectivity has changed.
+     *
+     * @return false if there is too little room for the rings of a patch: everything must be filled
+     */
+    bool moveAll(const HelfrichMesh& mesh, const std::vector<Part>& patches, int numThreads);
     void fillSlots(const HelfrichMesh& mesh, const Part& patch);
-    void measureGroup(int g, const Part& patch);
-    void placeGroups();
-    void fillRings(const HelfrichMesh& mesh, int g, std::vector<int>& tips);
+    int findLastGroup(const Part& patch) const {
+        return (patch.getEnd() + width - 1) / width;
+    }
+    int measureRings(const Part& patch) const;
+    void placeGroups(const Part& patch, int start);
+    void moveRings(const Part& patch, int start);
+    int* getRing(int slot) {
+        return &neighbors[groups[slot / width].start + slot % width];
+    }
+    void padRing(int slot);
+    /**
+     * Fill the rings of some slots, as the mesh has them.
+     */
+    void fillRings(const HelfrichMesh& mesh, const std::vector<int>& chosen);
+    void fillRings(const HelfrichMesh& mesh, const int* chosen, int count);
+    static constexpr long long NONE = -1;
+    /// that of the mesh at the last update
+    long long revision = NONE;
+    /// where the rings of each patch begin, and where those of the last end
+    std::vector<int> patchStarts;
+    /// the slot to which the vertex in each slot moves
+    std::vector<int> moves;
 };
 
 } // namespace HelfrichPlugin

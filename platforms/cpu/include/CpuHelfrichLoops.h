@@ -2,6 +2,7 @@
 #define OPENMM_CPUHELFRICHLOOPS_H_
 
 #include "openmmhelfrich/internal/HelfrichParameters.h"
+#include <cstdint>
 #include <type_traits>
 
 namespace HelfrichPlugin {
@@ -38,6 +39,10 @@ struct CpuHelfrichArrays {
     const Real* lineTensions = nullptr;
     /// of each group: whether neighbors differ in what the last two arrays are of
     const char* areMixed = nullptr;
+    /// the periodic box of periodic loops; and its sides as multiples of fixedUnit, of which the bits that an integer
+    /// has are enough for differences
+    PeriodicBox box;
+    uint32_t fixedBox[3] = {};
 };
 
 /**
@@ -105,6 +110,11 @@ struct CpuHelfrichLoops {
     void (*roundPositions)(const double* positions, int firstSlot, int lastSlot, const double* corner, double scale,
                            int* fixedPositions);
 };
+
+/**
+ * The same loops in a periodic box.
+ */
+struct CpuPeriodicHelfrichLoops : CpuHelfrichLoops {};
 
 } // namespace HelfrichPlugin
 

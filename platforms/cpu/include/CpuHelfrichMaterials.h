@@ -81,6 +81,7 @@ private:
     long long speciesRevision = 0;
     double spontaneousCurvature = 0;
     TermMask terms;
+    PeriodicBox box;
     double gaussianConstant = 0;
     /// of each slot
     std::vector<int> species;

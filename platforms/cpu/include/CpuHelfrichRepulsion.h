@@ -22,6 +22,10 @@ namespace HelfrichPlugin {
 class CpuHelfrichRepulsion {
 public:
     /**
+     * Set the periodic box, if there is one.
+     */
+    void setBox(const PeriodicBox& newBox);
+    /**
      * Follow a change of the layout.
      */
     void followLayout(const CpuHelfrichLayout& layout, int numThreads);
@@ -59,16 +63,25 @@ private:
     struct PlacedVertex {
         Point x;
         int vertex;
+        /// whether it is an image, in a periodic box, of a vertex that is placed elsewhere
+        bool isImage;
     };
     void updateCandidates(const CpuHelfrichLayout& layout, const double* positions, double newOnset, bool hasMoved);
     void adaptSkin();
     void findCandidates(const CpuHelfrichLayout& layout, const double* positions);
+    void addImages(std::vector<PlacedVertex>& vertices) const;
     Cell findCell(const Point& x) const;
     unsigned int findBucket(const Cell& cell) const;
-    void sortIntoBuckets(const CpuHelfrichLayout& layout);
+    void sortIntoBuckets(const std::vector<PlacedVertex>& vertices);
     void addCandidates(const PlacedVertex& vertex, double cutoff2);
     void addCandidatesInRow(const PlacedVertex& vertex, const Cell& first, double cutoff2);
     void removeExclusions(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, int level);
+    template <class Displacement>
+    bool hasMoved(const double* positions, int firstSlot, int lastSlot, const Displacement& displacement) const;
+    template <class Displacement>
+    double compute(const double* positions, const HelfrichParameters& p, int firstSlot, int lastSlot, double* gradients,
+                   const Displacement& displacement) const;
+    PeriodicBox box;
     double onset = -1, skin = 0;
     int numUpdates = 0;
     /// whether the pairs are those of the lists and the layout; and at which level of exclusions
@@ -76,7 +89,7 @@ private:
     int exclusionLevel = -1;
     /// where the vertex of each slot was when the list was built: each step looks at all, in this order
     std::vector<Point> reference;
-    /// the same of all vertices, in the order of the buckets
+    /// the same of all vertices, and of their images near the borders of a periodic box, in the order of the buckets
     std::vector<PlacedVertex> placedVertices;
     std::vector<int> bucketStarts;
     CpuHelfrichNeighborList candidates;

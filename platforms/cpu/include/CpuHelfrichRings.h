@@ -8,9 +8,22 @@
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 
 /* The loops of CpuHelfrichLoops.h as templates, for sources that are compiled once for each instruction set, whose
-   name is HELFRICH_SIMD. */
+   name is HELFRICH_SIMD, and once for each space: HELFRICH_SPACE is Periodic for loops in a periodic box, which others
+   have no trace of. */
+
+#ifndef HELFRICH_SPACE
+#define HELFRICH_SPACE Open
+#endif
 
 namespace HelfrichPlugin {
+
+namespace Open {
+constexpr bool IS_PERIODIC = false;
+}
+
+namespace Periodic {
+constexpr bool IS_PERIODIC = true;
+}
 
 namespace {
 
@@ -59,13 +72,35 @@ inline Coordinates<Real> loadCoordinates(const CpuHelfrichArrays<Real>& arrays, 
  */
 inline Point<double> displacement(const Coordinates<double>& from, const Coordinates<double>& to,
                                   const CpuHelfrichArrays<double>& arrays) {
-    return HelfrichPlugin::displacement(from, to);
+    Point<double> d = HelfrichPlugin::displacement(from, to);
+    if constexpr (HELFRICH_SPACE::IS_PERIODIC)
+        d = nearestImage(d, arrays.box);
+    return d;
+}
+
+/**
+ * The shortest of the differences between fixed point numbers that differ by sides of the box.  Integers without a sign
+ * have a difference of any sides, as long as the shortest has room in an integer.
+ *
+ * @param perSide  the inverse of the side
+ * @param side     its lowest bits
+ */
+inline SimdOf<float>::Integers nearestImage(SimdOf<float>::Integers difference, float perSide, uint32_t side) {
+    typedef uint32_t Unsigned __attribute__((vector_size(VECTOR_BYTES)));
+    Vector<float> sides = roundToInteger(__builtin_convertvector(difference, Vector<float>) * perSide);
+    auto numSides = (Unsigned) __builtin_convertvector(sides, SimdOf<float>::Integers);
+    return (SimdOf<float>::Integers)((Unsigned) difference - numSides * side);
 }
 
 inline Point<float> displacement(const Coordinates<float>& from, const Coordinates<float>& to,
                                  const CpuHelfrichArrays<float>& arrays) {
     auto convert = [](auto integers) { return __builtin_convertvector(integers, Vector<float>); };
     Coordinates<float> d = HelfrichPlugin::displacement(from, to);
+    if constexpr (HELFRICH_SPACE::IS_PERIODIC) {
+        auto perSide = [&](int axis) { return arrays.fixedUnit * float(arrays.box.inverses[axis]); };
+        d = {nearestImage(d.x, perSide(0), arrays.fixedBox[0]), nearestImage(d.y, perSide(1), arrays.fixedBox[1]),
+             nearestImage(d.z, perSide(2), arrays.fixedBox[2])};
+    }
     return Point<float>{convert(d.x), convert(d.y), convert(d.z)} * broadcast(arrays.fixedUnit);
 }
 
@@ -475,6 +510,8 @@ void computeGradient(const CpuHelfrichLayout& layout, const Parameters<Real>& p,
    may make a source grow, and would inline less of the loops that everybody needs. */
 namespace HELFRICH_SIMD {
 
+namespace HELFRICH_SPACE {
+
 template <class Real>
 void computeEnergyOfMaterials(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
                               const CpuHelfrichArrays<Real>& arrays, int firstGroup, int lastGroup,
@@ -483,6 +520,8 @@ template <class Real>
 void computeGradientOfMaterials(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
                                 const HelfrichTotals& slopes, const CpuHelfrichArrays<Real>& arrays, int firstGroup,
                                 int lastGroup, double* gradients);
+
+} // namespace HELFRICH_SPACE
 
 } // namespace HELFRICH_SIMD
 

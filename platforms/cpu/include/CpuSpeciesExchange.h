@@ -1,18 +1,21 @@
 #ifndef OPENMM_CPUSPECIESEXCHANGE_H_
 #define OPENMM_CPUSPECIESEXCHANGE_H_
 
+#include "CpuSweep.h"
+#include "CpuVertexGeometry.h"
 #include "openmmhelfrich/HelfrichKernels.h"
 #include "openmmhelfrich/internal/HelfrichStencils.h"
 #include "openmm/Vec3.h"
 #include <array>
-#include <functional>
+#include <cstdint>
 #include <vector>
 
 namespace HelfrichPlugin {
 
 /**
  * Metropolis sweeps of exchanges of species over a membrane whose vertices and triangles stay as they are.  All that
- * the energy needs of the geometry is computed once, for each vertex and its ring of neighbors.  Nothing of the energy
+ * the energy needs of the geometry is computed once, for each vertex and its ring of neighbors, when an attempt first
+ * asks for it; and not again until the vertices move.  Nothing of the energy
  * depends on totals, so that the change by an attempt comes from the two vertices and their neighbors alone.
  *
  * A sweep is by definition a sequential chain, but attempts that are not at neighbors do not know of each other, and
@@ -24,22 +27,18 @@ namespace HelfrichPlugin {
  *
  * Here vertices are numbered in the mesh's order, which keeps zones together, also in memory.
  */
-class CpuSpeciesExchange {
+class CpuSpeciesExchange : public CpuSweep {
 public:
-    /**
-     * This is called for each accepted change, in their order, with the change of energy by which it was accepted.
-     */
-    typedef std::function<void(double)> Observer;
     CpuSpeciesExchange(HelfrichMesh& mesh, int numThreads);
     /**
-     * Set all that does not change during a sweep.
+     * Set all that does not change during a sweep.  Positions and geometry must last until the sweep is made.
      *
      * @param positions   the position of each particle
-     * @param geometry    the areas and curvatures at these positions, which are needed where species have forces
+     * @param geometry    the areas and curvatures at these positions where species have forces, else NULL
      * @param parameters  the moduli
      * @param proposal    what an attempt proposes
      */
-    void prepare(const std::vector<OpenMM::Vec3>& positions, const HelfrichGeometry& geometry,
+    void prepare(const std::vector<OpenMM::Vec3>& positions, const CpuVertexGeometry* geometry,
                  const HelfrichParameters& parameters, const SpeciesProposal& proposal);
     /**
      * Make a sweep.  See ExchangeSpeciesKernel::execute() for the parameters.
@@ -57,8 +56,10 @@ private:
     typedef std::array<double, 4> Factors;
     struct alignas(64) Vertex {
         Factors factors;
-        /// where its ring begins, and how long that is
-        int ring, valence;
+        /// where its ring begins, how long that is, and how long it may become
+        int ring, valence, room;
+        /// the number of the geometry that the factors and the ring's lengths are of
+        int geometry = NONE;
     };
     struct Material {
         Factors factors;
@@ -88,16 +89,25 @@ private:
         /// the number to compare with the probability
         double uniform;
         double change;
-        bool isDeferred, isAccepted;
+        bool isAccepted;
     };
-    static constexpr int MAX_ZONES = 8;
     /**
      * A part of a block, with a list for each zone of the attempts that are in it or on the border.
      */
     struct Part {
         static constexpr int SIZE = 64;
         Attempt attempts[SIZE];
-        int numAttempts, counts[MAX_ZONES], lists[MAX_ZONES][SIZE];
+        int numAttempts, counts[MAX_THREADS], lists[MAX_THREADS][SIZE];
+        /// a bit for each attempt on the border, and for those that a zone defers
+        uint64_t border, deferred[MAX_THREADS];
+    };
+    /**
+     * What comes of the attempts in a zone, or of those that are deferred.
+     */
+    struct alignas(64) Outcome {
+        long long accepted, alike;
+        /// the vertices that have another species, some of them more than once
+        std::vector<int> changed;
     };
     /**
      * The neighbors around a vertex, for loops.
@@ -121,26 +131,31 @@ private:
     std::array<int, 2> getVertices(const Attempt& attempt) const {
         return {attempt.first, proposal.kind == SpeciesProposal::Mutation ? attempt.first : attempt.second};
     }
-    template <class Function>
-    void forEachVertex(const Function& function) const;
     void prepareMaterials();
     void prepareRings();
+    void collectRings();
+    void renewRing(int vertex);
     void collectRing(int vertex);
     int findZone(int vertex) const;
-    void prepareVertex(const HelfrichGeometry& geometry, int vertex);
+    void preparePositions(const std::vector<OpenMM::Vec3>& positions);
+    void prepareSpecies();
+    void prepareVertices(const int* chosen, int count);
+    void prepareVertex(int vertex);
     void makeBlock(long long firstAttempt, int numAttempts);
     void draw(Part& part, long long firstAttempt, int numAttempts) const;
-    void decide(Part& part, int zone, SpeciesExchangeStatistics& statistics);
+    void decide(Part& part, int zone);
     void prefetchRing(int ring) const;
     bool isAlike(const Attempt& attempt) const;
     bool isBlocked(const Attempt& attempt) const;
-    void defer(Attempt& attempt, int zone);
-    void decide(Attempt& attempt, SpeciesExchangeStatistics& statistics);
+    void defer(const Attempt& attempt, int zone);
+    void decide(Attempt& attempt, Outcome& outcome);
+    void decideDeferred();
     void observe(const Observer& observer) const;
+    void storeSpecies();
     /**
      * Get the change of energy where a vertex changes its species, and another one has a given species.
      */
-    double changeAt(int vertex, int from, int to, int other, int speciesOfOther) const;
+    double changeAt(int vertex, int from, int to, int other, int speciesOfOther);
     double changeOfPairs(const Vertex& vertex, const Surroundings& around, int rowFrom, int rowTo) const;
     double changeOfLines(int vertex, const Surroundings& around, int rowFrom, int rowTo) const;
     /**
@@ -148,9 +163,6 @@ private:
      */
     double changeOfMedians(int vertex, const Surroundings& around, int rowFrom, int rowTo) const;
     void setSpecies(int vertex, int species);
-    HelfrichMesh& mesh;
-    const int numThreads;
-    HelfrichParameters p;
     SpeciesProposal proposal;
     std::vector<Material> materials;
     /// half of the line tensions, and the pair energies, numRows to a row; row 0 is of the species that have neither
@@ -165,16 +177,18 @@ private:
     /// the neighbors around each vertex, from its lowest halfedge on
     std::vector<int> neighbors;
     std::vector<Lengths> lengths;
-    long long revision;
-    double kT;
-    Philox random;
-    long long sweep;
+    const CpuVertexGeometry* geometry = NULL;
+    /// the number of the geometry, which is another one whenever a vertex must be prepared anew
+    int geometryNumber = 0;
+    /// what all this is of
+    long long revision = NONE, speciesRevision = NONE, numberOfGeometry = NONE;
     int numZones, numParts;
     std::vector<Part> parts;
     long long numBlocks = 0;
     /// of each vertex the number of the last block in which an attempt beside it was deferred
     std::vector<long long> blocked;
-    SpeciesExchangeStatistics statistics;
+    /// of each zone, and of what was deferred
+    Outcome outcomes[MAX_THREADS + 1];
 };
 
 } // namespace HelfrichPlugin

@@ -10,11 +10,6 @@ using namespace std;
 static const int NONE = -1;
 
 /**
- * A surface that has so few vertices has no coarser mesh.
- */
-static const int LEAST = 4;
-
-/**
  * The number of vertices that makes it worth to wake another thread, and that a thread takes at a time.
  */
 static const int VERTICES_PER_THREAD = 2000, VERTICES_PER_PART = 256;
@@ -86,14 +81,14 @@ void CpuCoarseMeshes::makeFinestGraph() {
 }
 
 void CpuCoarseMeshes::findLargeSurfaces(const Graph& graph) {
-    isLarge.assign(mesh.getNumSurfaces(), graph.size() > LEAST);
+    isLarge.assign(mesh.getNumSurfaces(), CoarseVelocities::isCoarsened(numLevels, graph.size()));
     if (mesh.getNumSurfaces() == 1)
         return;
     vector<int> sizes(mesh.getNumSurfaces(), 0);
     for (int vertex : graph.vertices)
         sizes[mesh.getSurface(vertex)]++;
     for (size_t i = 0; i < sizes.size(); i++)
-        isLarge[i] = (sizes[i] > LEAST);
+        isLarge[i] = CoarseVelocities::isCoarsened(numLevels, sizes[i]);
 }
 
 void CpuCoarseMeshes::chooseVertices(const Graph& graph, Level& level, Graph& coarser) {

@@ -1,4 +1,5 @@
-// This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
+// This file is compiled once for each instruction set, whose name is HELFRICH_SIMD, and once more with HELFRICH_SPACE
+// as Periodic, for flips in a periodic box.
 
 #include "CpuEdgeFlipEvaluation.h"
 #include "openmmhelfrich/internal/EdgeFlipDraw.h"
@@ -8,11 +9,38 @@
 #include "CpuInstructionSet.h"
 #include "CpuSimd.h"
 
+#include <type_traits>
+
+#ifndef HELFRICH_SPACE
+#define HELFRICH_SPACE Open
+#endif
+
 using namespace HelfrichPlugin;
 
 namespace {
 
+namespace Open {
+typedef CpuEdgeFlipEvaluation Evaluation;
+}
+
+namespace Periodic {
+typedef CpuPeriodicEdgeFlipEvaluation Evaluation;
+}
+
+typedef HELFRICH_SPACE::Evaluation Evaluation;
+constexpr bool IS_PERIODIC = std::is_same<Evaluation, CpuPeriodicEdgeFlipEvaluation>::value;
+
 typedef Vector3<Simd> Point;
+
+/**
+ * The nearest image of a vector, if there is a periodic box.
+ */
+inline Point inBox(const Point& d, const HelfrichParameters& p) {
+    if constexpr (IS_PERIODIC)
+        return nearestImage(d, p.box);
+    else
+        return d;
+}
 
 /**
  * The attempts beside each other in one vector.
@@ -68,9 +96,9 @@ private:
  */
 struct Diamond {
     Point corner[4] = {}, normal[4];
-    explicit Diamond(const Attempts& attempts) {
+    Diamond(const Attempts& attempts, const HelfrichParameters& p) {
         for (int n = 1; n < 4; n++)
-            corner[n] = attempts.displacement(n);
+            corner[n] = inBox(attempts.displacement(n), p);
         const Point &j = corner[1], &k = corner[2], &l = corner[3];
         normal[0] = cross(j, k);
         normal[1] = cross(l, j);
@@ -113,6 +141,16 @@ inline void computeAreas(const Diamond& diamond, VertexChanges& changes, Simd& a
 }
 
 /**
+ * Forbid what would take or make an edge that is longer than half a side of the periodic box.
+ */
+inline Simd forbidAcrossBox(const Diamond& diamond, const HelfrichParameters& p, Simd energy) {
+    Point taken = diamond.corner[1], made = diamond.corner[3] - diamond.corner[2];
+    double limit = 0.5 * p.box.shortest();
+    return choose((dot(taken, taken) > limit * limit) | (dot(made, made) > limit * limit), broadcast<double>(INFINITY),
+                  energy);
+}
+
+/**
  * Length times dihedral angle of an edge.  See dihedralSineCosine() for the parameters.
  */
 inline Simd computeCurvature(Simd length, const Point& normalF, const Point& normalG, const Point& toL) {
@@ -121,8 +159,8 @@ inline Simd computeCurvature(Simd length, const Point& normalF, const Point& nor
     return length * angleOf<SimdMath>(sine, cosine);
 }
 
-inline void computeCurvatures(const Attempts& attempts, const Diamond& diamond, VertexChanges& changes,
-                              Simd& curvature) {
+inline void computeCurvatures(const Attempts& attempts, const Diamond& diamond, const HelfrichParameters& p,
+                              VertexChanges& changes, Simd& curvature) {
     const Point &j = diamond.corner[1], &k = diamond.corner[2], &l = diamond.corner[3], i = {};
     Simd removed = computeCurvature(rootOf(dot(j, j)), diamond.normal[0], diamond.normal[1], l);
     Simd added = computeCurvature(rootOf(dot(l - k, l - k)), diamond.normal[2], diamond.normal[3], i - k);
@@ -133,7 +171,7 @@ inline void computeCurvatures(const Attempts& attempts, const Diamond& diamond, 
     const int before[4] = {0, 0, 1, 1}, after[4] = {2, 3, 3, 2};
     Simd rim[4];
     for (int side = 0; side < 4; side++) {
-        Point edge = to[side] - from[side], beyond = attempts.displacement(4 + side) - from[side],
+        Point edge = to[side] - from[side], beyond = inBox(attempts.displacement(4 + side) - from[side], p),
               normalBeyond = cross(beyond, edge);
         Simd length = rootOf(dot(edge, edge));
         rim[side] = computeCurvature(length, diamond.normal[after[side]], normalBeyond, beyond) -
@@ -276,12 +314,14 @@ void evaluate(const HelfrichParameters& p, const CpuEdgeFlipVertex* vertices, Cp
     HelfrichTotals spontaneous = getSpontaneousSlopes(p);
     for (int group = first - first % WIDTH; group < last; group += WIDTH) {
         Attempts attempts(vertices, batch, group);
-        Diamond diamond(attempts);
+        Diamond diamond(attempts, p);
         VertexChanges changes;
         Simd area, curvature = {}, energy;
         computeAreas(diamond, changes, area, energy);
+        if constexpr (IS_PERIODIC)
+            energy = forbidAcrossBox(diamond, p, energy);
         if (HasCurvature) {
-            computeCurvatures(attempts, diamond, changes, curvature);
+            computeCurvatures(attempts, diamond, p, changes, curvature);
             if (p.has(Term::Bending) && !HasSpecies)
                 energy += bendingChange(attempts, p, changes) + spontaneous.area * area +
                           spontaneous.curvature * curvature;
@@ -337,8 +377,8 @@ void draw(const Philox& random, long long sweep, long long firstAttempt, int num
 namespace HelfrichPlugin {
 
 template <>
-const CpuEdgeFlipEvaluation& getCompiledFor<CpuEdgeFlipEvaluation, CpuInstructionSet::HELFRICH_SIMD>() {
-    static const CpuEdgeFlipEvaluation functions = {draw, evaluateAny};
+const Evaluation& getCompiledFor<Evaluation, CpuInstructionSet::HELFRICH_SIMD>() {
+    static const Evaluation functions = {CpuEdgeFlipEvaluation{draw, evaluateAny}};
     return functions;
 }
 

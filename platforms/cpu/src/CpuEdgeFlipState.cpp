@@ -15,10 +15,10 @@ static const int GROUP = 8;
 
 CpuEdgeFlipState::CpuEdgeFlipState(HelfrichMesh& mesh)
         : particles(mesh.getParticles()), surfaces(mesh.getSurfaces()), species(mesh.getSpecies()), mesh(mesh),
-          evaluation(getForProcessor<CpuEdgeFlipEvaluation>()), vertices(mesh.getNumVertices()), neighborList(NULL) {
+          evaluation(&getForProcessor<CpuEdgeFlipEvaluation>()), vertices(mesh.getNumVertices()), neighborList(NULL) {
 }
 
-void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry, int first,
+void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const CpuVertexGeometry& geometry, int first,
                                     int last) {
     for (int v = first; v < last; v++) {
         const Vec3& x = positions[particles[v]];
@@ -27,12 +27,18 @@ void CpuEdgeFlipState::setPositions(const vector<Vec3>& positions, const Helfric
                        x[2],
                        0,
                        surfaces[v],
-                       geometry.vertexAreas[v],
-                       geometry.vertexMeanCurvatures[v],
+                       geometry.getArea(v),
+                       geometry.getCurvature(v),
                        0,
                        mesh.valence(v),
                        species.empty() ? 0 : species[v]};
     }
+}
+
+void CpuEdgeFlipState::setParameters(const HelfrichParameters& parameters) {
+    p = parameters;
+    if (p.box.exists())
+        evaluation = &getForProcessor<CpuPeriodicEdgeFlipEvaluation>();
 }
 
 void CpuEdgeFlipState::setPositions(const CpuEdgeFlipState& other, int first, int last) {
@@ -109,7 +115,7 @@ void CpuEdgeFlipState::evaluate(CpuEdgeFlipBatch& batch, const CpuEdgeFlipBatch*
     for (int group = 0; group < batch.numAttempts; group += GROUP) {
         if (upcoming != NULL)
             prefetchStencils(*upcoming, group);
-        evaluation.evaluate(p, vertices.data(), batch, group, min(group + GROUP, batch.numAttempts));
+        evaluation->evaluate(p, vertices.data(), batch, group, min(group + GROUP, batch.numAttempts));
         walks.step(mesh);
     }
     if (upcoming != NULL)
@@ -333,7 +339,7 @@ Vector3<double> CpuEdgeFlipState::getPosition(int vertex) const {
 }
 
 double CpuEdgeFlipState::distance2(int vertex1, int vertex2) const {
-    Vector3<double> d = displacement(getPosition(vertex1), getPosition(vertex2));
+    Vector3<double> d = displacement(getPosition(vertex1), getPosition(vertex2), p.box);
     return dot(d, d);
 }
 

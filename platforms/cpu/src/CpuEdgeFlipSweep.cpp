@@ -1,6 +1,5 @@
 #include "CpuEdgeFlipSweep.h"
 #include "CpuInstructionSet.h"
-#include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
@@ -21,35 +20,19 @@ static const int BATCHES_PER_THREAD = 4;
 static const int VERTICES_PER_ATTEMPT = 16;
 
 /**
- * The decisions of one thread do not keep more than these busy.
- */
-static const int MAX_THREADS = 8;
-
-/**
  * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time
  * than it saves.
  */
-static const int MIN_FETCHED_AHEAD = 15000;
-
-/**
- * The number of vertices whose positions or neighbors a thread finds at a time.
- */
-static const int VERTICES_PER_PART = 256;
-
-static const int NONE = -1;
+static const int MIN_FETCHED_AHEAD = 5000;
 
 /**
  * What a copy has seen that takes no part in a sweep, for its thread came too late: nobody waits for it.
  */
 static const int EVERYTHING = numeric_limits<int>::max();
 
-static int limitThreads(int numThreads, int numVertices) {
-    return max(1, min({numThreads, MAX_THREADS, numVertices / (VERTICES_PER_ATTEMPT * CpuEdgeFlipBatch::SIZE)}));
-}
-
 CpuEdgeFlipSweep::CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCopied)
-        : mesh(mesh), evaluation(getForProcessor<CpuEdgeFlipEvaluation>()),
-          numThreads(limitThreads(numThreads, mesh.getNumVertices())), random(0, 0), state(mesh),
+        : CpuSweep(mesh, numThreads, VERTICES_PER_ATTEMPT * CpuEdgeFlipBatch::SIZE),
+          evaluation(getForProcessor<CpuEdgeFlipEvaluation>()), state(mesh),
           places(this->numThreads == 1 ? 2 : BATCHES_PER_THREAD * this->numThreads), renewed(),
           lastFlips(mesh.getNumVertices()) {
     batchSize = min(max(8, mesh.getNumVertices() / VERTICES_PER_ATTEMPT), CpuEdgeFlipBatch::SIZE);
@@ -58,14 +41,12 @@ CpuEdgeFlipSweep::CpuEdgeFlipSweep(HelfrichMesh& mesh, int numThreads, int maxCo
             copies.emplace_back(new Copy(mesh));
 }
 
-void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const CpuVertexGeometry& geometry,
                                     CpuHelfrichNeighborList* neighborList) {
     this->neighborList = neighborList;
-    totals.clear();
-    for (auto& surface : geometry.surfaces)
-        totals.push_back({surface.area, surface.volume, surface.integratedMeanCurvature});
+    totals = geometry.totals;
     state.setNeighborList(neighborList);
-    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
+    forEachPart([&](int begin, int end) {
         // To gather them once for the states of all threads takes less time than to let each thread fill its own.
 
         state.setPositions(positions, geometry, begin, end);
@@ -77,12 +58,10 @@ void CpuEdgeFlipSweep::setPositions(const vector<Vec3>& positions, const Helfric
 EdgeFlipStatistics CpuEdgeFlipSweep::execute(const HelfrichParameters& parameters, double kT, long long numAttempts,
                                              const Philox& random, long long sweep, const Observer& observer) {
     p = parameters;
-    this->kT = kT;
-    this->numAttempts = numAttempts;
-    this->random = random;
-    this->sweep = sweep;
+    begin(kT, numAttempts, random, sweep);
     this->observer = &observer;
     changes.clear();
+    flippedVertices.clear();
     for (size_t surface = 0; surface < totals.size(); surface++)
         changes.emplace_back(p, surface, totals[surface]);
     exception = NULL;
@@ -128,12 +107,10 @@ void CpuEdgeFlipSweep::prepare(Copy& copy) const {
 void CpuEdgeFlipSweep::findCloseNeighbors() {
     // As with positions, to find them once for all states takes less time.
 
-    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
-        for (int v = begin; v < end; v++) {
-            state.findCloseNeighbors(v);
-            for (auto& copy : copies)
-                copy->state.setCloseNeighbors(state, v);
-        }
+    forEachVertex([&](int v) {
+        state.findCloseNeighbors(v);
+        for (auto& copy : copies)
+            copy->state.setCloseNeighbors(state, v);
     });
 }
 
@@ -153,7 +130,7 @@ void CpuEdgeFlipSweep::decideAll() {
     if (exception)
         isAbandoned = true;
     if (statistics.accepted > 0)
-        mesh.markChanged();
+        mesh.markChanged(flippedVertices);
 }
 
 void CpuEdgeFlipSweep::help(Copy* copy) {
@@ -295,8 +272,10 @@ void CpuEdgeFlipSweep::accept(Place& place, int batch, const CpuEdgeFlipAttempt&
     HelfrichTotals& ofSurface = totals[attempt.surface];
     ofSurface += {attempt.area, attempt.volume, attempt.curvature};
     changes[attempt.surface] = ChangeByTotals(p, attempt.surface, ofSurface);
-    for (int vertex : attempt.vertex)
+    for (int vertex : attempt.vertex) {
         lastFlips[vertex] = batch;
+        flippedVertices.push_back(vertex);
+    }
     state.carryOut(flip);
     place.acceptedFlips.add(flip);
     statistics.accepted++;

@@ -5,6 +5,7 @@
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/reference/ReferencePlatform.h"
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -35,7 +36,10 @@ static int chooseNumThreads(ContextImpl& context, int numItems) {
 void CpuCalcHelfrichForceKernel::initialize(const System& system, const HelfrichForce& force,
                                             const HelfrichMesh& mesh) {
     this->mesh = &mesh;
-    setLayoutWidth(loops.inDouble.width);
+    isPeriodic = force.usesPeriodicBoundaryConditions();
+    if (isPeriodic)
+        loops = &getForProcessor<CpuPeriodicHelfrichLoops>();
+    setLayoutWidth(loops->inDouble.width);
 }
 
 void CpuCalcHelfrichForceKernel::setLayoutWidth(int width) {
@@ -71,12 +75,20 @@ void CpuCalcHelfrichForceKernel::updateLayout() {
     });
     repulsion.followLayout(layout, numThreads);
     materials.invalidate();
+    isGeometryKnown = false;
     revision = mesh->getRevision();
+}
+
+void CpuCalcHelfrichForceKernel::setBox(const PeriodicBox& newBox) {
+    isGeometryKnown &= (newBox == box);
+    box = newBox;
+    repulsion.setBox(box);
 }
 
 template <class Real>
 CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const HelfrichParameters& parameters) {
     updateLayout();
+    setBox(parameters.box);
     if (parameters.needsCurvature() || parameters.hasForcesOfSpecies()) {
         bendingSlopes.resize(layout.getNumSlots());
         anglesPerLength.reserve(layout.neighbors.capacity());
@@ -84,6 +96,7 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
     }
     CpuHelfrichArrays<Real> arrays = {positions.data(), reinterpret_cast<Real*>(bendingSlopes.data()), NULL, NULL,
                                       reinterpret_cast<Real*>(anglesPerLength.data())};
+    arrays.box = parameters.box;
     if constexpr (is_same<Real, float>::value) {
         // No vertex is ever where slots without one stay, for an edge between them would have no length.
         fixedPositions.resize(positions.size(), -1);
@@ -94,6 +107,18 @@ CpuHelfrichArrays<Real> CpuCalcHelfrichForceKernel::prepareArrays(const Helfrich
         materials.setArrays(arrays);
     }
     return arrays;
+}
+
+bool CpuCalcHelfrichForceKernel::canKeepGeometry(const HelfrichParameters& parameters) const {
+    return isGeometryWanted && parameters.needsCurvature() && !parameters.hasForcesOfSpecies();
+}
+
+void CpuCalcHelfrichForceKernel::keepGeometry(CpuHelfrichArrays<double>& arrays) {
+    geometry.areas.resize(layout.getNumSlots());
+    geometry.curvatures.resize(layout.getNumSlots());
+    geometry.slots = layout.slots.data();
+    arrays.areas = geometry.areas.data();
+    arrays.curvatures = geometry.curvatures.data();
 }
 
 int CpuCalcHelfrichForceKernel::getNumChunks() const {
@@ -116,13 +141,32 @@ int CpuCalcHelfrichForceKernel::getLastSlot(int chunk) const {
     return chunks[chunk].getEnd();
 }
 
-void CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
-    for (int slot = getFirstSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++) {
+bool CpuCalcHelfrichForceKernel::loadPositions(const vector<Vec3>& source, int chunk) {
+    bool areSame = true;
+    auto load = [&](int slot) {
         const Vec3& x = source[particles[slot]];
-        positions[4 * slot] = x[0];
-        positions[4 * slot + 1] = x[1];
-        positions[4 * slot + 2] = x[2];
-    }
+        double* position = &positions[4 * slot];
+        bool isSame = (position[0] == x[0]) & (position[1] == x[1]) & (position[2] == x[2]);
+        position[0] = x[0];
+        position[1] = x[1];
+        position[2] = x[2];
+        return isSame;
+    };
+    for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++)
+        areSame &= load(slot);
+    for (int slot = getLastSlot(chunk); slot < getLastGroup(chunk) * layout.width; slot++)
+        load(slot);
+    return areSame;
+}
+
+void CpuCalcHelfrichForceKernel::loadPositions(ContextImpl& context) {
+    const vector<Vec3>& source = *getData(context).positions;
+    atomic<bool> areSame{isGeometryKnown};
+    forEachChunk([&](int chunk) {
+        if (!loadPositions(source, chunk))
+            areSame = false;
+    });
+    isGeometryKnown = areSame;
 }
 
 /**
@@ -164,7 +208,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& parameters,
                                                const CpuHelfrichArrays<Real>& arrays, CpuMembraneSums& sums) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeEnergyOfMaterials : loops.in<Real>().computeEnergy;
+    auto compute = hasMaterials ? loops->in<Real>().computeEnergyOfMaterials : loops->in<Real>().computeEnergy;
     forEachChunk([&](int chunk) {
         compute(layout, parameters, arrays, getFirstGroup(chunk), getLastGroup(chunk), chunkSums[chunk]);
         if (hasMaterials)
@@ -179,6 +223,12 @@ void CpuCalcHelfrichForceKernel::computeEnergy(const HelfrichParameters& paramet
         sums.line = addUp(chunkSums, &CpuHelfrichSums::line);
     }
     addUpSurfaces(sums);
+    isGeometryKnown = (arrays.areas != NULL);
+    if (isGeometryKnown) {
+        geometry.totals = sums.totals;
+        geometry.number++;
+        hadTether = parameters.has(Term::Tether);
+    }
 }
 
 void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
@@ -189,7 +239,7 @@ void CpuCalcHelfrichForceKernel::addUpSurfaces(CpuMembraneSums& sums) const {
             ;
         HelfrichTotals& totals = sums.totals[surface];
         totals.area = addUp(chunkSums, &CpuHelfrichSums::area, first, last);
-        totals.volume = addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
+        totals.volume = isPeriodic ? 0 : addUp(chunkSums, &CpuHelfrichSums::volume, first, last);
         totals.curvature = addUp(chunkSums, &CpuHelfrichSums::curvature, first, last);
         sums.area += totals.area;
     }
@@ -218,7 +268,7 @@ template <class Real>
 void CpuCalcHelfrichForceKernel::computeGradient(const HelfrichParameters& parameters, const CpuMembraneSums& sums,
                                                  const CpuHelfrichArrays<Real>& arrays, int chunk, double* gradients) {
     bool hasMaterials = parameters.hasForcesOfSpecies();
-    auto compute = hasMaterials ? loops.in<Real>().computeGradientOfMaterials : loops.in<Real>().computeGradient;
+    auto compute = hasMaterials ? loops->in<Real>().computeGradientOfMaterials : loops->in<Real>().computeGradient;
     compute(layout, parameters, sums.slopes[chunks[chunk].surface], arrays, getFirstGroup(chunk), getLastGroup(chunk),
             gradients);
     if (hasMaterials)
@@ -249,10 +299,11 @@ bool CpuCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichPar
                                          HelfrichEnergyTerms& terms) {
     chooseNumThreads(context);
     auto arrays = prepareArrays<double>(parameters);
-    const vector<Vec3>& source = *getData(context).positions;
     vector<Vec3>& forces = *getData(context).forces;
     CpuMembraneSums sums(mesh->getNumSurfaces());
-    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
+    loadPositions(context);
+    if (canKeepGeometry(parameters))
+        keepGeometry(arrays);
     computeEnergy(parameters, arrays, sums);
     if (isfinite(sums.area)) {
         updateRepulsion(parameters, arrays.positions);
@@ -282,7 +333,7 @@ double CpuCalcHelfrichForceKernel::addForces(const HelfrichParameters& parameter
 
 void CpuCalcHelfrichForceKernel::loadState(ContextImpl& context, int chunk) {
     loadPositions(*getData(context).positions, chunk);
-    chunkBoxes[chunk] = loops.findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
+    chunkBoxes[chunk] = loops->findBox(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     const vector<Vec3>& source = *getData(context).velocities;
     for (int slot = getFirstSlot(chunk); slot < getLastSlot(chunk); slot++) {
         const Vec3& v = source[particles[slot]];
@@ -328,7 +379,7 @@ void CpuCalcHelfrichForceKernel::move(const HelfrichParameters& parameters, cons
         }
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -361,7 +412,7 @@ void CpuCalcHelfrichForceKernel::drift(const CpuHelfrichArrays<Real>& arrays, in
             nextPositions[4 * slot + i] = (v[3] == 0 ? x[i] : x[i] + time * (v[i] + motion[i]));
     }
     if constexpr (is_same<Real, float>::value)
-        chunkBoxes[chunk] = loops.findBox(nextPositions, firstSlot, getLastSlot(chunk));
+        chunkBoxes[chunk] = loops->findBox(nextPositions, firstSlot, getLastSlot(chunk));
 }
 
 template <class Real>
@@ -401,10 +452,12 @@ bool CpuCalcHelfrichForceKernel::roundPositions(CpuHelfrichArrays<float>& arrays
     frexp(extent, &exponent);
     double unit = ldexp(1, exponent - 31);
     forEachChunk([&](int chunk) {
-        loops.roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
-                             arrays.fixedPositions);
+        loops->roundPositions(arrays.positions, getFirstSlot(chunk), getLastSlot(chunk), box.lower, 1 / unit,
+                              arrays.fixedPositions);
     });
     arrays.fixedUnit = unit;
+    for (int i = 0; i < 3; i++)
+        arrays.fixedBox[i] = (uint32_t) (uint64_t) llround(min(arrays.box.lengths[i] / unit, 0x1p62));
     return true;
 }
 
@@ -437,7 +490,7 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     // Positions and velocities stay in slots for the whole trajectory, and a vertex moves as soon as its gradient is
     // known.
 
-    setLayoutWidth(loops.in<Real>().width);
+    setLayoutWidth(loops->in<Real>().width);
     chooseNumThreads(context);
     auto arrays = prepareArrays<Real>(parameters);
     nextPositions.resize(positions.size());
@@ -451,14 +504,23 @@ bool CpuCalcHelfrichForceKernel::makeSteps(ContextImpl& context, const HelfrichP
     Interruption interruption(mesh->getNumVertices());
     bool isInterrupted = false;
     forEachChunk([&](int chunk) { loadState(context, chunk); });
-    bool isFinite = makeStep(sequence[0].getParameters(parameters), arrays, sequence[0], next, sums, terms);
-    for (long long step = 1; step < sequence.size() && isFinite && !isInterrupted; step++) {
-        isInterrupted = interruption.isRequested();
-        swap(arrays.positions, next);
+    isGeometryKnown = false;
+    bool isFinite = true;
+    for (long long step = 0; step < sequence.size() && isFinite && !isInterrupted; step++) {
+        if (step > 0) {
+            isInterrupted = interruption.isRequested();
+            swap(arrays.positions, next);
+        }
         KickAndDrift times = sequence[step];
-        isFinite = makeStep(times.getParameters(parameters), arrays, times, next, sums, terms);
+        HelfrichParameters p = times.getParameters(parameters);
+        if constexpr (is_same<Real, double>::value)
+            if (step + 1 == sequence.size() && canKeepGeometry(p))
+                keepGeometry(arrays);
+        isFinite = makeStep(p, arrays, times, next, sums, terms);
     }
     forEachChunk([&](int chunk) { storeState(context, arrays.positions, chunk); });
+    if (arrays.positions != positions.data())
+        swap(positions, nextPositions);
     if (isInterrupted)
         throw StepInterrupted();
     return isFinite;
@@ -477,39 +539,60 @@ bool CpuCalcHelfrichForceKernel::makeTrajectory(ContextImpl& context, const Helf
     return isFinite && (areTermsExact || execute(context, parameters, false, terms));
 }
 
-void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
+void CpuCalcHelfrichForceKernel::findGeometry(ContextImpl& context, const HelfrichParameters& parameters) {
+    // The loop is that of the energy where both can be the same: what compilers make of another one might differ in the
+    // last bits, and so a restarted simulation, which computes the geometry here, from one that has it from before. But
+    // no tether is taut.
+
+    HelfrichParameters p;
+    p.box = parameters.box;
+    p.moduli[Term::Bending] = 1;
+    if (parameters.needsCurvature() && !parameters.hasForcesOfSpecies())
+        p.moduli[Term::Tether] = parameters.has(Term::Tether);
+    p.tetherMaxLength = INFINITY;
     chooseNumThreads(context);
-    HelfrichParameters parameters;
-    parameters.moduli[Term::Bending] = 1;
-    auto arrays = prepareArrays<double>(parameters);
-    nextPositions.resize(positions.size());
-    arrays.areas = nextPositions.data();
-    arrays.curvatures = arrays.areas + layout.getNumSlots();
-    const vector<Vec3>& source = *getData(context).positions;
+    auto arrays = prepareArrays<double>(p);
+    loadPositions(context);
+    if (isGeometryKnown && hadTether == p.has(Term::Tether))
+        return;
+    keepGeometry(arrays);
     CpuMembraneSums sums(mesh->getNumSurfaces());
-    forEachChunk([&](int chunk) { loadPositions(source, chunk); });
-    computeEnergy(parameters, arrays, sums);
-    geometry.setTotals(sums.totals);
-    geometry.vertexAreas.resize(mesh->getNumVertices());
-    geometry.vertexMeanCurvatures.resize(mesh->getNumVertices());
+    computeEnergy(p, arrays, sums);
+}
+
+const CpuVertexGeometry& CpuCalcHelfrichForceKernel::getGeometry(ContextImpl& context,
+                                                                 const HelfrichParameters& parameters) {
+    isGeometryWanted = true;
+    findGeometry(context, parameters);
+    return geometry;
+}
+
+void CpuCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
+                                                 HelfrichGeometry& result) {
+    HelfrichParameters parameters;
+    parameters.box = box;
+    findGeometry(context, parameters);
+    result.setTotals(geometry.totals);
+    result.vertexAreas.resize(mesh->getNumVertices());
+    result.vertexMeanCurvatures.resize(mesh->getNumVertices());
     CpuThreads::forEachPart(numThreads, mesh->getNumVertices(), ITEMS_PER_PART, [&](int begin, int end) {
         for (int vertex = begin; vertex < end; vertex++) {
-            int slot = layout.slots[vertex];
-            geometry.vertexAreas[vertex] = arrays.areas[slot];
-            geometry.vertexMeanCurvatures[vertex] = arrays.curvatures[slot];
+            result.vertexAreas[vertex] = geometry.getArea(vertex);
+            result.vertexMeanCurvatures[vertex] = geometry.getCurvature(vertex);
         }
     });
 }
 
-CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context, double onset) {
+CpuHelfrichNeighborList& CpuCalcHelfrichForceKernel::getNeighborList(ContextImpl& context,
+                                                                     const HelfrichParameters& parameters) {
     chooseNumThreads(context);
     updateLayout();
-    const vector<Vec3>& source = *getData(context).positions;
+    setBox(parameters.box);
+    loadPositions(context);
     forEachChunk([&](int chunk) {
-        loadPositions(source, chunk);
         chunkSums[chunk].outdated = repulsion.hasMoved(positions.data(), getFirstSlot(chunk), getLastSlot(chunk));
     });
-    return repulsion.getNeighborList(*mesh, layout, positions.data(), onset,
+    return repulsion.getNeighborList(*mesh, layout, positions.data(), parameters.repulsionOnset,
                                      addUp(chunkSums, &CpuHelfrichSums::outdated) != 0);
 }
 
@@ -522,14 +605,14 @@ void CpuSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichFor
 bool CpuSweepEdgeFlipsKernel::execute(ContextImpl& context, const HelfrichParameters& parameters, double kT,
                                       long long numAttempts, const Philox& random, long long sweep,
                                       EdgeFlipStatistics& statistics) {
-    calculation->computeGeometry(context, geometry);
-    if (!isFinite(geometry, parameters.needsCurvature()))
+    const CpuVertexGeometry& geometry = calculation->getGeometry(context, parameters);
+    if (!geometry.isFinite(parameters.needsCurvature()))
         return false;
     if (!edgeFlips)
         edgeFlips.reset(new CpuEdgeFlipSweep(*mesh, getData(context).threads.getNumThreads()));
     CpuHelfrichNeighborList* neighbors = NULL;
     if (CpuEdgeFlipSweep::needsNeighborList(parameters))
-        neighbors = &calculation->getNeighborList(context, parameters.repulsionOnset);
+        neighbors = &calculation->getNeighborList(context, parameters);
     edgeFlips->setPositions(*getData(context).positions, geometry, neighbors);
     statistics = edgeFlips->execute(parameters, kT, numAttempts, random, sweep);
     return true;
@@ -546,9 +629,10 @@ bool CpuExchangeSpeciesKernel::execute(ContextImpl& context, const HelfrichParam
                                        const Philox& random, long long sweep, SpeciesExchangeStatistics& statistics) {
     if (!exchange)
         exchange.reset(new CpuSpeciesExchange(*mesh, getData(context).threads.getNumThreads()));
+    const CpuVertexGeometry* geometry = NULL;
     if (parameters.hasForcesOfSpecies()) {
-        calculation->computeGeometry(context, geometry);
-        if (!isFinite(geometry, parameters.needsCurvature()))
+        geometry = &calculation->getGeometry(context, parameters);
+        if (!geometry->isFinite(parameters.needsCurvature()))
             return false;
     }
     exchange->prepare(*getData(context).positions, geometry, parameters, proposal);

@@ -1,4 +1,4 @@
-// This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
+// This file is compiled once for each instruction set and space; HELFRICH_SIMD and HELFRICH_SPACE are their names.
 
 #include "CpuHelfrichRings.h"
 #include "CpuInstructionSet.h"
@@ -7,6 +7,8 @@
 using namespace HelfrichPlugin;
 
 namespace {
+
+typedef std::conditional_t<HELFRICH_SPACE::IS_PERIODIC, CpuPeriodicHelfrichLoops, CpuHelfrichLoops> LoopsInSpace;
 
 template <class Real>
 void chooseEnergy(const CpuHelfrichLayout& layout, const HelfrichParameters& p, const CpuHelfrichArrays<Real>& arrays,
@@ -72,15 +74,17 @@ void roundPositions(const double* positions, int firstSlot, int lastSlot, const 
 
 namespace HelfrichPlugin {
 
+namespace loops = HELFRICH_SIMD::HELFRICH_SPACE;
+
 template <>
-const CpuHelfrichLoops& getCompiledFor<CpuHelfrichLoops, CpuInstructionSet::HELFRICH_SIMD>() {
-    static const CpuHelfrichLoops functions = {
-            {SimdOf<double>::WIDTH, chooseEnergy<double>, chooseGradient<double>,
-             HELFRICH_SIMD::computeEnergyOfMaterials<double>, HELFRICH_SIMD::computeGradientOfMaterials<double>},
-            {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>,
-             HELFRICH_SIMD::computeEnergyOfMaterials<float>, HELFRICH_SIMD::computeGradientOfMaterials<float>},
-            findBox,
-            roundPositions};
+const LoopsInSpace& getCompiledFor<LoopsInSpace, CpuInstructionSet::HELFRICH_SIMD>() {
+    static const LoopsInSpace functions = {
+            CpuHelfrichLoops{{SimdOf<double>::WIDTH, chooseEnergy<double>, chooseGradient<double>,
+                              loops::computeEnergyOfMaterials<double>, loops::computeGradientOfMaterials<double>},
+                             {SimdOf<float>::WIDTH, chooseEnergy<float>, chooseGradient<float>,
+                              loops::computeEnergyOfMaterials<float>, loops::computeGradientOfMaterials<float>},
+                             findBox,
+                             roundPositions}};
     return functions;
 }
 

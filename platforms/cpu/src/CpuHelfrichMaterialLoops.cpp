@@ -1,10 +1,12 @@
-// This file is compiled once for each instruction set; HELFRICH_SIMD is its name.
+// This file is compiled once for each instruction set and space; HELFRICH_SIMD and HELFRICH_SPACE are their names.
 
 #include "CpuHelfrichRings.h"
 
 namespace HelfrichPlugin {
 
 namespace HELFRICH_SIMD {
+
+namespace HELFRICH_SPACE {
 
 template <class Real>
 void computeEnergyOfMaterials(const CpuHelfrichLayout& layout, const HelfrichParameters& p,
@@ -31,6 +33,8 @@ template void computeGradientOfMaterials(const CpuHelfrichLayout&, const Helfric
                                          const CpuHelfrichArrays<double>&, int, int, double*);
 template void computeGradientOfMaterials(const CpuHelfrichLayout&, const HelfrichParameters&, const HelfrichTotals&,
                                          const CpuHelfrichArrays<float>&, int, int, double*);
+
+} // namespace HELFRICH_SPACE
 
 } // namespace HELFRICH_SIMD
 

@@ -15,6 +15,7 @@ static const int GROUPS_PER_PART = 64;
 void CpuHelfrichMaterials::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout,
                                   const vector<CpuHelfrichLayout::Part>& parts, const HelfrichParameters& p,
                                   bool isSingle, int numThreads) {
+    box = p.box;
     TermMask terms;
     for (Term term : {Term::Bending, Term::Gaussian, Term::Line})
         if (p.has(term))
@@ -155,8 +156,9 @@ template void CpuHelfrichMaterials::setArrays(CpuHelfrichArrays<float>&);
 /**
  * Six times the vector from the centroid of three points to the middle between two of them.
  */
-static Vector3<double> toMiddle(const Vector3<double> (&x)[3], int opposite) {
-    return displacement(x[opposite], x[(opposite + 1) % 3]) + displacement(x[opposite], x[(opposite + 2) % 3]);
+static Vector3<double> toMiddle(const Vector3<double> (&x)[3], int opposite, const PeriodicBox& box) {
+    return displacement(x[opposite], x[(opposite + 1) % 3], box) +
+           displacement(x[opposite], x[(opposite + 2) % 3], box);
 }
 
 static void loadPoints(const double* positions, const int (&slots)[3], Vector3<double> (&x)[3]) {
@@ -176,7 +178,7 @@ double CpuHelfrichMaterials::computeMeetings(const double* positions, int part) 
     for (const Meeting& meeting : meetings[part]) {
         loadPoints(positions, meeting.slots, x);
         for (int i = 0; i < 3; i++) {
-            Vector3<double> d = toMiddle(x, i);
+            Vector3<double> d = toMiddle(x, i, box);
             energy += meeting.tensions[i] * sqrt(dot(d, d));
         }
     }
@@ -192,7 +194,7 @@ void CpuHelfrichMaterials::addGradientOfMeetings(const double* positions, int pa
         loadPoints(positions, meeting.slots, x);
         double* gradient = gradients + 4 * (meeting.slots[0] - firstSlot);
         for (int i = 0; i < 3; i++) {
-            Vector3<double> d = toMiddle(x, i);
+            Vector3<double> d = toMiddle(x, i, box);
             double length = sqrt(dot(d, d)), factor = (i == 0 ? -2 : 1) * meeting.tensions[i] / 6;
             factor = (length == 0 ? 0 : factor / length);
             gradient[0] += factor * d.x;

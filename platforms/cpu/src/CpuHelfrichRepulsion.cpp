@@ -16,6 +16,31 @@ static Vector3<double> getPoint(const double* x) {
     return {x[0], x[1], x[2]};
 }
 
+/**
+ * The vector from a point to another.
+ */
+struct OpenDisplacement {
+    Vector3<double> operator()(const Vector3<double>& from, const Vector3<double>& to) const {
+        return displacement(from, to);
+    }
+};
+
+/**
+ * The vector from a point to the nearest image of another.
+ */
+struct PeriodicDisplacement {
+    const PeriodicBox& box;
+    Vector3<double> operator()(const Vector3<double>& from, const Vector3<double>& to) const {
+        return nearestImage(displacement(from, to), box);
+    }
+};
+
+void CpuHelfrichRepulsion::setBox(const PeriodicBox& newBox) {
+    if (newBox != box)
+        reference.clear();
+    box = newBox;
+}
+
 void CpuHelfrichRepulsion::update(const HelfrichMesh& mesh, const CpuHelfrichLayout& layout, const double* positions,
                                   const HelfrichParameters& p, bool hasMoved) {
     updateCandidates(layout, positions, p.repulsionOnset, hasMoved);
@@ -54,6 +79,9 @@ void CpuHelfrichRepulsion::adaptSkin() {
         skin = min(1.25 * skin, 1.2 * onset);
     else if (numUpdates > 300)
         skin = max(0.8 * skin, 0.1 * onset);
+    // Of a pair in a list only one image may be close.
+    if (box.exists())
+        skin = min(skin, 0.45 * box.shortest() - onset);
     numUpdates = 0;
 }
 
@@ -64,11 +92,19 @@ void CpuHelfrichRepulsion::followLayout(const CpuHelfrichLayout& layout, int num
     reference.resize(layout.getNumSlots());
     CpuThreads::forEachPart(numThreads, placedVertices.size(), VERTICES_PER_PART, [&](int begin, int end) {
         for (int i = begin; i < end; i++)
-            reference[layout.slots[placedVertices[i].vertex]] = placedVertices[i].x;
+            if (!placedVertices[i].isImage)
+                reference[layout.slots[placedVertices[i].vertex]] = placedVertices[i].x;
     });
 }
 
 bool CpuHelfrichRepulsion::hasMoved(const double* positions, int firstSlot, int lastSlot) const {
+    return box.exists() ? hasMoved(positions, firstSlot, lastSlot, PeriodicDisplacement{box})
+                        : hasMoved(positions, firstSlot, lastSlot, OpenDisplacement());
+}
+
+template <class Displacement>
+bool CpuHelfrichRepulsion::hasMoved(const double* positions, int firstSlot, int lastSlot,
+                                    const Displacement& displacement) const {
     if (reference.empty())
         return true;
     double limit = 0.25 * skin * skin;
@@ -95,35 +131,60 @@ unsigned int CpuHelfrichRepulsion::findBucket(const Cell& cell) const {
     return hash & (bucketStarts.size() - 2);
 }
 
-void CpuHelfrichRepulsion::sortIntoBuckets(const CpuHelfrichLayout& layout) {
+void CpuHelfrichRepulsion::addImages(vector<PlacedVertex>& vertices) const {
+    // All vertices come into one box, and beyond each border of it images of those near the opposite one.
+
+    auto coordinateOf = [](Point& x, int axis) -> double& { return axis == 0 ? x.x : axis == 1 ? x.y : x.z; };
+    for (int axis = 0; axis < 3; axis++) {
+        double side = box.lengths[axis], cutoff = onset + skin;
+        for (size_t i = 0, count = vertices.size(); i < count; i++) {
+            PlacedVertex image = vertices[i];
+            double &x = coordinateOf(vertices[i].x, axis), &ofImage = coordinateOf(image.x, axis);
+            x -= side * floor(x / side);
+            image.isImage = true;
+            ofImage = (x < cutoff ? x + side : x - side);
+            if (x < cutoff || x > side - cutoff)
+                vertices.push_back(image);
+        }
+    }
+}
+
+void CpuHelfrichRepulsion::sortIntoBuckets(const vector<PlacedVertex>& vertices) {
     size_t numBuckets = 1;
-    while (numBuckets < layout.slots.size())
+    while (numBuckets < vertices.size())
         numBuckets *= 2;
     bucketStarts.assign(numBuckets + 1, 0);
-    for (int slot : layout.slots)
-        bucketStarts[findBucket(findCell(reference[slot])) + 1]++;
+    for (const PlacedVertex& placed : vertices)
+        bucketStarts[findBucket(findCell(placed.x)) + 1]++;
     for (size_t i = 1; i < bucketStarts.size(); i++)
         bucketStarts[i] += bucketStarts[i - 1];
     vector<int> next(bucketStarts.begin(), bucketStarts.end() - 1);
-    placedVertices.resize(layout.slots.size());
-    for (size_t v = 0; v < layout.slots.size(); v++) {
-        const Point& x = reference[layout.slots[v]];
-        placedVertices[next[findBucket(findCell(x))]++] = {x, (int) v};
-    }
+    placedVertices.resize(vertices.size());
+    for (const PlacedVertex& placed : vertices)
+        placedVertices[next[findBucket(findCell(placed.x))]++] = placed;
 }
 
 void CpuHelfrichRepulsion::findCandidates(const CpuHelfrichLayout& layout, const double* positions) {
     reference.resize(layout.getNumSlots());
     for (int slot = 0; slot < layout.getNumSlots(); slot++)
         reference[slot] = getPoint(positions + 4 * slot);
-    sortIntoBuckets(layout);
+    vector<PlacedVertex> vertices;
+    vertices.reserve(layout.slots.size());
+    for (size_t v = 0; v < layout.slots.size(); v++)
+        vertices.push_back({reference[layout.slots[v]], (int) v, false});
+    if (box.exists())
+        addImages(vertices);
+    sortIntoBuckets(vertices);
+    for (const PlacedVertex& placed : placedVertices)
+        if (!placed.isImage)
+            reference[layout.slots[placed.vertex]] = placed.x;
     candidates.lists.resize(layout.slots.size());
     candidates.neighbors.clear();
     candidates.revision = -1;
     candidates.numBuilds++;
     for (size_t v = 0; v < layout.slots.size(); v++) {
         int start = candidates.neighbors.size();
-        addCandidates({reference[layout.slots[v]], (int) v}, (onset + skin) * (onset + skin));
+        addCandidates({reference[layout.slots[v]], (int) v, false}, (onset + skin) * (onset + skin));
         candidates.lists[v] = {start, 0, int(candidates.neighbors.size() - start)};
     }
 }
@@ -182,6 +243,13 @@ void CpuHelfrichRepulsion::removeExclusions(const HelfrichMesh& mesh, const CpuH
 
 double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichParameters& p, int firstSlot, int lastSlot,
                                      double* gradients) const {
+    return box.exists() ? compute(positions, p, firstSlot, lastSlot, gradients, PeriodicDisplacement{box})
+                        : compute(positions, p, firstSlot, lastSlot, gradients, OpenDisplacement());
+}
+
+template <class Displacement>
+double CpuHelfrichRepulsion::compute(const double* positions, const HelfrichParameters& p, int firstSlot, int lastSlot,
+                                     double* gradients, const Displacement& displacement) const {
     double energy = 0, onset2 = p.repulsionOnset * p.repulsionOnset;
     for (int slot = firstSlot; slot < lastSlot; slot++) {
         Vector3<double> x = getPoint(positions + 4 * slot);

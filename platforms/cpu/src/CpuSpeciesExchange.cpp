@@ -1,6 +1,5 @@
 #include "CpuSpeciesExchange.h"
 #include "CpuHalfedges.h"
-#include "CpuThreads.h"
 #include "openmmhelfrich/internal/Interruption.h"
 #include <algorithm>
 #include <cmath>
@@ -22,16 +21,14 @@ static const int ATTEMPTS_PER_BLOCK = 4096;
 static const int VERTICES_PER_ZONE = 8000;
 
 /**
- * The number of vertices that a thread prepares at a time.
- */
-static const int VERTICES_PER_PART = 256;
-
-/**
  * The lengths of a ring that are asked for before they are needed, four to a cache line.
  */
 static const int LENGTHS_AHEAD = 8;
 
-static const int NONE = -1;
+/**
+ * Rings that outgrow their room are moved to the end, until all take so many times as much as at first.
+ */
+static const double MAX_GROWTH = 1.25;
 
 /**
  * The zone of what belongs to none.
@@ -39,40 +36,31 @@ static const int NONE = -1;
 static const int BORDER = -1;
 
 CpuSpeciesExchange::CpuSpeciesExchange(HelfrichMesh& mesh, int numThreads)
-        : mesh(mesh), numThreads(max(1, min({numThreads, MAX_ZONES, mesh.getNumVertices() / VERTICES_PER_ZONE}))),
-          ranks(mesh.getNumVertices()), vertices(mesh.getNumVertices()), species(mesh.getNumVertices()),
-          rows(mesh.getNumVertices()), zones(mesh.getNumVertices()), neighbors(mesh.getNumHalfedges()),
-          revision(mesh.getRevision() - 1), random(0, 0), blocked(mesh.getNumVertices(), NONE) {
+        : CpuSweep(mesh, numThreads, VERTICES_PER_ZONE), ranks(mesh.getNumVertices()), vertices(mesh.getNumVertices()),
+          species(mesh.getNumVertices()), rows(mesh.getNumVertices()), zones(mesh.getNumVertices()),
+          blocked(mesh.getNumVertices(), NONE) {
 }
 
-template <class Function>
-void CpuSpeciesExchange::forEachVertex(const Function& function) const {
-    CpuThreads::forEachPart(numThreads, mesh.getNumVertices(), VERTICES_PER_PART, [&](int begin, int end) {
-        for (int v = begin; v < end; v++)
-            function(v);
-    });
-}
-
-void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const HelfrichGeometry& geometry,
+void CpuSpeciesExchange::prepare(const vector<Vec3>& positions, const CpuVertexGeometry* geometry,
                                  const HelfrichParameters& parameters, const SpeciesProposal& proposal) {
+    bool areMaterialsSame =
+            (!materials.empty() && p.species == parameters.species && p.getTerms() == parameters.getTerms() &&
+             p.spontaneousCurvature == parameters.spontaneousCurvature &&
+             this->proposal.chemicalPotentials == proposal.chemicalPotentials);
     this->proposal = proposal;
+    this->geometry = geometry;
     p = parameters;
-    prepareMaterials();
     prepareRings();
-    bool needsPositions = (p.has(Term::Line) || p.hasGaussianForces());
-    x.resize(needsPositions ? mesh.getNumVertices() : 0);
-    lengths.resize(p.has(Term::Line) ? neighbors.size() : 0);
-    forEachVertex([&](int v) {
-        species[v] = mesh.getSpecies(order[v]);
-        rows[v] = materials[species[v]].row;
-        const Vec3& position = positions[mesh.getParticles()[order[v]]];
-        if (needsPositions)
-            x[v] = {position[0], position[1], position[2]};
-    });
-    forEachVertex([&](int v) { prepareVertex(geometry, v); });
+    if (!areMaterialsSame)
+        prepareMaterials();
+    if (!areMaterialsSame || (geometry != NULL && geometry->number != numberOfGeometry))
+        preparePositions(positions);
+    if (speciesRevision != mesh.getSpeciesRevision())
+        prepareSpecies();
 }
 
 void CpuSpeciesExchange::prepareMaterials() {
+    speciesRevision = NONE;
     materials.clear();
     for (int species = 0; species < (int) proposal.chemicalPotentials.size(); species++) {
         HelfrichSpecies material = p.getMaterial(species);
@@ -105,18 +93,43 @@ void CpuSpeciesExchange::prepareMaterials() {
 }
 
 void CpuSpeciesExchange::prepareRings() {
-    if (revision == mesh.getRevision() && order == mesh.getOrder())
-        return;
+    vector<int> changed;
+    bool areKnown = (revision != NONE && mesh.findChanges(revision, changed));
+    revision = mesh.getRevision();
+    if (!areKnown || !changed.empty())
+        numberOfGeometry = NONE;
+    for (int vertex : changed)
+        renewRing(ranks[vertex]);
+    if (!areKnown || neighbors.size() > MAX_GROWTH * (mesh.getNumHalfedges() + mesh.getNumVertices()))
+        collectRings();
+}
+
+void CpuSpeciesExchange::collectRings() {
     order = mesh.getOrder();
-    for (int v = 0, start = 0; v < mesh.getNumVertices(); v++) {
+    speciesRevision = NONE;
+    int start = 0;
+    for (int v = 0; v < mesh.getNumVertices(); v++) {
+        int valence = mesh.valence(order[v]);
         ranks[order[v]] = v;
-        vertices[v].ring = start;
-        vertices[v].valence = mesh.valence(order[v]);
-        start += vertices[v].valence;
+        vertices[v] = {{}, start, valence, valence + 1};
+        start += vertices[v].room;
     }
+    neighbors.reserve(MAX_GROWTH * start);
+    neighbors.resize(start);
     forEachVertex([&](int v) { collectRing(v); });
     forEachVertex([&](int v) { zones[v] = findZone(v); });
-    revision = mesh.getRevision();
+}
+
+void CpuSpeciesExchange::renewRing(int v) {
+    Vertex& vertex = vertices[v];
+    vertex.valence = mesh.valence(order[v]);
+    if (vertex.valence > vertex.room) {
+        vertex.ring = neighbors.size();
+        vertex.room = vertex.valence + 1;
+        neighbors.resize(vertex.ring + vertex.room);
+    }
+    collectRing(v);
+    zones[v] = findZone(v);
 }
 
 void CpuSpeciesExchange::collectRing(int v) {
@@ -140,10 +153,43 @@ int CpuSpeciesExchange::findZone(int v) const {
     return zone;
 }
 
-void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) {
+void CpuSpeciesExchange::preparePositions(const vector<Vec3>& positions) {
+    geometryNumber++;
+    numberOfGeometry = (geometry == NULL ? NONE : geometry->number);
+    bool areNeeded = (p.has(Term::Line) || p.hasGaussianForces());
+    x.resize(areNeeded ? mesh.getNumVertices() : 0);
+    lengths.reserve(p.has(Term::Line) ? neighbors.capacity() : 0);
+    lengths.resize(p.has(Term::Line) ? neighbors.size() : 0);
+    if (areNeeded)
+        forEachVertex([&](int v) {
+            const Vec3& position = positions[mesh.getParticles()[order[v]]];
+            x[v] = {position[0], position[1], position[2]};
+        });
+}
+
+void CpuSpeciesExchange::prepareSpecies() {
+    forEachVertex([&](int v) { setSpecies(v, mesh.getSpecies(order[v])); });
+    speciesRevision = mesh.getSpeciesRevision();
+}
+
+void CpuSpeciesExchange::prepareVertices(const int* chosen, int count) {
+    for (int i = 0; i < count; i++) {
+        if (p.has(Term::Bending))
+            geometry->prefetch(order[chosen[i]]);
+        if (!x.empty())
+            for (int neighbor : getRing(chosen[i]))
+                __builtin_prefetch(&x[neighbor]);
+    }
+    for (int i = 0; i < count; i++)
+        if (vertices[chosen[i]].geometry != geometryNumber)
+            prepareVertex(chosen[i]);
+}
+
+void CpuSpeciesExchange::prepareVertex(int v) {
     Vertex& vertex = vertices[v];
+    vertex.geometry = geometryNumber;
     if (p.has(Term::Bending)) {
-        double A = geometry.vertexAreas[order[v]], M = (A == 0 ? 0 : geometry.vertexMeanCurvatures[order[v]]);
+        double A = geometry->getArea(order[v]), M = (A == 0 ? 0 : geometry->getCurvature(order[v]));
         vertex.factors = {A == 0 ? 0 : M * M / A, M, A, 0};
     }
     else
@@ -152,9 +198,10 @@ void CpuSpeciesExchange::prepareVertex(const HelfrichGeometry& geometry, int v) 
         return;
     double defect = 2 * M_PI;
     const int* ring = &neighbors[vertex.ring];
-    Vector3<double> spoke = displacement(x[v], x[ring[0]]);
+    Vector3<double> spoke = displacement(x[v], x[ring[0]], p.box);
     for (int i = 0; i < vertex.valence; i++) {
-        Vector3<double> next = displacement(x[v], x[ring[i + 1 == vertex.valence ? 0 : i + 1]]), link = next - spoke;
+        Vector3<double> next = displacement(x[v], x[ring[i + 1 == vertex.valence ? 0 : i + 1]], p.box),
+                        link = next - spoke;
         if (p.has(Term::Line))
             lengths[vertex.ring + i] = {sqrt(dot(spoke, spoke)), sqrt(dot(link, link))};
         if (p.hasGaussianForces()) {
@@ -170,27 +217,44 @@ SpeciesExchangeStatistics CpuSpeciesExchange::execute(double kT, long long numAt
                                                       long long sweep, const Observer& observer) {
     // Two vertices that may be anywhere are rarely in one zone.
 
-    this->kT = kT;
-    this->random = random;
-    this->sweep = sweep;
+    begin(kT, numAttempts, random, sweep);
     numZones = (proposal.kind == SpeciesProposal::Anywhere ? 1 : numThreads);
     int size = (numZones == 1 ? Part::SIZE : ATTEMPTS_PER_BLOCK);
     parts.resize(size / Part::SIZE);
-    statistics = SpeciesExchangeStatistics();
+    for (Outcome& outcome : outcomes) {
+        outcome.accepted = outcome.alike = 0;
+        outcome.changed.clear();
+    }
+    // What ends a sweep early leaves the mesh as it was.
+    speciesRevision = NONE;
     Interruption interruption(size);
     for (long long first = 0; first < numAttempts; first += size) {
         if (interruption.isRequested())
             throw StepInterrupted();
-        int count = min<long long>(size, numAttempts - first);
-        makeBlock(first, count);
+        makeBlock(first, min<long long>(size, numAttempts - first));
         if (observer)
             observe(observer);
     }
-    if (statistics.accepted > 0) {
-        forEachVertex([&](int v) { mesh.changeSpecies(order[v], species[v]); });
-        mesh.markSpeciesChanged();
+    storeSpecies();
+    SpeciesExchangeStatistics statistics;
+    statistics.attempted = numAttempts;
+    for (const Outcome& outcome : outcomes) {
+        statistics.accepted += outcome.accepted;
+        statistics.alike += outcome.alike;
     }
     return statistics;
+}
+
+void CpuSpeciesExchange::storeSpecies() {
+    bool isChanged = false;
+    for (const Outcome& outcome : outcomes)
+        for (int v : outcome.changed) {
+            mesh.changeSpecies(order[v], species[v]);
+            isChanged = true;
+        }
+    if (isChanged)
+        mesh.markSpeciesChanged();
+    speciesRevision = mesh.getSpeciesRevision();
 }
 
 void CpuSpeciesExchange::makeBlock(long long firstAttempt, int numAttempts) {
@@ -200,21 +264,22 @@ void CpuSpeciesExchange::makeBlock(long long firstAttempt, int numAttempts) {
         int first = n * Part::SIZE;
         draw(parts[n], firstAttempt + first, min(Part::SIZE, numAttempts - first));
     });
-    SpeciesExchangeStatistics ofZones[MAX_ZONES + 1];
     CpuThreads::forEach(numZones, numZones, [&](int zone) {
         for (int n = 0; n < numParts; n++)
-            decide(parts[n], zone, ofZones[zone]);
+            decide(parts[n], zone);
     });
     if (numZones > 1)
-        for (int n = 0; n < numParts; n++)
-            for (int i = 0; i < parts[n].numAttempts; i++)
-                if (parts[n].attempts[i].isDeferred)
-                    decide(parts[n].attempts[i], ofZones[numZones]);
-    for (auto& statistics : ofZones) {
-        this->statistics.accepted += statistics.accepted;
-        this->statistics.alike += statistics.alike;
+        decideDeferred();
+}
+
+void CpuSpeciesExchange::decideDeferred() {
+    for (int n = 0; n < numParts; n++) {
+        uint64_t bits = parts[n].border;
+        for (int zone = 0; zone < numZones; zone++)
+            bits |= parts[n].deferred[zone];
+        for (; bits != 0; bits &= bits - 1)
+            decide(parts[n].attempts[__builtin_ctzll(bits)], outcomes[numZones]);
     }
-    this->statistics.attempted += numAttempts;
 }
 
 void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempts) const {
@@ -228,7 +293,9 @@ void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempt
     }
     bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
     part.numAttempts = numAttempts;
+    part.border = 0;
     fill(part.counts, part.counts + numZones, 0);
+    fill(part.deferred, part.deferred + numZones, 0);
     for (int n = 0; n < numAttempts; n++) {
         SpeciesDraw draw = proposal.findVertices(draws[n], mesh);
         Attempt& attempt = part.attempts[n];
@@ -240,7 +307,7 @@ void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempt
             zone = 0;
         else if (!isMutation && zones[attempt.second] != zone)
             zone = BORDER;
-        attempt.isDeferred = (zone == BORDER);
+        part.border |= uint64_t(zone == BORDER) << n;
         for (int z = 0; z < numZones; z++) {
             part.lists[z][part.counts[z]] = n;
             part.counts[z] += (zone == z || zone == BORDER);
@@ -248,28 +315,36 @@ void CpuSpeciesExchange::draw(Part& part, long long firstAttempt, int numAttempt
     }
 }
 
-void CpuSpeciesExchange::decide(Part& part, int zone, SpeciesExchangeStatistics& statistics) {
+void CpuSpeciesExchange::decide(Part& part, int zone) {
     // What belongs to an attempt on the border may be changing now, in another zone.
 
     const int* list = part.lists[zone];
     int different[Part::SIZE], numDifferent = 0;
+    auto isOnBorder = [&](int n) { return (part.border >> n & 1) != 0; };
     for (int i = 0; i < part.counts[zone]; i++) {
-        const Attempt& attempt = part.attempts[list[i]];
         different[numDifferent] = list[i];
-        numDifferent += (!attempt.isDeferred && !isAlike(attempt));
+        numDifferent += (!isOnBorder(list[i]) && !isAlike(part.attempts[list[i]]));
     }
     for (int i = 0; i < numDifferent; i++)
         for (int vertex : getVertices(part.attempts[different[i]]))
             __builtin_prefetch(&vertices[vertex]);
+    int unprepared[2 * Part::SIZE] = {}, numUnprepared = 0;
     for (int i = 0; i < numDifferent; i++)
-        for (int vertex : getVertices(part.attempts[different[i]]))
+        for (int vertex : getVertices(part.attempts[different[i]])) {
             prefetchRing(vertices[vertex].ring);
+            unprepared[numUnprepared] = vertex;
+            numUnprepared += (vertices[vertex].geometry != geometryNumber);
+        }
+    prepareVertices(unprepared, numUnprepared);
     for (int i = 0; i < part.counts[zone]; i++) {
-        Attempt& attempt = part.attempts[list[i]];
-        if (numZones > 1 && (attempt.isDeferred || isBlocked(attempt)))
+        int n = list[i];
+        Attempt& attempt = part.attempts[n];
+        if (numZones > 1 && (isOnBorder(n) || isBlocked(attempt))) {
+            part.deferred[zone] |= uint64_t(1) << n;
             defer(attempt, zone);
+        }
         else
-            decide(attempt, statistics);
+            decide(attempt, outcomes[zone]);
     }
 }
 
@@ -285,11 +360,9 @@ bool CpuSpeciesExchange::isBlocked(const Attempt& attempt) const {
     return blocked[vertices[0]] == numBlocks || blocked[vertices[1]] == numBlocks;
 }
 
-void CpuSpeciesExchange::defer(Attempt& attempt, int zone) {
-    // Nobody else looks at what blocks this zone, but all look at attempts on the border.
+void CpuSpeciesExchange::defer(const Attempt& attempt, int zone) {
+    // Nobody else looks at what blocks this zone.
 
-    if (!attempt.isDeferred)
-        attempt.isDeferred = true;
     auto block = [&](int vertex) {
         if (zones[vertex] == zone)
             blocked[vertex] = numBlocks;
@@ -301,11 +374,11 @@ void CpuSpeciesExchange::defer(Attempt& attempt, int zone) {
     }
 }
 
-void CpuSpeciesExchange::decide(Attempt& attempt, SpeciesExchangeStatistics& statistics) {
+void CpuSpeciesExchange::decide(Attempt& attempt, Outcome& outcome) {
     bool isMutation = (proposal.kind == SpeciesProposal::Mutation);
     int from = species[attempt.first], to = (isMutation ? attempt.second : species[attempt.second]);
     attempt.isAccepted = false;
-    statistics.alike += (from == to);
+    outcome.alike += (from == to);
     if (from == to)
         return;
     attempt.change = changeAt(attempt.first, from, to, NONE, 0);
@@ -316,10 +389,13 @@ void CpuSpeciesExchange::decide(Attempt& attempt, SpeciesExchangeStatistics& sta
     attempt.isAccepted = (attempt.change <= 0 || attempt.uniform < exp(-attempt.change / kT));
     if (!attempt.isAccepted)
         return;
-    statistics.accepted++;
+    outcome.accepted++;
+    outcome.changed.push_back(attempt.first);
     setSpecies(attempt.first, to);
-    if (!isMutation)
+    if (!isMutation) {
+        outcome.changed.push_back(attempt.second);
         setSpecies(attempt.second, from);
+    }
 }
 
 bool CpuSpeciesExchange::isAlike(const Attempt& attempt) const {
@@ -334,9 +410,11 @@ void CpuSpeciesExchange::observe(const Observer& observer) const {
                 observer(parts[n].attempts[i].change);
 }
 
-double CpuSpeciesExchange::changeAt(int v, int from, int to, int other, int speciesOfOther) const {
+double CpuSpeciesExchange::changeAt(int v, int from, int to, int other, int speciesOfOther) {
     const Material &before = materials[from], &after = materials[to];
     const Vertex& vertex = vertices[v];
+    if (vertex.geometry != geometryNumber)
+        prepareVertex(v);
     double change = 0;
     for (int i = 0; i < 4; i++)
         change += (after.factors[i] - before.factors[i]) * vertex.factors[i];
@@ -396,7 +474,8 @@ double CpuSpeciesExchange::changeOfMedians(int v, const Surroundings& around, in
     double change = 0;
     for (int i = 0; i < vertex.valence; i++) {
         int j = (i + 1 == vertex.valence ? 0 : i + 1), n = around[i], m = around[j];
-        Vector3<double> toN = displacement(x[v], x[around.ring[i]]), toM = displacement(x[v], x[around.ring[j]]);
+        Vector3<double> toN = displacement(x[v], x[around.ring[i]], p.box),
+                        toM = displacement(x[v], x[around.ring[j]], p.box);
         auto energy = [&](int row) {
             if (row == n || n == m || m == row)
                 return 0.0;

@@ -1,4 +1,5 @@
 #include "HelfrichEquations.h"
+#include "ExactGeometry.h"
 #include "Membranes.h"
 #include "NeighborLists.h"
 #include "openmm/internal/AssertionUtilities.h"
@@ -25,18 +26,6 @@ HelfrichMesh createMesh(const Membrane& membrane) {
     return mesh;
 }
 
-HelfrichGeometry getGeometry(const Membrane& membrane) {
-    auto exact = computeExactly(membrane, HelfrichParameters());
-    HelfrichGeometry geometry;
-    vector<HelfrichTotalsOf<long double>> totals;
-    for (auto& surface : exact.surfaces)
-        totals.push_back({surface.area, surface.volume, surface.curvature});
-    geometry.setTotals(totals);
-    geometry.vertexAreas.assign(exact.vertexAreas.begin(), exact.vertexAreas.end());
-    geometry.vertexMeanCurvatures.assign(exact.vertexCurvatures.begin(), exact.vertexCurvatures.end());
-    return geometry;
-}
-
 /**
  * The threads of a sweep, with a copy of the membrane each unless they share one.
  */
@@ -55,7 +44,7 @@ Threads sharing(int count) {
  */
 class Sweep : public CpuEdgeFlipSweep {
 public:
-    Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
+    Sweep(const Membrane& membrane, const ExactGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
           Threads threads = 1)
             : CpuEdgeFlipSweep(mesh, threads.count, threads.maxCopied) {
         if (needsNeighborList(p)) {
@@ -65,7 +54,7 @@ public:
         setPositions(membrane.positions, geometry, needsNeighborList(p) ? &neighborList : NULL);
     }
     Sweep(const Membrane& membrane, HelfrichMesh& mesh, const HelfrichParameters& p, Threads threads = 1)
-            : Sweep(membrane, getGeometry(membrane), mesh, p, threads) {
+            : Sweep(membrane, ExactGeometry(membrane), mesh, p, threads) {
     }
 private:
     CpuHelfrichNeighborList neighborList;
@@ -159,7 +148,7 @@ const Philox FLIP_RANDOM(1, 2);
  * Make sweeps one after the other.  The later ones begin with the totals that the earlier ones leave, and so does a
  * difference in their last bits.
  */
-Outcome flip(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT,
+Outcome flip(const Membrane& membrane, const ExactGeometry& geometry, const HelfrichParameters& p, double kT,
              int numSweeps, int numAttempts, Threads threads) {
     HelfrichMesh mesh = createMesh(membrane);
     Sweep sweep(membrane, geometry, mesh, p, threads);
@@ -213,7 +202,7 @@ void checkDefinition(const Membrane& membrane, const HelfrichParameters& p, doub
     for (double change : expected.changes)
         scale = max(scale, fabs(change));
     for (Threads threads : all) {
-        Outcome outcome = flip(membrane, getGeometry(membrane), p, kT, 1, numAttempts, threads);
+        Outcome outcome = flip(membrane, ExactGeometry(membrane), p, kT, 1, numAttempts, threads);
         ASSERT_EQUAL_CONTAINERS(expected.counts, outcome.counts);
         ASSERT(expected.triangles == outcome.triangles);
         for (size_t i = 0; i < expected.changes.size(); i++)
@@ -247,7 +236,7 @@ void testDefinition() {
  * Assert that any number of threads, more than there are processors too, gives what one gives to the last bit, with
  * copies of the membrane and without.
  */
-void checkThreads(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p, double kT,
+void checkThreads(const Membrane& membrane, const ExactGeometry& geometry, const HelfrichParameters& p, double kT,
                   int numSweeps, int numAttempts,
                   const vector<Threads>& all = {2, 3, 4, 8, sharing(2), sharing(3), sharing(8)}) {
     Outcome expected = flip(membrane, geometry, p, kT, numSweeps, numAttempts, 1);
@@ -267,13 +256,13 @@ void testThreads() {
 
     for (int subdivisions : {0, 1, 2, 4}) {
         Membrane blob = createFlatIcosphere(subdivisions);
-        HelfrichGeometry geometry = getGeometry(blob);
+        ExactGeometry geometry(blob);
         for (auto& p : createAllParameters(blob))
             checkThreads(blob, geometry, p, HOT, 2, subdivisions < 4 ? 101 : 301, {2, sharing(2)});
     }
     for (int subdivisions : {3, 5, 6}) {
         Membrane blob = createFlatIcosphere(subdivisions);
-        HelfrichGeometry geometry = getGeometry(blob);
+        ExactGeometry geometry(blob);
         vector<HelfrichParameters> some = {createParameters(blob, Bending | Area | Volume)};
         for (int level = 0; level < 3; level++)
             some.push_back(createParameters(blob, AllTerms, level));
@@ -285,8 +274,8 @@ void testThreads() {
     Membrane several = join({createFlatIcosphere(3), place(createFlatIcosphere(4), Vec3(3, 0, 0)),
                              place(createFlatIcosphere(2), Vec3(3, 0, 0), 0.4)});
     for (int level = 0; level < 3; level++)
-        checkThreads(several, getGeometry(several), withSurfaceTargets(createParameters(several, AllTerms, level)), HOT,
-                     2, 10001);
+        checkThreads(several, ExactGeometry(several), withSurfaceTargets(createParameters(several, AllTerms, level)),
+                     HOT, 2, 10001);
 }
 
 void testThreadsAfterInterruptions() {
@@ -294,7 +283,7 @@ void testThreadsAfterInterruptions() {
     // sweeps.
 
     Membrane blob = createFlatIcosphere(4);
-    HelfrichGeometry geometry = getGeometry(blob);
+    ExactGeometry geometry(blob);
     HelfrichParameters p = createParameters(blob, Bending | Area | Volume);
     auto run = [&](Threads threads) {
         HelfrichMesh mesh = createMesh(blob);

@@ -4,6 +4,7 @@
 #include "openmm/internal/AssertionUtilities.h"
 #include <cstdlib>
 #include <iostream>
+#include <set>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -179,6 +180,68 @@ void testDifferentModuli(double tolerance) {
     }
 }
 
+/**
+ * Assert that a layout is that of a mesh with no past.
+ */
+static void assertFresh(const CpuHelfrichLayout& layout, const HelfrichMesh& mesh) {
+    CpuHelfrichLayout fresh;
+    fresh.initialize(mesh, layout.width);
+    fresh.update(mesh, 1);
+    ASSERT_EQUAL_CONTAINERS(fresh.vertices, layout.vertices);
+    ASSERT_EQUAL_CONTAINERS(fresh.slots, layout.slots);
+    ASSERT_EQUAL_CONTAINERS(fresh.valences, layout.valences);
+    set<int> places;
+    size_t size = 0;
+    for (int g = 0; g < layout.getNumGroups(); g++) {
+        const CpuHelfrichLayout::Group &group = layout.groups[g], &expected = fresh.groups[g];
+        ASSERT_EQUAL(expected.length, group.length);
+        ASSERT_EQUAL(expected.isPadded, group.isPadded);
+        ASSERT_EQUAL(expected.origin, group.origin);
+        for (int lane = 0; lane < layout.width; lane++)
+            for (int i = 0; i < group.length; i++) {
+                int place = group.start + i * layout.width + lane, valence = layout.valences[g * layout.width + lane];
+                // After the last neighbor comes the first one again, and padding may have any.
+                int neighbor = (valence > 0 ? fresh.neighbors[expected.start + i * layout.width + lane]
+                                            : layout.neighbors[group.start + lane]);
+                ASSERT_EQUAL(neighbor, layout.neighbors[place]);
+                places.insert(place);
+                size++;
+            }
+    }
+    ASSERT_EQUAL(size, places.size());
+    ASSERT(*places.begin() >= 0 && *places.rbegin() < (int) layout.neighbors.size());
+}
+
+void testLayoutFollowsFlips() {
+    // Whether few or many edges have flipped, or the triangles or the order are others.
+
+    TestRandom random(8);
+    for (auto& membrane : {createBlob(0), createSeveralSurfaces(), createBlob(4)})
+        for (int width : {2, 8, 16}) {
+            HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+            CpuHelfrichLayout layout;
+            layout.initialize(mesh, width);
+            for (int round = 0; round < 60; round++) {
+                vector<int> changed;
+                for (int i = random.index(round % 20 == 0 ? mesh.getNumEdges() : mesh.getNumEdges() / 30 + 2); i > 0;
+                     i--) {
+                    int h = random.index(mesh.getNumHalfedges()), o = mesh.opposite(h);
+                    if (!mesh.canFlip(h))
+                        continue;
+                    changed.insert(changed.end(), {mesh.origin(h), mesh.origin(o), mesh.apex(h), mesh.apex(o)});
+                    mesh.flip(h);
+                }
+                mesh.markChanged(changed);
+                if (round == 30)
+                    mesh.setTriangles(membrane.triangles);
+                if (round == 45)
+                    mesh.renewOrder();
+                layout.update(mesh, 1 + round % 3);
+                assertFresh(layout, mesh);
+            }
+        }
+}
+
 int main() {
     try {
         int numSupported = 0;
@@ -197,6 +260,7 @@ int main() {
             testDifferentModuli<float>(3e-6);
         }
         ASSERT(numSupported > 0);
+        testLayoutFollowsFlips();
     }
     catch (const exception& e) {
         cout << "exception: " << e.what() << endl;

@@ -1,4 +1,5 @@
 #include "HelfrichEquations.h"
+#include "ExactGeometry.h"
 #include "Membranes.h"
 #include "openmm/internal/AssertionUtilities.h"
 #include "CpuSpeciesExchange.h"
@@ -35,23 +36,15 @@ long double getExactEnergy(const Membrane& membrane, const HelfrichMesh& mesh, c
     return energy;
 }
 
-HelfrichGeometry getGeometry(const Membrane& membrane) {
-    auto exact = computeExactly(membrane, HelfrichParameters());
-    HelfrichGeometry geometry;
-    geometry.vertexAreas.assign(exact.vertexAreas.begin(), exact.vertexAreas.end());
-    geometry.vertexMeanCurvatures.assign(exact.vertexCurvatures.begin(), exact.vertexCurvatures.end());
-    return geometry;
-}
-
 /**
  * Sweeps over a membrane whose vertices stay where they are.
  */
 class Sweep : public CpuSpeciesExchange {
 public:
-    Sweep(const Membrane& membrane, const HelfrichGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
+    Sweep(const Membrane& membrane, const ExactGeometry& geometry, HelfrichMesh& mesh, const HelfrichParameters& p,
           SpeciesProposal::Kind kind, int numThreads = 1)
             : CpuSpeciesExchange(mesh, numThreads) {
-        prepare(membrane.positions, geometry, p, {kind, CHEMICAL_POTENTIALS});
+        prepare(membrane.positions, &geometry, p, {kind, CHEMICAL_POTENTIALS});
     }
 };
 
@@ -89,7 +82,7 @@ void testEnergyChanges() {
     // every combination of the terms that depend on species, and all others.
 
     Membrane blob = createBlob(2);
-    HelfrichGeometry geometry = getGeometry(blob);
+    ExactGeometry geometry(blob);
     for (auto& p : createAllParameters(blob))
         for (auto kind : KINDS) {
             bool isMutation = (kind == SpeciesProposal::Mutation);
@@ -115,7 +108,7 @@ void testEnergyChanges() {
 /**
  * Make sweeps one after the other.
  */
-Outcome exchange(const Membrane& membrane, const HelfrichGeometry& geometry, const HelfrichParameters& p,
+Outcome exchange(const Membrane& membrane, const ExactGeometry& geometry, const HelfrichParameters& p,
                  SpeciesProposal::Kind kind, int numSweeps, int numAttempts, int numThreads) {
     HelfrichMesh mesh = createMesh(membrane);
     Sweep sweep(membrane, geometry, mesh, p, kind, numThreads);
@@ -175,7 +168,7 @@ void testDefinition() {
     // and on surfaces beside each other.
 
     for (auto& membrane : {createIcosphere(1), createBlob(2), createSeveralSurfaces()}) {
-        HelfrichGeometry geometry = getGeometry(membrane);
+        ExactGeometry geometry(membrane);
         for (auto& p : createAllParameters(membrane))
             for (auto kind : KINDS) {
                 Outcome expected = exchangeOneByOne(membrane, p, kind, 100),
@@ -195,7 +188,7 @@ void testThreads() {
     // fewer vertices has work for one thread only.
 
     Membrane blob = createBlob(6);
-    HelfrichGeometry geometry = getGeometry(blob);
+    ExactGeometry geometry(blob);
     for (TermMask terms : {Pair, Bending | Line, EveryTerm})
         for (auto kind : KINDS) {
             HelfrichParameters p = createParameters(blob, terms);
@@ -216,7 +209,8 @@ void testRevisions() {
     Membrane blob = createBlob(2);
     HelfrichParameters p = createParameters(blob, Pair);
     HelfrichMesh mesh = createMesh(blob);
-    Sweep sweep(blob, getGeometry(blob), mesh, p, SpeciesProposal::Neighbors);
+    ExactGeometry geometry(blob);
+    Sweep sweep(blob, geometry, mesh, p, SpeciesProposal::Neighbors);
     long long revision = mesh.getSpeciesRevision();
     ASSERT(sweep.execute(HOT, 500, EXCHANGE_RANDOM, 0).accepted > 100);
     ASSERT_EQUAL(revision + 1, mesh.getSpeciesRevision());

@@ -14,8 +14,8 @@ namespace HelfrichPlugin {
  * The vertices of the first coarser mesh are a greatest set of vertices of the membrane no two of which are bonded,
  * taken greedily in the order of their numbers.  Every other vertex joins its bonded neighbor with the lowest number
  * among these, and two vertices of the coarser mesh are bonded where something that joined the one is bonded to
- * something that joined the other.  The next coarser mesh is made of this one in the same way, until a surface has no
- * more than LEAST vertices.
+ * something that joined the other.  The next coarser mesh is made of this one in the same way, as long as
+ * CoarseVelocities::isCoarsened() has it.
  *
  * A vertex moves by a mean of the velocities of the coarser mesh.  The weight of each is the number of ways to get
  * there in two moves, each along an edge or none.
@@ -24,10 +24,6 @@ namespace HelfrichPlugin {
  */
 class ReferenceCoarseMeshes {
 public:
-    /**
-     * A surface that has so few vertices has no coarser mesh.
-     */
-    static constexpr int LEAST = 4;
     /**
      * @param mesh    the connectivity of the membrane
      * @param masses  the mass of each particle, 0 for those that do not move

@@ -46,6 +46,11 @@ private:
      * Get whether the two triangles have area that a flip of halfedge h has made.
      */
     bool hasArea(int h) const;
+    /**
+     * Get whether neither the edge that a flip of halfedge h has taken, nor the one that it has made, is longer than
+     * half a side of the periodic box.
+     */
+    bool fitsBox(int h, Real lengthBefore) const;
     Real edgeCurvature(int h) const;
     Real bending(int vertex) const;
     Real repulsion(const Corners& corners) const;

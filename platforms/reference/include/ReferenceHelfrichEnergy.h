@@ -35,8 +35,9 @@ public:
      *
      * @param mesh  the connectivity
      * @param x     the position of each vertex
+     * @param box   the periodic box, if there is one
      */
-    ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x);
+    ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x, const PeriodicBox& box);
     void getGeometry(HelfrichGeometry& geometry) const;
     /**
      * Get the totals of each surface.

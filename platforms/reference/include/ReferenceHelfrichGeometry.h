@@ -24,14 +24,20 @@ public:
     /**
      * @param mesh  the connectivity
      * @param x     the position of each vertex
+     * @param box   the periodic box, if there is one
      */
-    ReferenceHelfrichGeometry(const HelfrichMesh& mesh, const Vectors& x) : mesh(mesh), x(x) {
+    ReferenceHelfrichGeometry(const HelfrichMesh& mesh, const Vectors& x, const PeriodicBox& box)
+            : mesh(mesh), x(x), box(box) {
     }
     /**
-     * Get the vector from a vertex to another.  No other function takes the difference of two positions.
+     * Get the vector from a vertex to another, or to the nearest of its images if there is a periodic box.  No other
+     * function takes the difference of two positions.
      */
     Vector displacement(int from, int to) const {
-        return x[to] - x[from];
+        Vector d = x[to] - x[from];
+        for (int i = 0; i < 3 && box.exists(); i++)
+            d[i] -= box.lengths[i] * std::round(d[i] / box.lengths[i]);
+        return d;
     }
     /**
      * Get the vector along a halfedge.
@@ -61,10 +67,10 @@ public:
         return area == 0 ? Vector::Zero() : Vector(N / (2 * area));
     }
     /**
-     * Get the part of a triangle of the volume that a closed surface encloses.
+     * Get the part of a triangle of the volume that a closed surface encloses: 0 if it is periodic.
      */
     Real volume(int t) const {
-        return displacement(0, mesh.origin(3 * t)).dot(areaNormal(t)) / 6;
+        return box.exists() ? Real(0) : displacement(0, mesh.origin(3 * t)).dot(areaNormal(t)) / 6;
     }
     /**
      * Get the dihedral angle of a halfedge's edge.
@@ -130,6 +136,7 @@ public:
 protected:
     const HelfrichMesh& mesh;
     const Vectors& x;
+    const PeriodicBox box;
 };
 
 } // namespace HelfrichPlugin

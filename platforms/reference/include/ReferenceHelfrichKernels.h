@@ -20,7 +20,7 @@ public:
     void initialize(const OpenMM::System& system, const HelfrichForce& force, const HelfrichMesh& mesh);
     bool execute(OpenMM::ContextImpl& context, const HelfrichParameters& parameters, bool includeForces,
                  HelfrichEnergyTerms& terms);
-    void computeGeometry(OpenMM::ContextImpl& context, HelfrichGeometry& geometry);
+    void computeGeometry(OpenMM::ContextImpl& context, const PeriodicBox& box, HelfrichGeometry& geometry);
 private:
     const HelfrichMesh* mesh;
 };

@@ -48,7 +48,7 @@ vector<char> ReferenceCoarseMeshes::findLargeSurfaces(const Graph& graph) const 
         sizes[mesh.getSurface(vertex)]++;
     vector<char> isLarge;
     for (int size : sizes)
-        isLarge.push_back(size > LEAST);
+        isLarge.push_back(CoarseVelocities::isCoarsened(levels.size(), size));
     return isLarge;
 }
 

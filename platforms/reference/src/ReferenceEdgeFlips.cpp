@@ -10,7 +10,8 @@ typedef ReferenceHelfrichGeometry::Real Real;
 
 ReferenceEdgeFlips::ReferenceEdgeFlips(HelfrichMesh& mesh, const Vectors& x, const HelfrichParameters& parameters,
                                        const vector<HelfrichTotalsOf<Real>>& totals)
-        : ReferenceHelfrichGeometry(mesh, x), flipped(mesh), p(parameters), totals(totals), close(x.size()) {
+        : ReferenceHelfrichGeometry(mesh, x, parameters.box), flipped(mesh), p(parameters), totals(totals),
+          close(x.size()) {
     if (p.has(Term::Repulsion))
         findClosePairs();
 }
@@ -43,6 +44,7 @@ EdgeFlipStatistics ReferenceEdgeFlips::sweep(double kT, long long numAttempts, c
 
 bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
     const Corners corners = {mesh.origin(h), mesh.tip(h), mesh.apex(h), mesh.oppositeApex(h)};
+    Real lengthBefore = length(h);
     Part before = compute(h, corners);
     flipped.flip(h);
     Part after = compute(mesh.previous(h), corners);
@@ -53,7 +55,7 @@ bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
     totalsAfter.curvature += after.totals.curvature - before.totals.curvature;
     Real change = after.energy - before.energy + energyOfTotals(p, surface, totalsAfter) -
                   energyOfTotals(p, surface, totalsBefore);
-    bool isAccepted = hasArea(h) && (change <= 0 || uniform < exp(-change / kT));
+    bool isAccepted = hasArea(h) && fitsBox(h, lengthBefore) && (change <= 0 || uniform < exp(-change / kT));
     if (isAccepted)
         totals[surface] = totalsAfter;
     else
@@ -64,6 +66,11 @@ bool ReferenceEdgeFlips::attempt(int h, double uniform, double kT) {
 bool ReferenceEdgeFlips::hasArea(int h) const {
     Real least = FLAT_TRIANGLE * edge(mesh.previous(h)).squaredNorm();
     return area(h / 3) >= least && area(mesh.opposite(mesh.previous(h)) / 3) >= least;
+}
+
+bool ReferenceEdgeFlips::fitsBox(int h, Real lengthBefore) const {
+    Real lengthAfter = (edge(h) + edge(mesh.next(h))).norm();
+    return !box.exists() || max(lengthBefore, lengthAfter) <= box.shortest() / 2;
 }
 
 ReferenceEdgeFlips::Part ReferenceEdgeFlips::compute(int h, const Corners& corners) const {

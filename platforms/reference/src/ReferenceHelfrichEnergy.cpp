@@ -9,8 +9,8 @@ typedef ReferenceHelfrichEnergy::Vector Vector;
 
 static const Real PI = 3.14159265358979323846264338327950288L;
 
-ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x)
-        : ReferenceHelfrichGeometry(mesh, x), totals(mesh.getNumSurfaces()), triangleAreas(mesh.getNumTriangles()),
+ReferenceHelfrichEnergy::ReferenceHelfrichEnergy(const HelfrichMesh& mesh, const Vectors& x, const PeriodicBox& box)
+        : ReferenceHelfrichGeometry(mesh, x, box), totals(mesh.getNumSurfaces()), triangleAreas(mesh.getNumTriangles()),
           dihedralAngles(mesh.getNumHalfedges()), vertexAreas(mesh.getNumVertices(), Real(0)),
           vertexCurvatures(mesh.getNumVertices(), Real(0)), normals(mesh.getNumTriangles(), Vector::Zero()) {
     computeTriangles();

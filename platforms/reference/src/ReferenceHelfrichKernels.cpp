@@ -30,7 +30,7 @@ void ReferenceCalcHelfrichForceKernel::initialize(const System& system, const He
 bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const HelfrichParameters& parameters,
                                                bool includeForces, HelfrichEnergyTerms& terms) {
     auto x = getVertexPositions(context, *mesh);
-    ReferenceHelfrichEnergy energy(*mesh, x);
+    ReferenceHelfrichEnergy energy(*mesh, x, parameters.box);
     bool isFinite = true;
     for (auto& totals : energy.getTotals())
         isFinite = isFinite && isfinite(double(totals.area));
@@ -47,9 +47,10 @@ bool ReferenceCalcHelfrichForceKernel::execute(ContextImpl& context, const Helfr
     return isFinite;
 }
 
-void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, HelfrichGeometry& geometry) {
+void ReferenceCalcHelfrichForceKernel::computeGeometry(ContextImpl& context, const PeriodicBox& box,
+                                                       HelfrichGeometry& geometry) {
     auto x = getVertexPositions(context, *mesh);
-    ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
+    ReferenceHelfrichEnergy(*mesh, x, box).getGeometry(geometry);
 }
 
 void ReferenceSweepEdgeFlipsKernel::initialize(const System& system, const HelfrichForce& force, HelfrichMesh& mesh,
@@ -61,7 +62,7 @@ bool ReferenceSweepEdgeFlipsKernel::execute(ContextImpl& context, const Helfrich
                                             long long numAttempts, const Philox& random, long long sweep,
                                             EdgeFlipStatistics& statistics) {
     auto x = getVertexPositions(context, *mesh);
-    ReferenceHelfrichEnergy energy(*mesh, x);
+    ReferenceHelfrichEnergy energy(*mesh, x, parameters.box);
     HelfrichGeometry geometry;
     energy.getGeometry(geometry);
     if (!isFinite(geometry, parameters.needsCurvature()))
@@ -81,7 +82,7 @@ bool ReferenceExchangeSpeciesKernel::execute(ContextImpl& context, const Helfric
                                              SpeciesExchangeStatistics& statistics) {
     auto x = getVertexPositions(context, *mesh);
     HelfrichGeometry geometry;
-    ReferenceHelfrichEnergy(*mesh, x).getGeometry(geometry);
+    ReferenceHelfrichEnergy(*mesh, x, parameters.box).getGeometry(geometry);
     if (parameters.hasForcesOfSpecies() && !isFinite(geometry, parameters.needsCurvature()))
         return false;
     statistics = ReferenceSpeciesExchange(*mesh, x, parameters, proposal).sweep(kT, numAttempts, random, sweep);

@@ -8,7 +8,7 @@ typedef ReferenceHelfrichGeometry::Real Real;
 ReferenceSpeciesExchange::ReferenceSpeciesExchange(HelfrichMesh& mesh, const Vectors& x,
                                                    const HelfrichParameters& parameters,
                                                    const SpeciesProposal& proposal)
-        : ReferenceHelfrichGeometry(mesh, x), changing(mesh), p(parameters), proposal(proposal),
+        : ReferenceHelfrichGeometry(mesh, x, parameters.box), changing(mesh), p(parameters), proposal(proposal),
           areas(mesh.getNumVertices(), 0), curvatures(mesh.getNumVertices(), 0),
           defects(mesh.getNumVertices(), 2 * acos(Real(-1))) {
     for (int h = 0; h < mesh.getNumHalfedges(); h++) {

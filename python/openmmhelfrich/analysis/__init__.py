@@ -32,11 +32,14 @@ from .fluctuations import (
     meshStiffness,
     sphericalHarmonicCoefficients,
 )
+from .heights import HeightFit, HeightSpectrum, heightSpectrum
 
 __all__ = [
     "Diffusion",
     "Domains",
     "FluctuationSpectrum",
+    "HeightFit",
+    "HeightSpectrum",
     "ShapeDescription",
     "SpectrumFit",
     "autocorrelationTime",
@@ -50,6 +53,7 @@ __all__ = [
     "findDomains",
     "fluctuationSpectrum",
     "gyrationTensor",
+    "heightSpectrum",
     "meanAndError",
     "meshStiffness",
     "reducedAreaDifference",

@@ -134,6 +134,7 @@ def classifyShape(mesh: Mesh) -> str:
 
     With the square roots a >= b >= c of the gyration tensor's eigenvalues, the first of these that applies:
 
+    - "sheet": the surface is periodic
     - "genus 1", "genus 2" ...: the surface has handles, as a torus has one
     - "stomatocyte": the reduced area difference is below 0.8.  Along the axisymmetric branches it is at most 0.51 for
       stomatocytes, and above 1.02 for oblates and prolates
@@ -152,6 +153,8 @@ def classifyShape(mesh: Mesh) -> str:
     mesh : Mesh
         a closed, connected surface
     """
+    if mesh.isPeriodic:
+        return "sheet"
     genus = connectivity.genus(mesh.triangles, len(mesh.vertices))
     if genus != 0:
         return f"genus {genus}"

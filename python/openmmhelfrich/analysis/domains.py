@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..display import Brief
+from ..geometry.connectivity import cornersOf
 from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
@@ -43,7 +44,7 @@ class Domains(Brief):
         return dataFrame({"area": self.areas, "count": self.counts, "boundaryLength": self.boundaryLengths})
 
 
-def findDomains(mesh: Mesh, species: int = 0) -> Domains:
+def findDomains(mesh: Mesh, species: int | str = 0) -> Domains:
     """Return the domains of a species.
 
     ::
@@ -56,15 +57,15 @@ def findDomains(mesh: Mesh, species: int = 0) -> Domains:
     ----------
     mesh : Mesh
         a closed mesh with species
-    species : int
-        the number of the species
+    species : int or str
+        the number of the species, or its name
 
     Raises
     ------
     ValueError
-        if the mesh has no species
+        if the mesh has no species, or not this one
     """
-    isOf, edges = _speciesOf(mesh) == species, mesh.edges
+    isOf, edges = _isOf(mesh, species), mesh.edges
     inside = edges[isOf[edges].all(axis=1)]
     graph = coo_array((np.ones(len(inside), dtype=bool), inside.T), shape=(len(isOf), len(isOf)))
     _, part = connected_components(graph, directed=False)
@@ -105,14 +106,14 @@ def contactNumbers(mesh: Mesh) -> NDArray[np.float64]:
         print(mh.contactNumbers(mesh)[0, 1])
     """
     species, edges = _speciesOf(mesh), mesh.edges
-    count = int(species.max()) + 1
+    count = _countOf(mesh)
     pairs = np.zeros((count, count))
     np.add.at(pairs, tuple(species[edges].T), 1)
     return (pairs + pairs.T) / np.maximum(np.bincount(species, minlength=count), 1)[:, np.newaxis]
 
 
 def compositionProfile(
-    mesh: Mesh, species: int = 0, axis: ArrayLike = (0, 0, 1), bins: int = 20
+    mesh: Mesh, species: int | str = 0, axis: ArrayLike = (0, 0, 1), bins: int = 20
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return heights along an axis, in nm, and the part of the area there that is of a species.
 
@@ -125,8 +126,8 @@ def compositionProfile(
     ----------
     mesh : Mesh
         a closed mesh with species
-    species : int
-        the number of the species
+    species : int or str
+        the number of the species, or its name
     axis : (3,) array
         the direction
     bins : int
@@ -135,7 +136,7 @@ def compositionProfile(
     Raises
     ------
     ValueError
-        if the mesh has no species, the axis has no direction or bins is not positive
+        if the mesh has no species, or not this one, the axis has no direction or bins is not positive
     """
     direction = np.asarray(axis, dtype=float)
     if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
@@ -145,14 +146,14 @@ def compositionProfile(
     if bins < 1:
         raise ValueError(f"compositionProfile: bins is {bins}; it must be 1 or more")
     heights, areas = mesh.vertices @ (direction / np.linalg.norm(direction)), mesh.vertexAreas
-    isOf = _speciesOf(mesh) == species
+    isOf = _isOf(mesh, species)
     total, ends = np.histogram(heights, bins, weights=areas)
     own, _ = np.histogram(heights[isOf], ends, weights=areas[isOf])
     parts = np.divide(own, total, out=np.full(bins, np.nan), where=total > 0)
     return (ends[1:] + ends[:-1]) / 2, parts
 
 
-def speciesCurvature(mesh: Mesh, species: int = 0) -> tuple[float, float]:
+def speciesCurvature(mesh: Mesh, species: int | str = 0) -> tuple[float, float]:
     """Return the mean curvature where a species is, less that of the whole surface, in 1/nm; and the correlation of the
     species with mean curvature, from -1 to 1.
 
@@ -163,7 +164,7 @@ def speciesCurvature(mesh: Mesh, species: int = 0) -> tuple[float, float]:
 
     Vertices count by their areas; curvatures are averaged over neighborhoods.
     """
-    isOf, areas = _speciesOf(mesh) == species, mesh.vertexAreas
+    isOf, areas = _isOf(mesh, species), mesh.vertexAreas
     curvature = smoothCurvatures(mesh.edges, mesh.vertexMeanCurvatures, areas)
     weights = areas / areas.sum()
     part, mean = weights @ isOf, weights @ curvature
@@ -173,7 +174,7 @@ def speciesCurvature(mesh: Mesh, species: int = 0) -> tuple[float, float]:
     return float(excess), float(covariance / deviations) if deviations > 0 else np.nan
 
 
-def compositionSpectrum(mesh: Mesh, species: int = 0, maxDegree: int = 10) -> NDArray[np.float64]:
+def compositionSpectrum(mesh: Mesh, species: int | str = 0, maxDegree: int = 10) -> NDArray[np.float64]:
     """Return the structure factor of a species on a vesicle that is nearly a sphere, for l from 0 to a greatest degree.
 
     ::
@@ -188,19 +189,21 @@ def compositionSpectrum(mesh: Mesh, species: int = 0, maxDegree: int = 10) -> ND
     ----------
     mesh : Mesh
         a closed mesh with species
-    species : int
-        the number of the species
+    species : int or str
+        the number of the species, or its name
     maxDegree : int
         the greatest l, at least 1
 
     Raises
     ------
     ValueError
-        if the mesh has no species or maxDegree is not positive
+        if the mesh has no species, or not this one, or maxDegree is not positive
     """
     if maxDegree < 1:
         raise ValueError(f"compositionSpectrum: maxDegree is {maxDegree}; it must be 1 or more")
-    phi, weights = (_speciesOf(mesh) == species).astype(float), 4 * np.pi * mesh.vertexAreas / mesh.area
+    if mesh.isPeriodic:
+        raise ValueError("compositionSpectrum: the mesh is periodic; spherical harmonics are for vesicles")
+    phi, weights = _isOf(mesh, species).astype(float), 4 * np.pi * mesh.vertexAreas / mesh.area
     arms = mesh.vertices - np.average(mesh.vertices, axis=0, weights=weights)
     harmonics = realHarmonics(arms / np.linalg.norm(arms, axis=1, keepdims=True), maxDegree)
     coefficients = (weights * (phi - np.average(phi, weights=weights))) @ harmonics
@@ -211,6 +214,25 @@ def _speciesOf(mesh: Mesh) -> NDArray[np.intc]:
     if mesh.species is None:
         raise ValueError("the mesh has no species; give it some, as in mesh.species = array")
     return mesh.species
+
+
+def _countOf(mesh: Mesh) -> int:
+    """Return how many species there are, as far as a mesh tells."""
+    return max(len(mesh.speciesNames), int(_speciesOf(mesh).max()) + 1)
+
+
+def _isOf(mesh: Mesh, species: int | str) -> NDArray[np.bool_]:
+    """Return which vertices are of a species, by its number or name."""
+    own, names, count = _speciesOf(mesh), mesh.speciesNames, _countOf(mesh)
+    if isinstance(species, str):
+        if species not in names:
+            known = f"they are called {', '.join(names)}" if names else "they have no names, as in mesh.speciesNames"
+            raise ValueError(f"no species of the mesh is called '{species}'; {known}")
+        return own == names.index(species)
+    if isinstance(species, bool) or species != int(species) or not 0 <= species < count:
+        more = "" if names else ", and more if mesh.speciesNames has more"
+        raise ValueError(f"the mesh has no species {species}; it has 0 to {count - 1}{more}")
+    return own == species
 
 
 def _lengthsBy(mesh: Mesh, labels: NDArray[Any]) -> dict[tuple[int, int], float]:
@@ -232,7 +254,7 @@ def _boundaryLengths(mesh: Mesh, domain: NDArray[np.int64], count: int) -> NDArr
 
 def _segments(mesh: Mesh, labels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return the pieces of boundaries in triangles: the labels on both sides, and the lengths."""
-    x, pairs, lengths = mesh.vertices[mesh.triangles], [], []
+    x, pairs, lengths = cornersOf(mesh.vertices, mesh.triangles, mesh.images), [], []
     label = labels[mesh.triangles]
     differ = label != np.roll(label, -1, axis=1)  # of the edge from a corner to the next one
     two, three = differ.sum(axis=1) == 2, differ.all(axis=1)

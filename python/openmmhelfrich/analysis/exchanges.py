@@ -7,9 +7,8 @@ import numpy as np
 from openmm import unit
 
 from ..geometry.mesh import Mesh
-from ..sampling.conditions import flatEnergy
+from ..sampling.conditions import flatEnergy, moduliOf
 from ..sampling.replicaexchange import ReplicaExchange
-from ..sampling.targets import moduliOf
 from .verdict import DRIFT, LEVELS, OF_EXCHANGES, OF_MOVES, OF_SHAPES, ROWS, Evidence, Finding, Verdict, judge, ratesOf
 
 # What to do that is another thing here than in a stage of a run.
@@ -54,10 +53,12 @@ def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
     force = exchange.membrane(replica)
     if force is None:
         return Evidence(rows=exchange.observables(state), **rates)
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    ofContext = simulation.context.getState(positions=True)
+    positions = ofContext.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    box = ofContext.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
     triangles = force.getTrianglesInContext(simulation.context)
     species = force.getVertexSpeciesInContext(simulation.context)
-    mesh = Mesh(positions[: triangles.max() + 1], triangles, species=species)
+    mesh = Mesh(positions[: triangles.max() + 1], triangles, box, species=species)
     return Evidence(
         rows=exchange.observables(state),
         mesh=mesh,

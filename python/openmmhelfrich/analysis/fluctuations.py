@@ -116,7 +116,12 @@ def meshStiffness(degrees: ArrayLike, edgeLength: float) -> np.ndarray:
             f"meshStiffness: the edge length over the radius is {edgeLength}; it must be from 0 to {3.8 / k.max():.3g} "
             "for these degrees"
         )
-    x = np.maximum(k * edgeLength, 1e-3)  # below which the factor is 1, and the formula 0/0
+    return softness(k * edgeLength)
+
+
+def softness(x: np.ndarray) -> np.ndarray:
+    """Return the factor of the bending energy of waves on a mesh, at x = ka: see :func:`meshStiffness`."""
+    x = np.maximum(x, 1e-3)  # below which the factor is 1, and the formula 0/0
     return (4 * (1 - j0(x)) / x**2) ** 2
 
 

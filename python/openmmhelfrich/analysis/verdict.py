@@ -220,7 +220,8 @@ class Evidence:
         by fewer the larger the bending modulus; what they pull was measured without one, and with one of 20 kT.
         """
         pull = abs(self.moduli.get("tension", 0)) * rows["area"].mean()
-        pull += abs(self.moduli.get("pressure", 0)) * rows["volume"].mean()
+        if self.moduli.get("pressure", 0) != 0:
+            pull += abs(self.moduli["pressure"]) * rows["volume"].mean()
         if self.bending is not None:
             pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.flatEnergy + self.undulation)
         volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
@@ -239,7 +240,9 @@ class Evidence:
     @cached_property
     def shapes(self) -> "list[Shape]":
         """The shapes of the surfaces at the end."""
-        return [Shape(genus(s.triangles, len(s.vertices)), s.reducedVolume) for s in self.surfaces]
+        return [
+            Shape(genus(s.triangles, len(s.vertices)), None if s.isPeriodic else s.reducedVolume) for s in self.surfaces
+        ]
 
     def energyOf(self, energy: "Callable[[Shape], float]") -> float:
         """Return a bending energy, in kT, from that of the shape of each surface, over 8 pi kappa."""
@@ -247,10 +250,10 @@ class Evidence:
 
 
 class Shape(NamedTuple):
-    """What the bending energy of a smooth closed surface is estimated from."""
+    """What the bending energy of a smooth closed surface is estimated from; a periodic one has no reduced volume."""
 
     genus: int
-    reducedVolume: float
+    reducedVolume: float | None
 
 
 class Measured(NamedTuple):
@@ -329,16 +332,17 @@ def _rate(accepted: int, tried: int, name: str) -> float | None:
 
 def leastEnergy(shape: Shape) -> float:
     """Return the least bending energy, over 8 pi kappa, of a smooth closed surface of a shape."""
-    if shape.genus > 0:
+    if shape.genus > 0 or shape.reducedVolume is None:
         return _LEAST_OF_TORI
     return float(np.interp(shape.reducedVolume, list(_LEAST_ENERGY), list(_LEAST_ENERGY.values())))
 
 
 def greatestEnergy(shape: Shape) -> float:
     """Return the largest bending energy, over 8 pi kappa, that a smooth closed surface of a shape is likely to have:
-    that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.
+    that of a string of 1/v^2 equal beads, which is more than a tube's, and one for caps and handles.  Of a periodic one
+    it is that of a sphere.
     """
-    return 1 + 1 / max(shape.reducedVolume, 1e-3) ** 2
+    return 1.0 if shape.reducedVolume is None else 1 + 1 / max(shape.reducedVolume, 1e-3) ** 2
 
 
 def _finite(e: Evidence) -> Iterator[Measured]:
@@ -468,7 +472,8 @@ def _bendingEnergy(e: Evidence) -> Iterator[Measured]:
 
 
 def _continuum(e: Evidence) -> Iterator[Measured]:
-    if e.bending is not None and e.isUniform and e.flatEnergy == 0:
+    isClosed = e.mesh is not None and not e.mesh.isPeriodic
+    if e.bending is not None and e.isUniform and e.flatEnergy == 0 and isClosed:
         least, unit = e.energyOf(leastEnergy), e.energyOf(lambda _: 1)
         what = (
             f"the bending energy is {e.bending / unit:.3g} times that of a sphere, less than any smooth surface of "

@@ -60,7 +60,7 @@ def check(
         raise ValueError(f"{mesh}: {error}") from None
     with contextlib.suppress(ValueError):  # the reason says it
         show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
-        notes = (coarse(part, part.reducedVolume) for part in surface.components())
+        notes = (coarse(part, part.reducedVolume) for part in surface.components() if not part.isPeriodic)
         show([("warning", str(note)) for note in notes if note])
     show([("note", note) for note in surface.notes])
     if readiness.reason is None:

@@ -5,7 +5,7 @@ of halfedges that run in opposite directions.
 """
 
 from collections.abc import Iterator
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,27 +69,102 @@ def edgesOf(triangles: ArrayLike, numVertices: int) -> NDArray[np.int32]:
     return np.column_stack(np.divmod(key[isFirst], max(numVertices, 1))).astype(np.int32)
 
 
-def edgeLengthsOf(vertices: NDArray[np.float64], edges: NDArray[np.integer]) -> NDArray[np.float64]:
+def nearestImages(steps: NDArray[np.float64], box: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the shortest of the vectors that differ from given ones by vectors of a periodic box, if there is one."""
+    return steps if box is None else steps - np.rint(steps @ np.linalg.inv(box)) @ box
+
+
+def cornersOf(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the corners of triangles, or of edges: a (T, 3, 3) array.  In a periodic box they are the images nearest
+    to the first corner.
+    """
+    x = vertices[triangles]
+    if box is not None:
+        x[:, 1:] = x[:, :1] + nearestImages(x[:, 1:] - x[:, :1], box)
+    return x
+
+
+def edgeVectors(
+    vertices: NDArray[np.float64],
+    origin: NDArray[np.integer],
+    target: NDArray[np.integer],
+    box: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return the vectors from some vertices to others, to their nearest images if there is a periodic box."""
+    return nearestImages(vertices[target] - vertices[origin], box)
+
+
+def edgeLengthsOf(
+    vertices: NDArray[np.float64], edges: NDArray[np.integer], box: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """Return the length of each edge."""
     lengths = np.empty(len(edges))
     for block in blocks(len(edges)):
         a, b = edges[block].T
-        lengths[block] = np.linalg.norm(vertices[b] - vertices[a], axis=1)
+        lengths[block] = np.linalg.norm(edgeVectors(vertices, a, b, box), axis=1)
     return lengths
 
 
-def triangleAreas(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+def triangleAreas(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """Return the area of each triangle."""
     areas = np.empty(len(triangles))
     for block in blocks(len(areas)):
-        areas[block] = np.linalg.norm(triangleNormals(vertices, triangles[block]), axis=1) / 2
+        areas[block] = np.linalg.norm(triangleNormals(vertices, triangles[block], box), axis=1) / 2
     return areas
 
 
-def triangleNormals(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+def triangleNormals(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """Return the normal of each triangle, outwards and of twice its area: a (T, 3) array."""
-    x = vertices[triangles]
+    x = cornersOf(vertices, triangles, box)
     return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+
+
+class Patch(NamedTuple):
+    """A part of the plane that a periodic surface goes over again and again, as an open surface."""
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    #: which vertex each is an image of, and which triangle
+    vertexOf: IndexArray
+    triangleOf: IndexArray
+
+
+def _middleOf(vertices: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where the vertices of a surface in a periodic box are on average, along each axis, and the middle of the
+    box where they are everywhere.
+    """
+    mean = np.exp(2j * np.pi * vertices / lengths).mean(axis=0)
+    return np.where(np.abs(mean) < 0.5, 0.5, np.angle(mean) / (2 * np.pi)) * lengths
+
+
+def patchOf(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64], margin: float = 0.0
+) -> Patch:
+    """Return each triangle of a surface in a rectangular periodic box where its first corner is in the box, and its
+    images that have theirs up to a margin beyond.  Across a sheet, the box is around its middle.
+    """
+    lengths = np.diag(box)
+    low = _middleOf(vertices, lengths) - lengths / 2
+    inside = vertices - np.floor((vertices - low) / lengths) * lengths
+    images = np.rint((cornersOf(vertices, triangles, box) - inside[triangles]) / lengths).astype(np.int64)
+    images -= images[:, :1].copy()
+    owner = np.arange(len(triangles))
+    for axis in range(3 * (margin > 0)):
+        first = inside[triangles[owner, 0], axis] - low[axis]
+        for step, isNear in ((1, first < margin), (-1, first > lengths[axis] - margin)):
+            more = images[: len(first)][isNear]
+            more[..., axis] += step
+            images, owner = np.concatenate((images, more)), np.concatenate((owner, owner[: len(first)][isNear]))
+    keys = np.concatenate((triangles[owner].reshape(-1, 1), images.reshape(-1, 3)), axis=1)
+    unique, place = np.unique(keys, axis=0, return_inverse=True)
+    points = inside[unique[:, 0]] + unique[:, 1:] * lengths
+    return Patch(points, place.reshape(-1, 3), unique[:, 0], owner)
 
 
 def areaOf(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
@@ -198,9 +273,11 @@ class Fault(ValueError):
         self.vertex = int(vertex)
 
 
-def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None:
+def check(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None = None
+) -> None:
     """Raise a ValueError, in a sentence that names the first offending item, unless the mesh is a set of closed,
-    oriented, manifold surfaces that enclose a positive volume.
+    oriented, manifold surfaces that enclose a positive volume, or are periodic.
 
     Parameters
     ----------
@@ -208,17 +285,32 @@ def check(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> None
         positions, in nm
     triangles : (T, 3) integer array
         vertices of each triangle, counter-clockwise seen from outside
+    box : (3, 3) array, optional
+        the vectors of the periodic box, in nm, of a periodic surface
     """
     if len(triangles) == 0:
         raise ValueError("the mesh has no triangles")
-    _checkTriangles(vertices, triangles)
+    _checkTriangles(vertices, triangles, box)
     order, start = groupHalfedges(triangles, len(vertices))
     _checkEdges(triangles, order, start)
     _checkVertices(triangles, len(vertices), order[0::2], order[1::2])
-    _checkVolumes(vertices, triangles)
+    if box is None:
+        _checkVolumes(vertices, triangles)
+    else:
+        _checkBox(edgeLengthsOf(vertices, edgesOf(triangles, len(vertices)), box), box)
 
 
-def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
+def _checkBox(lengths: NDArray[np.float64], box: NDArray[np.float64]) -> None:
+    if np.any(box != np.diag(np.diag(box))):
+        raise ValueError(f"the periodic box has the vectors {box.tolist()}; it must be rectangular, along x, y and z")
+    if np.diag(box).min() < 2 * lengths.max():
+        raise ValueError(
+            f"an edge is {lengths.max():.4g} nm long, and the periodic box {np.diag(box).min():.4g} nm wide; each side "
+            "must be at least twice as long as any edge"
+        )
+
+
+def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray, box: np.ndarray | None) -> None:
     a, b, c = triangles.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
@@ -228,7 +320,7 @@ def _checkTriangles(vertices: np.ndarray, triangles: np.ndarray) -> None:
         )
     doubleArea, longest = np.empty(len(triangles)), np.empty(len(triangles))
     for block in blocks(len(triangles)):
-        x = vertices[triangles[block]]
+        x = cornersOf(vertices, triangles[block], box)
         sides = np.stack((x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0] - x[:, 2]))
         doubleArea[block] = np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
         longest[block] = np.einsum("sti,sti->st", sides, sides).max(axis=0)

@@ -149,16 +149,35 @@ def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | 
     return None
 
 
+@_unwarned
+def isPeriodic(vertices: Points, triangles: NDArray[np.integer], box: Points) -> bool:
+    """Return whether a surface goes through the whole of a periodic box, as a sheet does, and cannot be unfolded."""
+    origin, target = connectivity.halfedges(triangles)
+    shifts, images = _unfoldingShifts(vertices, origin, target, box)
+    return bool(np.any(shifts[target] - shifts[origin] != images))
+
+
+def _unfoldingShifts(
+    vertices: Points, origin: NDArray[np.int64], target: NDArray[np.int64], box: Points
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return by how many boxes to move each vertex to put it beside its neighbors, and by how many each halfedge asks
+    its ends to be moved apart.
+    """
+    images = -_images(vertices[target] - vertices[origin], box)
+    crossing = np.any(images != 0, axis=1)
+    if not crossing.any():
+        return np.zeros((len(vertices), 3), dtype=np.int64), images
+    count, patch = _components(origin[~crossing], target[~crossing], len(vertices))
+    return _shifts(count, patch[origin[crossing]], patch[target[crossing]], images[crossing])[patch], images
+
+
 def _unfold(surface: _Surface, box: Points) -> None:
     """Put the vertices of each surface beside their neighbors where edges lead through the sides of a box."""
     origin, target = connectivity.halfedges(surface.triangles)
-    steps = surface.vertices[target] - surface.vertices[origin]
-    images = -_images(steps, box)
+    shifts, images = _unfoldingShifts(surface.vertices, origin, target, box)
     crossing = np.any(images != 0, axis=1)
     if not crossing.any():
         return
-    count, patch = _components(origin[~crossing], target[~crossing], len(surface.vertices))
-    shifts = _shifts(count, patch[origin[crossing]], patch[target[crossing]], images[crossing])[patch]
     if np.any(shifts[target] - shifts[origin] != images):
         raise ValueError("the surface goes through the whole periodic box, so that it cannot be unfolded")
     surface.vertices = surface.vertices + shifts @ box

@@ -15,6 +15,7 @@ from ..display import drawing
 from ..files import PathLike
 from ..units import valueIn
 from . import connectivity, mending, meshfiles
+from .formats.content import Content
 from .measures import reducedVolume
 from .relaxation import TorusSurface, Triangulation, relax, torusTriangulation
 from .remeshing import remesh
@@ -23,6 +24,10 @@ from .topology import MeshTopology
 Length: TypeAlias = unit.Unit | unit.Quantity | float
 
 GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
+
+
+# What the array of files is called that has the numbers of species.
+SPECIES_FIELD = "Species"
 
 
 class Mesh:
@@ -43,10 +48,13 @@ class Mesh:
         the vertices of each triangle, counter-clockwise seen from outside
     box : (3, 3) float64 array or None
         the vectors of the periodic box, in nm, if there is one
+    isPeriodic : bool
+        whether the surface goes through the whole box, as a :meth:`sheet` does; it encloses no volume then
     beads : (B, 3) float64 array
         positions, in nm, of what else there is: particles that are no vertices, in the frames and pictures of a run
     species : (N,) array of int, or None
-        the number of the species of each vertex, in the frames and pictures of a membrane with species
+        the number of the species of each vertex, from 0.  An array of their names may be assigned, too; one that is
+        neither of these is a ValueError
     speciesNames : tuple of str
         what the species are called; empty if they have numbers only
     notes : list of str
@@ -74,8 +82,8 @@ class Mesh:
             the vectors of a periodic box, in nm unless they carry a unit
         beads : (B, 3) array or Quantity, optional
             the positions of particles that are no vertices
-        species : (N,) array of integers, optional
-            the number of the species of each vertex, from 0; an empty one is like None
+        species : (N,) array of integers or names, optional
+            the number of the species of each vertex, from 0, or its name; an empty one is like None
         speciesNames : iterable of str
             what they are called
 
@@ -85,18 +93,22 @@ class Mesh:
             if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
             Whether the triangles form a closed surface is :meth:`check`'s question.
         """
-        self.vertices = _floats(valueIn(vertices, unit.nanometer))
+        self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
-        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer))
-        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer))
-        self.species = None if species is None or not len(np.asarray(species)) else np.array(species, dtype=np.intc)
-        if self.species is not None and self.species.shape != (len(self.vertices),):
-            raise ValueError(
-                f"species has the shape {self.species.shape}; it must have a number for each of {len(self.vertices)} "
-                "vertices"
-            )
+        self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
+        self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
+        self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer, "beads"))
         self.speciesNames = tuple(speciesNames)
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
+
+    @property
+    def species(self) -> NDArray[np.intc] | None:
+        return self._species
+
+    @species.setter
+    def species(self, species: Any) -> None:
+        self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
 
     @classmethod
     def icosphere(cls, subdivisions: int = 3, radius: float | unit.Quantity = 1.0) -> "Mesh":
@@ -111,7 +123,7 @@ class Mesh:
         """
         if subdivisions < 0 or subdivisions != int(subdivisions):
             raise ValueError(f"icosphere: subdivisions is {subdivisions}; it must be a whole number, 0 or more")
-        radius = _inUnit(radius, unit.nanometer)
+        radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         vertices, triangles = _icosahedron()
@@ -141,7 +153,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        R, r, length = (_inUnit(value, unit.nanometer) for value in (R, r, edgeLength))
+        given = {"R": R, "r": r, "edgeLength": edgeLength}
+        R, r, length = (_inUnit(value, unit.nanometer, name) for name, value in given.items())
         if not (math.isfinite(R) and 0 < r < R):
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
@@ -149,8 +162,62 @@ class Mesh:
         return cls(*relax(torusTriangulation(R, r, length), TorusSurface(R, r), rounds=40))
 
     @classmethod
+    def sheet(
+        cls, width: float | unit.Quantity, height: float | unit.Quantity, edgeLength: float | unit.Quantity
+    ) -> "Mesh":
+        """Create a flat periodic sheet in the plane z = 0, of triangles that are as even as the box lets them be.
+
+        ::
+
+            sheet = mh.Mesh.sheet(20, 20, 1.0)
+            print(sheet.isPeriodic, sheet.area, sheet.box)
+
+        It has no border: it goes on across the periodic :attr:`box`, and is a torus for the connectivity.  Its outside
+        is above.  The box is as high as it is wide, so that images of the sheet above and below are far away.
+
+        Parameters
+        ----------
+        width, height : float or Quantity
+            its sides along x and y, in nm
+        edgeLength : float or Quantity
+            about the length of the edges, in nm, such that a whole number of them, and an even number of rows, fit
+            into the box; at most a fifth of the shorter side
+
+        Raises
+        ------
+        ValueError
+            if an argument is out of range
+        """
+        sides = [_inUnit(width, unit.nanometer, "width"), _inUnit(height, unit.nanometer, "height")]
+        length = _inUnit(edgeLength, unit.nanometer, "edgeLength")
+        if not (all(map(math.isfinite, sides)) and min(sides) > 0):
+            raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
+        if not 0 < length <= min(sides) / 5:
+            raise ValueError(
+                f"sheet: edgeLength is {length:g}; it must be positive and at most a fifth of the shorter side, "
+                f"{min(sides) / 5:g} here"
+            )
+        numColumns = round(sides[0] / length)
+        numRows = 2 * max(3, round(sides[1] / (math.sqrt(3) * length)))
+        row, column = (index.ravel() for index in np.mgrid[:numRows, :numColumns])
+        vertices = np.column_stack(
+            ((column + row % 2 / 2) * sides[0] / numColumns, row * sides[1] / numRows, np.zeros(len(row)))
+        )
+
+        def number(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+            return row % numRows * numColumns + column % numColumns
+
+        # Above the edge from a vertex to the next one is that of the following row between them.
+        right, above = number(row, column + 1), number(row + 1, column + row % 2)
+        before = number(row + 1, column + row % 2 - 1)
+        here = number(row, column)
+        triangles = np.concatenate((np.column_stack((here, right, above)), np.column_stack((here, above, before))))
+        return cls(vertices, triangles, np.diag([*sides, max(sides)]))
+
+    @classmethod
     def merged(cls, meshes: Iterable["Mesh"]) -> "Mesh":
-        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order.
+        """Create one mesh of several, whose vertices, triangles and notes follow one another in their order, and their
+        species where all have some.
 
         Raises
         ------
@@ -169,11 +236,16 @@ class Mesh:
             np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first)]),
             boxes[0] if boxes else None,
         )
+        if all(mesh.species is not None for mesh in meshes):
+            result.species = np.concatenate([mesh.species for mesh in meshes if mesh.species is not None])
+            result.speciesNames = max((mesh.speciesNames for mesh in meshes), key=len)
         result.notes = [note for mesh in meshes for note in mesh.notes]
         return result
 
     @classmethod
-    def read(cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False) -> "Mesh":
+    def read(
+        cls, file: PathLike, unit: Length = unit.nanometer, repair: bool = False, speciesField: str | None = None
+    ) -> "Mesh":
         """Read a mesh from a file.
 
         The suffix of its name tells the format: STL, PLY, OBJ, OFF, VTU, VTP, VTK, GMSH (.msh), glTF (.gltf, .glb), the
@@ -190,6 +262,9 @@ class Mesh:
             the length that 1 means in the file; a number is one in nm.  By default 1 is 1 nm
         repair : bool
             mend what can be mended, as :meth:`repaired` does
+        speciesField : str, optional
+            the name of an array of a VTU, VTK or PLY file with the number of the species of each vertex; by default
+            "Species", which :meth:`write` makes, if there is one
 
         Raises
         ------
@@ -210,6 +285,7 @@ class Mesh:
             mesh = cls(content.points, content.triangles(), content.box)
             isUsed = connectivity.isUsed(mesh.triangles, len(mesh.vertices))
             content.noteLeftOut(int(np.count_nonzero(~isUsed)), "vertices of no face")
+            mesh.species = _speciesIn(content, speciesField)
             mesh = mesh._scaled(length)._withoutLooseVertices(content.notes)
             return mesh.repaired() if repair else mesh
         except ValueError as error:
@@ -234,14 +310,21 @@ class Mesh:
         Raises
         ------
         ValueError
-            if no format has this suffix
+            if no format has this suffix, or the mesh is periodic and the format has no box: PLY, TSI and Q have
         OSError
             if the file cannot be written
         """
         length = _lengthOf(unit)
+        if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
+            raise ValueError(
+                f"{file}: the mesh is periodic, and files of this format have no box; use one of "
+                f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
+            )
         box = None if self.box is None else self.box / length
-        own = {} if self.species is None else {"Species": self.species}
-        meshfiles.write(Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box)
+        own = {} if self.species is None else {SPECIES_FIELD: self.species}
+        meshfiles.write(
+            Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
+        )
 
     def repaired(
         self,
@@ -280,19 +363,32 @@ class Mesh:
         ValueError
             if an argument is not as it must be, or the surface is folded into a periodic box that is not known
         """
+        if self.isPeriodic and box is None:
+            raise ValueError("repaired: the surface goes through the whole periodic box; this mends closed ones")
         for name, value in (("tolerance", tolerance), ("smallest", smallest)):
             if not 0 <= value < 1:
                 raise ValueError(f"repaired: {name} is {value}; it must be at least 0 and less than 1")
-        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer))
+        vectors = self.box if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         wanted = mending.Wanted(tolerance, smallest, None if keep is None else list(keep), closeHoles, reverse)
         vertices, triangles, notes = mending.repair(self.vertices, self.triangles, vectors, wanted)
-        return Mesh(vertices, triangles, vectors)._withoutLooseVertices([*self.notes, *notes])
+        result = Mesh(vertices, triangles, vectors, None, None if notes else self.species, self.speciesNames)
+        return result._withoutLooseVertices([*self.notes, *notes, *self._speciesLeft(result)])
 
     def reversed(self) -> "Mesh":
         """Return the mesh with all triangles turned round, so that inside and outside change places."""
         result = self._with(slice(None), self.triangles[:, ::-1])
         result.notes = list(self.notes)
         return result
+
+    def unwrapped(self) -> "Mesh":
+        """Return a periodic mesh as an open surface to look at, with the vertices beside the borders of the box twice,
+        so that no triangle crosses them; any other mesh as it is.
+        """
+        if not self.isPeriodic:
+            return self
+        patch = connectivity.patchOf(self.vertices, self.triangles, np.asarray(self.box))
+        species = None if self.species is None else self.species[patch.vertexOf]
+        return Mesh(patch.vertices, patch.triangles, None, self.beads, species, self.speciesNames)
 
     def components(self) -> "list[Mesh]":
         """Return each connected surface as a mesh, in the order of their first triangles.
@@ -308,7 +404,7 @@ class Mesh:
         return [self._with(used, part.reshape(-1, 3)) for used, part in whole]
 
     def check(self) -> None:
-        """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume.
+        """Check that this is a set of closed, oriented, manifold surfaces, each with a positive volume, or periodic.
 
         Raises
         ------
@@ -316,11 +412,14 @@ class Mesh:
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
         _requireSizes(self.vertices)
-        if (sentence := mending.foldedEdges(self.vertices, self.triangles, self.box)) is not None:
+        folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
+        if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")
         try:
-            connectivity.check(self.vertices, self.triangles)
+            connectivity.check(self.vertices, self.triangles, self.images)
         except ValueError as error:
+            if self.isPeriodic:
+                raise
             place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
             raise ValueError(f"{place}{error}{self._remedy()}") from None
 
@@ -374,12 +473,15 @@ class Mesh:
             library is missing
         """
         self.check()
-        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer)
+        if self.isPeriodic:
+            raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
+        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer, "edgeLength")
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
         mesh = Mesh(*result.triangulation, self.box)
         mesh.notes = [*self.notes, *(f"remeshed: {text}" for text in (result.summary(), *result.shortcomings()))]
+        mesh.notes += self._speciesLeft(mesh)
         return mesh
 
     def topology(self) -> app.Topology:
@@ -390,21 +492,38 @@ class Mesh:
         their ids.  Names of atoms and the order of bonds are such that files of OpenMM (PDB, PDBx/mmCIF) keep all of
         them.  Its objects are made when they are first asked for, which takes memory for a large mesh.
         """
-        return MeshTopology(self.triangles, len(self.vertices), len(self.beads))
+        topology = MeshTopology(self.triangles, len(self.vertices), len(self.beads))
+        if self.isPeriodic:
+            topology.setPeriodicBoxVectors(np.asarray(self.box) * unit.nanometer)
+        return topology
 
     def createSystem(self, mass: float | unit.Quantity = 1.0) -> mm.System:
-        """Create an openmm.System with a particle for each vertex and no forces.
+        """Create an openmm.System with a particle for each vertex and no forces; that of a periodic mesh has its box.
 
         Parameters
         ----------
         mass : float or Quantity
             the mass of each particle, in Da.  Monte Carlo averages do not depend on it
+
+        Raises
+        ------
+        ValueError, TypeError
+            if it is negative, or no mass
         """
-        mass = _inUnit(mass, unit.dalton)
+        mass = _inUnit(mass, unit.dalton, "mass")
+        if not (math.isfinite(mass) and mass >= 0):
+            raise ValueError(f"mass is {mass} Da; it must be finite, and not negative")
         system = mm.System()
         for _ in range(len(self.vertices)):
             system.addParticle(mass)
+        if self.isPeriodic:
+            system.setDefaultPeriodicBoxVectors(*np.asarray(self.box))
         return system
+
+    @property
+    def images(self) -> NDArray[np.float64] | None:
+        """The box in which neighbors are the nearest images of each other, if the mesh is periodic."""
+        return self.box if self.isPeriodic else None
 
     @property
     def edges(self) -> NDArray[np.int32]:
@@ -414,12 +533,12 @@ class Mesh:
     @property
     def edgeLengths(self) -> NDArray[np.float64]:
         """The length of each edge, in nm, in the order of :attr:`edges`."""
-        return connectivity.edgeLengthsOf(self.vertices, self.edges)
+        return connectivity.edgeLengthsOf(self.vertices, self.edges, self.images)
 
     @property
     def triangleAreas(self) -> NDArray[np.float64]:
         """The area of each triangle, in nm^2."""
-        return connectivity.triangleAreas(self.vertices, self.triangles)
+        return connectivity.triangleAreas(self.vertices, self.triangles, self.images)
 
     @property
     def area(self) -> float:
@@ -428,7 +547,12 @@ class Mesh:
 
     @property
     def volume(self) -> float:
-        """The enclosed volume V, in nm^3; negative if the surface is inside out."""
+        """The enclosed volume V, in nm^3; negative if the surface is inside out.
+
+        A periodic mesh has none, and a ValueError says so.
+        """
+        if self.isPeriodic:
+            raise ValueError("the mesh is periodic, and so encloses no volume")
         return connectivity.signedVolume(self.vertices, self.triangles)
 
     @property
@@ -453,11 +577,11 @@ class Mesh:
         origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
         normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
         for block in connectivity.blocks(len(normals)):
-            some = connectivity.triangleNormals(self.vertices, self.triangles[block])
+            some = connectivity.triangleNormals(self.vertices, self.triangles[block], self.images)
             sizes = np.linalg.norm(some, axis=1)
             normals[block] = some / np.where(sizes > 0, sizes, 1)[:, np.newaxis]
         for block in connectivity.blocks(len(first)):
-            edge = self.vertices[target[block]] - self.vertices[origin[block]]
+            edge = connectivity.edgeVectors(self.vertices, origin[block], target[block], self.images)
             length = np.linalg.norm(edge, axis=1)
             nf, ng = normals[first[block] // 3], normals[second[block] // 3]
             # 0 is added so that it is never -0: two triangles folded onto each other have the angle pi, as in the force
@@ -467,8 +591,20 @@ class Mesh:
 
     def _scaled(self, factor: float) -> "Mesh":
         """Return the mesh with coordinates and box multiplied by a factor."""
-        with np.errstate(over="ignore"):  # what becomes too large the new mesh refuses
-            return Mesh(self.vertices * factor, self.triangles, None if self.box is None else self.box * factor)
+        result = self._with(slice(None), self.triangles)
+        with np.errstate(over="ignore"):  # what becomes too large is refused
+            result.vertices *= factor
+            result.box = None if self.box is None else self.box * factor
+        _requireSizes(result.vertices)
+        return result
+
+    def _speciesLeft(self, other: "Mesh") -> list[str]:
+        """Return a note if another mesh, made of this one, has lost the species."""
+        return (
+            ["the species were left out, since vertices have changed"]
+            if self.species is not other.species is None
+            else []
+        )
 
     def _with(self, vertices: Any, triangles: ArrayLike) -> "Mesh":
         """Return a mesh of some of the vertices, with their species, and other triangles."""
@@ -505,6 +641,57 @@ class Mesh:
 def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the sums of the values at each of a number of places."""
     return np.bincount(places, values, count).astype(np.float64, copy=False)
+
+
+def _speciesOf(species: Any, numVertices: int, names: tuple[str, ...]) -> NDArray[np.intc] | None:
+    """Return the numbers of the species of vertices, given these or their names."""
+    try:
+        values = np.asarray([] if species is None else species)
+    except ValueError:
+        raise ValueError("the species must be an array of whole numbers of shape (N,), one for each vertex") from None
+    if values.size == 0:
+        return None
+    if values.shape != (numVertices,):
+        raise ValueError(
+            f"the species have the shape {values.shape}; there must be one for each of {numVertices} vertices"
+        )
+    if values.dtype.kind == "U":
+        values = _numbersOf(values, names)
+    if values.dtype.kind not in "iub":
+        raise ValueError(f"the species are of type {values.dtype}; they must be whole numbers")
+    wrong = np.flatnonzero((values < 0) | (values > np.iinfo(np.intc).max))
+    if len(wrong):
+        raise ValueError(
+            f"the species of vertex {wrong[0]} is {values[wrong[0]]}; it must be a whole number, 0 or more"
+        )
+    return values.astype(np.intc)
+
+
+def _numbersOf(species: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the numbers of species of some names."""
+    for vertex in np.flatnonzero(~np.isin(species, names))[:1]:
+        known = f"they are called {', '.join(names)}" if names else "there are no speciesNames"
+        raise ValueError(f"the species of vertex {vertex} is '{species[vertex]}'; {known}")
+    return np.array([names.index(name) for name in species.tolist()])
+
+
+def _speciesIn(content: Content, field: str | None) -> NDArray[np.int64] | None:
+    """Return the species of the vertices of a file, by the name of an array, or by ours if there is one."""
+    name = field or SPECIES_FIELD
+    if name not in content.fields:
+        if field is None:
+            return None
+        has = f"it has {', '.join(content.fields)}" if content.fields else "it has none"
+        raise ValueError(f"the file has no array of vertices called '{name}': {has}")
+    values = np.asarray(content.fields[name], dtype=float)
+    wrong = values[~((values >= 0) & (values == np.rint(values)) & (values <= np.iinfo(np.intc).max))]
+    if len(wrong) == 0:
+        return values.astype(np.int64)
+    sentence = f"the array {name} has the value {wrong[0]:g}, which is no number of a species: whole, and 0 or more"
+    if field is not None:
+        raise ValueError(sentence)
+    content.notes.append(f"{sentence}; it was left out")
+    return None
 
 
 def _floats(vertices: Any) -> np.ndarray:
@@ -567,15 +754,21 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     return triangles.astype(np.int32)
 
 
-def _inUnit(value: Any, wanted: unit.Unit) -> float:
-    return float(valueIn(value, wanted))
+def _inUnit(value: Any, wanted: unit.Unit, name: str) -> float:
+    """Return a number, or a Quantity, in a unit; raise a TypeError that names it if it is neither."""
+    plain = valueIn(value, wanted, name)
+    if isinstance(plain, str | bytes):
+        raise TypeError(f"{name} is {plain!r}; it must be a number, or a Quantity")
+    return float(plain)
 
 
 def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
-            (1 * length).value_in_unit(unit.nanometer) if unit.is_unit(length) else _inUnit(length, unit.nanometer)
+            (1 * length).value_in_unit(unit.nanometer)
+            if unit.is_unit(length)
+            else _inUnit(length, unit.nanometer, "unit")
         )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None

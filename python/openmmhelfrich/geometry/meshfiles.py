@@ -60,9 +60,10 @@ def write(
     triangles: NDArray[np.integer],
     data: Mapping[str, ArrayLike] | None,
     box: NDArray[np.float64] | None = None,
+    isPeriodic: bool = False,
 ) -> None:
     """Write a file, with data at the points and the box where its format has room for such, replacing one that exists
-    in a single step.
+    in a single step.  PLY files have the box of a periodic surface only.
     """
     suffix = path.suffix.lower()
     requireFormat(path)
@@ -76,8 +77,14 @@ def write(
                 part.write_bytes(trimem.content(points, triangles))
             else:
                 meshiofiles.write(part, suffix, points, triangles, data if suffix in _WITH_DATA else None)
+            if suffix == ".ply" and isPeriodic and box is not None:
+                part.write_bytes(ply.withBox(part.read_bytes(), box))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+# What holds the box of a periodic surface.
+WITH_BOX = (".tsi", ".q", ".ply")
 
 
 def requireFormat(path: Path, *others: str) -> None:

@@ -1,6 +1,6 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +68,7 @@ class MeshQuality:
         lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
         return [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
-            ("surface", f"closed, manifold, oriented outwards: {_components(self.genera)}"),
+            ("surface", self._kind(u)),
             *self._measures(u),
             ("edges", f"{_range(lengths)} {u} long, standard deviation {lengths.std() / mean:.1%} of the mean"),
             ("angles", f"{_range(self.angles)} degrees; between facets at most {np.abs(self.dihedrals).max():.4g}"),
@@ -104,13 +104,21 @@ class MeshQuality:
             )
         return found
 
+    def _kind(self, u: str) -> str:
+        if not self.mesh.isPeriodic:
+            return f"closed, manifold, oriented outwards: {_components(self.genera)}"
+        sides = " x ".join(f"{side:.4g}" for side in np.diag(np.asarray(self.mesh.box)))
+        return f"periodic in a box of {sides} {u}, manifold: {_components(self.genera)}"
+
     def _measures(self, u: str) -> list[tuple[str, str]]:
         """Return area, volume and reduced volume, of each surface in a column of its own if there are several."""
-        rows = (
+        rows: list[tuple[str, Callable[[Mesh], str], str]] = [
             ("area", lambda surface: f"{surface.area:.6g}", f" {u}^2"),
             ("volume", lambda surface: f"{surface.volume:.6g}", f" {u}^3"),
             ("reduced volume", lambda surface: f"{surface.reducedVolume:.4f}", ""),
-        )
+        ]
+        if self.mesh.isPeriodic:
+            del rows[1:]
         if len(self.surfaces) == 1:
             return [(label, text(self.mesh) + suffix) for label, text, suffix in rows]
         shown = self.surfaces[:_COLUMNS]
@@ -181,10 +189,10 @@ def dihedralAngles(mesh: Mesh) -> np.ndarray:
     origin, target = (end[first] for end in connectivity.halfedges(mesh.triangles))
     normals, angles = np.empty(mesh.triangles.shape), np.empty(len(first))
     for block in connectivity.blocks(len(normals)):
-        normals[block] = connectivity.triangleNormals(mesh.vertices, mesh.triangles[block])
+        normals[block] = connectivity.triangleNormals(mesh.vertices, mesh.triangles[block], mesh.images)
     for block in connectivity.blocks(len(angles)):
         f, g = (normals[side[block] // 3] for side in (first, second))
-        edge = mesh.vertices[target[block]] - mesh.vertices[origin[block]]
+        edge = connectivity.edgeVectors(mesh.vertices, origin[block], target[block], mesh.images)
         length = np.linalg.norm(edge, axis=1)
         sine = _dot(np.cross(f, g), edge) / np.where(length > 0, length, 1)
         angles[block] = np.degrees(np.arctan2(sine, _dot(f, g)))
@@ -200,13 +208,18 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     bonded = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)).tocsr()
     near = bonded + bonded @ bonded
     near.sort_indices()  # which makes a search of each look
-    closest = None
-    for a, b in _touching(np.ascontiguousarray(mesh.vertices.T), np.full(n, mesh.edgeLengths.mean()), BLOCK):
-        isFar = ~np.asarray(near[a, b]).ravel() if len(a) else np.zeros(0, dtype=bool)
+    closest, reach = None, mesh.edgeLengths.mean()
+    points, owner = mesh.vertices, np.arange(n)
+    if mesh.isPeriodic:
+        patch = connectivity.patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box), 2 * reach)
+        points, owner = patch.vertices, patch.vertexOf
+        near.setdiag(True)  # of a vertex's own images
+    for a, b in _touching(np.ascontiguousarray(points.T), np.full(len(points), reach), BLOCK):
+        isFar = ~np.asarray(near[owner[a], owner[b]]).ravel() if len(a) else np.zeros(0, dtype=bool)
         a, b = a[isFar], b[isFar]
-        distances = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+        distances = np.linalg.norm(points[a] - points[b], axis=1)
         if len(a) and (closest is None or distances.min() < closest[2]):
-            i, j, distance = a[distances.argmin()], b[distances.argmin()], distances.min()
+            i, j, distance = owner[a[distances.argmin()]], owner[b[distances.argmin()]], distances.min()
             closest = int(i), int(j), float(distance)
     return closest
 
@@ -218,6 +231,8 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     Signs are exact: what touches without passing through, or lies in the same plane, is not found.  An edge may pass
     through a side of the triangle, but where it passes exactly through a corner it is not found.
     """
+    if mesh.isPeriodic:
+        return _crossingsInBox(mesh, block)
     middles, radii = np.empty((3, len(mesh.triangles))), np.empty(len(mesh.triangles))
     for some in connectivity.blocks(len(radii)):
         corners = mesh.vertices[mesh.triangles[some]]
@@ -232,6 +247,15 @@ def crossings(mesh: Mesh, block: int = BLOCK) -> np.ndarray:
     ]
     rows = np.unique(np.concatenate(found), axis=0) if found else np.zeros((0, 3), dtype=int)
     return rows[np.argsort(np.floor(np.log2(radii[rows[:, 2]])), kind="stable")]
+
+
+def _crossingsInBox(mesh: Mesh, block: int) -> np.ndarray:
+    """Return the crossings of a periodic mesh: those of its triangles in the box with all that come near them."""
+    margin = 2 * float(mesh.edgeLengths.max())
+    patch = connectivity.patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box), margin)
+    found = crossings(Mesh(patch.vertices, patch.triangles), block)
+    edges = np.sort(patch.vertexOf[found[:, :2]], axis=1)
+    return np.unique(np.column_stack((edges, patch.triangleOf[found[:, 2]])), axis=0)
 
 
 # What follows has a row for each coordinate and a column for each point: numpy is slow with many short rows.
@@ -339,9 +363,10 @@ def _goesThrough(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray) -> np.nda
 
 def _crossesAtSide(mesh: Mesh, edges: np.ndarray, triangles: np.ndarray, sides: np.ndarray) -> np.ndarray:
     """Return where edges through the given side of a triangle have their ends on both sides of its two facets."""
-    first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
-    opposite = np.empty(3 * len(mesh.triangles), dtype=np.int64)
-    opposite[first], opposite[second] = second, first
+    order, start = connectivity.groupHalfedges(mesh.triangles, len(mesh.vertices))
+    first = start[np.diff(start, append=len(order)) == 2]  # a patch of a periodic mesh has borders
+    opposite = np.arange(3 * len(mesh.triangles))
+    opposite[order[first]], opposite[order[first + 1]] = order[first + 1], order[first]
     across = opposite[3 * triangles + sides] // 3
     apex = mesh.triangles[across, (opposite[3 * triangles + sides] + 2) % 3]
     ends, corners = _points(mesh, edges, triangles)
@@ -363,7 +388,8 @@ def _shapes(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     angles, aspectRatios = np.empty(mesh.triangles.shape), np.empty(len(mesh.triangles))
     doubleAreas = 2 * mesh.triangleAreas
     for block in connectivity.blocks(len(angles)):
-        x, doubleArea = mesh.vertices[mesh.triangles[block]], doubleAreas[block]
+        x = connectivity.cornersOf(mesh.vertices, mesh.triangles[block], mesh.images)
+        doubleArea = doubleAreas[block]
         sides = x[:, [2, 0, 1]] - x[:, [1, 2, 0]]  # opposite to each corner
         lengths = np.linalg.norm(sides, axis=2)
         cosine = -np.einsum("tci,tci->tc", sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])

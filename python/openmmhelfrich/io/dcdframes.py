@@ -62,7 +62,7 @@ class DCDTrajectory(Frames):
             start, interval = np.fromfile(file, "<i4", 5)[3:5].tolist()
             self.steps = start + interval * np.arange(len(self._file), dtype=np.int64)
             first = self._positions(0)
-        self._triangles = _trianglesOf(Path(topology), first, self._path)
+        self._triangles, self._box = _trianglesOf(Path(topology), first, self._path)
         if len(self) and _folds(self[-1].mesh) > _MOST_FOLDS:
             whole = self._path.with_suffix(TRAJECTORY)
             better = f"{whole} has" if whole.exists() else f"a mesh trajectory ({TRAJECTORY}) would have"
@@ -78,7 +78,7 @@ class DCDTrajectory(Frames):
 
     def _read(self, i: int) -> MeshFrame:
         positions, numVertices = self._positions(i), int(self._triangles.max()) + 1
-        mesh = Mesh(positions[:numVertices], self._triangles, beads=positions[numVertices:])
+        mesh = Mesh(positions[:numVertices], self._triangles, self._box, positions[numVertices:])
         return meshFrame(int(self.steps[i]), mesh)
 
 
@@ -101,16 +101,17 @@ def _silentLibraries() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> np.ndarray:
-    """Return the triangles that a mesh file or a PSF file gives to these positions."""
+def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the triangles that a mesh file or a PSF file gives to these positions, and the box of a periodic mesh."""
     if topology.suffix.lower() != ".psf":
         mesh = Mesh.read(topology)
         _requireSize(topology, len(mesh.vertices), dcd, positions)
-        return mesh.triangles
+        return mesh.triangles, mesh.images
     bonds, size = _readBonds(topology)
     _requireSize(topology, size, dcd, positions)
     try:
-        return trianglesFromEdges(bonds, positions[: bonds.max(initial=-1) + 1])  # beads have no bonds, and come last
+        # beads have no bonds, and come last
+        return trianglesFromEdges(bonds, positions[: bonds.max(initial=-1) + 1]), None
     except ValueError as error:
         raise ValueError(f"{topology}: {error}") from None
 

@@ -6,7 +6,8 @@ from ..files import PathLike
 from ..geometry.formats import WRITTEN
 
 TRAJECTORY = ".vtkhdf"
-# Endings of all that a run and the commands on it write; of two that a name may have, the longer comes first.
+# Endings of the configuration, and of all that a run and the commands on it write; of two that a name may have, the
+# longer comes first.
 _ENDINGS = (
     "_observables.png",
     "_report.html",
@@ -15,6 +16,7 @@ _ENDINGS = (
     "_path.csv",
     "_path.png",
     ".resolved.toml",
+    ".toml",
     ".checkpoint",
     TRAJECTORY,
     ".dcd",
@@ -26,7 +28,8 @@ _ENDINGS = (
 
 
 def prefixOf(name: PathLike) -> Path:
-    """Return the prefix of a run that is named by it, by any of its files, or by the folder that has them alone.
+    """Return the prefix of a run that is named by it, by any of its files, by a configuration of the same name, or by
+    the folder that has them alone.
 
     A name that is none of these is returned as it is.  Raises a ValueError if a folder has several runs.
     """

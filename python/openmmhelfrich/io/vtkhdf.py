@@ -3,9 +3,9 @@
 VTKHDF is VTK's own HDF5 layout, which ParaView and pyvista play as a time series.  A file of ours is a PolyData with
 Steps, version 2.0 of the specification
 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html).  The numbers of
-vertices and of triangles are those of the first frame, so that the sizes of the one part and the Offsets of its
-triangles are stored once, and each frame is a chunk of every other array: what a frame costs does not depend on how
-many there are, and the last ones can be dropped.
+vertices and of triangles, and the box of a periodic membrane, are those of the first frame, so that the sizes of the
+one part and the Offsets of its triangles are stored once, and each frame is a chunk of every other array: what a frame
+costs does not depend on how many there are, and the last ones can be dropped.
 How a file is changed without a moment in which it is not whole, :mod:`.drafts` says.
 """
 
@@ -391,7 +391,8 @@ class MeshTrajectory(Frames):
         data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
         species = np.nan_to_num(data["Species"]).astype(np.intc) if "Species" in data else None
         names = tuple(filter(None, (_textOf(self._file.attrs, "speciesNames") or "").split(", ")))
-        mesh = Mesh(points[:numVertices], triangles, None, points[numVertices:], species, names)
+        box = self._file.attrs.get("periodicBox")
+        mesh = Mesh(points[:numVertices], triangles, box, points[numVertices:], species, names)
         return MeshFrame(self._number("Steps/Values", i), mesh, data)
 
     def _countBeads(self, part: int, numPoints: int) -> int:
@@ -580,6 +581,8 @@ def _create(out: Any, frame: MeshFrame, precision: str, lengthUnit: str) -> Any:
     _setText(out.attrs, "lengthUnit", lengthUnit)
     if frame.mesh.speciesNames:
         _setText(out.attrs, "speciesNames", ", ".join(frame.mesh.speciesNames))
+    if frame.mesh.isPeriodic:
+        out.attrs["periodicBox"] = np.asarray(frame.mesh.box)
     root = out.create_group("VTKHDF")
     root.attrs["Version"] = VERSION
     root.attrs.create("Type", b"PolyData", dtype="S8")  # of fixed length: VTK takes no other
@@ -653,6 +656,11 @@ def _append(root: Any, frame: MeshFrame) -> None:
             f"the frame of step {frame.step} has {len(points)} vertices, {len(mesh.triangles)} triangles and "
             f"the data {sorted(frame.data)}; those before it have {expected[0]}, {expected[1]} and "
             f"{sorted(expected[2])}"
+        )
+    box = root.file.attrs.get("periodicBox")
+    if (box is not None) != mesh.isPeriodic or (mesh.isPeriodic and not np.array_equal(box, np.asarray(mesh.box))):
+        raise ValueError(
+            f"the frame of step {frame.step} has another periodic box than those before it; a file has one box"
         )
     _resize(root, count + 1)
     point, corner = count * len(points), count * mesh.triangles.size

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..geometry.connectivity import patchOf
 from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 
@@ -17,9 +18,10 @@ def shownSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
 
     A mesh of more than 100,000 vertices is simplified to about 30,000, where its edges matter least to its shape (by
     quadric errors: Garland and Heckbert, SIGGRAPH 1997), with the curvature of the vertices that became one.
+    A periodic mesh is drawn as it is.
     """
-    if len(mesh.vertices) <= MAX_VERTICES:
-        return mesh, smoothMeanCurvature(mesh)
+    if len(mesh.vertices) <= MAX_VERTICES or mesh.isPeriodic:
+        return unwrappedSurface(mesh)
     import fast_simplification
 
     low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0).max()  # the library has single precision
@@ -41,6 +43,17 @@ def shownSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
     return surface, smoothCurvatures(surface.edges, curvature, area, 1)
 
 
+def unwrappedSurface(mesh: Mesh) -> tuple[Mesh, NDArray[np.float64]]:
+    """Return a mesh, of a periodic one the open surface that no triangle leaves at the borders of the box, and the mean
+    curvature at each of its vertices, in 1/nm.
+    """
+    curvature = smoothMeanCurvature(mesh)
+    if not mesh.isPeriodic:
+        return mesh, curvature
+    patch = patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box))
+    return mesh.unwrapped(), curvature[patch.vertexOf]
+
+
 def _survivors(count: int, collapses: np.ndarray) -> NDArray[np.int64]:
     """Return which vertex of those left each of a number of vertices became, if pairs (kept, gone) collapsed."""
     graph = coo_array((np.ones(len(collapses), dtype=bool), collapses.T), shape=(count, count))
@@ -59,6 +72,6 @@ def smoothMeanCurvature(mesh: Mesh) -> NDArray[np.float64]:
 
 def simplification(mesh: Mesh, surface: Mesh) -> str | None:
     """Return how what is drawn of a mesh was simplified, in words; None if it was not."""
-    if surface is mesh:
+    if surface is mesh or mesh.isPeriodic:
         return None
     return f"simplified to {len(surface.vertices)} of {len(mesh.vertices)} vertices"

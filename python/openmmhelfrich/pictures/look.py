@@ -13,7 +13,9 @@ from ..geometry.mesh import Mesh
 COLOR_MAP = "coolwarm"
 BEAD_COLOR = "0.35"
 COLORED = ("auto", "curvature", "species")
-SPECIES_COLORS, NUM_COLORS = "tab10", 10  # one after the other, and from the first one on again
+SPECIES_COLORS, NUM_COLORS = "tab10", 10  # one for each species
+# Of more species, in the order of their numbers: a scale, its part that can be read on white, and what its legend has.
+SPECIES_SCALE, BRIGHTEST, NUM_SHADES, NUM_LABELS = "plasma", 0.85, 256, 5
 _SIGNS = {"um": "µm", "angstrom": "Å", "^2": "²", "^3": "³"}
 
 
@@ -37,7 +39,8 @@ class Look:
     colorMap : str
         the name of a color map of matplotlib
     colorBy : str
-        "curvature", "species", or "auto": species where there are some, and else curvature
+        "curvature", "species", or "auto": species where there are some, and else curvature. So it is too where nearly
+        every vertex has a species of its own and numbers of neighbors have nothing to do with each other
     edges : bool
         whether to draw the edges of triangles
     transparent : bool
@@ -84,7 +87,8 @@ class Look:
         """Return the species that color a mesh, or None if its curvature does."""
         if self.colorBy == "species" and mesh.species is None:
             raise ValueError("there are no species to color it by; leave it to the curvature")
-        return None if self.colorBy == "curvature" else mesh.species
+        isHidden = self.colorBy == "curvature" or (self.colorBy == "auto" and _isUnordered(mesh))
+        return None if isHidden else mesh.species
 
     def limits(self, curvature: np.ndarray) -> tuple[float, float]:
         """Return the curvatures at the ends of the color map, for those of a membrane or of all frames."""
@@ -103,18 +107,53 @@ class Look:
         return power * max(n for n in (1, 2, 5) if n * power <= width / 5)
 
 
-def speciesColors(species: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the color of each of some numbers of species: an (n, 3) array from 0 to 1."""
+LOOK = Look()
+
+
+def _isUnordered(mesh: Mesh) -> bool:
+    """Return whether species are of single vertices, with numbers that tell nothing of where these are."""
+    if mesh.species is None or speciesCount(mesh) <= len(mesh.vertices) / 2:
+        return False
+    first, second = mesh.species[mesh.edges].T.astype(float)
+    return bool(np.abs(first - second).mean() > speciesCount(mesh) / 4)  # 1/3 of it by chance
+
+
+def speciesCount(*meshes: Mesh) -> int:
+    """Return how many species some meshes tell of, by numbers and names."""
+    return max(max(len(m.speciesNames), 0 if m.species is None else int(m.species.max()) + 1) for m in meshes)
+
+
+def speciesColors(species: NDArray[Any], count: int) -> NDArray[np.float64]:
+    """Return the color of each of some numbers of species, of so many: an (n, 3) array from 0 to 1."""
+    return speciesPalette(count)[speciesPlaces(species, count)]
+
+
+def speciesPlaces(species: NDArray[Any], count: int) -> NDArray[np.int64]:
+    """Return which of the :func:`speciesPalette` is the color of each of some species, of so many."""
+    last = count - 1 if count > NUM_COLORS else NUM_SHADES - 1
+    return np.rint(np.asarray(species) * ((NUM_SHADES - 1) / last)).astype(np.int64)
+
+
+def speciesPalette(count: int) -> NDArray[np.float64]:
+    """Return the colors of so many species: an (n, 3) array from 0 to 1."""
     from matplotlib import colormaps
 
-    return np.array(colormaps[SPECIES_COLORS](species % NUM_COLORS))[:, :3]
+    if count <= NUM_COLORS:
+        return np.array(colormaps[SPECIES_COLORS](np.arange(NUM_COLORS)))[:, :3]
+    return np.array(colormaps[SPECIES_SCALE](np.linspace(0, BRIGHTEST, NUM_SHADES)))[:, :3]
 
 
-def speciesLegend(mesh: Mesh, most: int = 12) -> list[tuple[str, tuple[float, float, float]]]:
-    """Return the names and colors of the species that a mesh has, but for those beyond a number."""
-    found, names = np.unique([] if mesh.species is None else mesh.species).astype(int), mesh.speciesNames
-    labels = [names[i] if i < len(names) else f"species {i}" for i in found[:most]]
-    return [(label, tuple(color)) for label, color in zip(labels, speciesColors(found[:most]).tolist())]
+def speciesLegend(mesh: Mesh, count: int) -> list[tuple[str, tuple[float, float, float]]]:
+    """Return the names and colors of the species that a mesh has, of so many; of more than have colors of their own,
+    those of some at equal distances.
+    """
+    if mesh.species is None:
+        return []
+    found = np.unique(mesh.species).astype(int)
+    if count > NUM_COLORS:
+        found = np.linspace(0, count - 1, NUM_LABELS).round().astype(int)
+    labels = [mesh.speciesNames[i] if i < len(mesh.speciesNames) else f"species {i}" for i in found]
+    return [(label, tuple(color)) for label, color in zip(labels, speciesColors(found, count).tolist())]
 
 
 def unitText(unit: str) -> str:

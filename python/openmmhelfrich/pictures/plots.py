@@ -16,7 +16,7 @@ from ..sampling.observables import PANELS, Observable, curves, isTarget, observa
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import shownSurface, simplification
-from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesLegend, unitText
+from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesCount, speciesLegend, unitText
 
 # What a run's picture of its final shape is like.
 SHAPE = Look(azimuth=-60, size=(960, 660), dpi=120)
@@ -245,11 +245,11 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
     figure = Figure(figsize=(look.size[0] / look.dpi, look.size[1] / look.dpi), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     species = look.species(surface)
-    colors = (
-        _colorMap(look)(norm(curvature[surface.triangles].mean(axis=1)))
-        if species is None
-        else np.insert(speciesColors(np.median(species[surface.triangles], axis=1).astype(int)), 3, 1.0, axis=1)
-    )
+    if species is None:
+        colors = _colorMap(look)(norm(curvature[surface.triangles].mean(axis=1)))
+    else:
+        middle = np.median(species[surface.triangles], axis=1).astype(int)
+        colors = np.insert(speciesColors(middle, speciesCount(surface)), 3, 1.0, axis=1)
     beads, beadColors = _beadTriangles(mesh)
     faces, fills = np.concatenate((surface.vertices[surface.triangles], beads)), np.concatenate((colors, beadColors))
     axes.add_collection3d(
@@ -263,7 +263,13 @@ def _meshPicture(mesh: Mesh, lengthUnit: str, look: Look) -> Picture:
             lightsource=None if look.edges else LightSource(azdeg=120 - look.azimuth, altdeg=50),
         )
     )
-    _frame(axes, np.concatenate((mesh.vertices, mesh.beads)), look, lengthUnit, simplification(mesh, surface))
+    _frame(
+        axes,
+        np.concatenate((surface.vertices if mesh.isPeriodic else mesh.vertices, mesh.beads)),
+        look,
+        lengthUnit,
+        simplification(mesh, surface),
+    )
     if species is None:
         _colorBar(figure, axes, norm, lengthUnit, look)
     else:
@@ -330,7 +336,7 @@ def _colorBar(figure: Any, axes: Any, norm: Any, lengthUnit: str, look: Look) ->
 def _speciesLegend(figure: Any, mesh: Mesh) -> None:
     from matplotlib.patches import Patch
 
-    patches = [Patch(color=color, label=_plain(name)) for name, color in speciesLegend(mesh)]
+    patches = [Patch(color=color, label=_plain(name)) for name, color in speciesLegend(mesh, speciesCount(mesh))]
     figure.legend(handles=patches, loc="center right", title="species")
 
 

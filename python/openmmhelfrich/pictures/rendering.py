@@ -13,11 +13,10 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
-from .curvature import smoothMeanCurvature
-from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesLegend, unitText
+from .curvature import unwrappedSurface
+from .look import BEAD_COLOR, LOOK, Look, curvatureLabel, speciesColors, speciesCount, speciesLegend, unitText
 from .plots import beadRadius, drawMesh
 
-LOOK = Look()
 STILL = (".png", ".jpg", ".jpeg")
 FILMS = (".gif", ".mp4")
 SCALE = {
@@ -124,7 +123,7 @@ def _hasOpenGL() -> bool:
 def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterator[np.ndarray]:
     """Yield the picture of each frame as an array of bytes (height, width, 3), or 4 with a transparent background."""
     pyvista = _requirePyvista()
-    middle, radius, curvatures = _bounds(frames)
+    middle, radius, curvatures, count = _bounds(frames)
     limits = look.limits(curvatures)
     # VTK warns of every way to draw that it tries before the one that works.
     pyvista.vtk_verbosity("error")
@@ -136,10 +135,10 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
     title, scale = curvatureLabel(lengthUnit), min(look.size[0] / 1024, look.size[1] / 768)
     try:
         for i in range(len(frames)):
-            mesh = frames[i].mesh
+            mesh, curvature = unwrappedSurface(frames[i].mesh)
             shape = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.triangles)
             species = look.species(mesh)
-            shape[title] = smoothMeanCurvature(mesh) if species is None else speciesColors(species)
+            shape[title] = curvature if species is None else speciesColors(species, count)
             shape = shape.clip(normal=direction, origin=middle) if look.cut else shape
             plotter.add_mesh(
                 shape,
@@ -159,16 +158,26 @@ def _images(frames: Sequence[MeshFrame], lengthUnit: str, look: Look) -> Iterato
                 if species is None:
                     plotter.add_scalar_bar(title + "\n", **sizes, **SCALE)
                 else:
-                    plotter.add_legend(speciesLegend(mesh), bcolor=None, face="circle", size=(0.2, 0.2))
+                    plotter.add_legend(speciesLegend(mesh, count), bcolor=None, face="circle", size=(0.2, 0.2))
             _addBeads(plotter, pyvista, mesh, middle, direction, look)
             if len(frames) > 1:
                 place, letters = (20 * scale, look.size[1] - 40 * scale), round(12 * scale)
                 step = f"step {frames[i].step}"
                 plotter.add_text(step, position=place, name="step", color="black", font_size=letters)
             image = plotter.screenshot(return_img=True, transparent_background=look.transparent)
+            image = _withoutWhite(image) if look.transparent else image
             yield _withScaleBar(image, 2 * plotter.camera.parallel_scale, lengthUnit, look) if look.scaleBar else image
     finally:
         plotter.close()
+
+
+def _withoutWhite(image: np.ndarray) -> np.ndarray:
+    """Return a transparent picture whose colors are not mixed with the white of the background, as VTK has them where a
+    pixel is partly covered: on white it would be added again, and elsewhere it would show.
+    """
+    color, alpha = image[..., :3].astype(float), image[..., 3:].astype(float)
+    own = 255 * (color - (255 - alpha)) / np.maximum(alpha, 1)
+    return np.concatenate((np.clip(np.rint(own), 0, 255).astype(np.uint8), image[..., 3:]), axis=-1)
 
 
 def _addBeads(plotter: Any, pyvista: Any, mesh: Mesh, middle: np.ndarray, direction: np.ndarray, look: Look) -> None:
@@ -197,21 +206,24 @@ def _withScaleBar(image: np.ndarray, height: float, lengthUnit: str, look: Look)
     return np.asarray(picture)
 
 
-def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return the middle and the radius of a sphere around all frames, and the curvatures that set the colors: those of
-    the frame that has the largest, but for the outermost hundredth.
+def _bounds(frames: Sequence[MeshFrame]) -> tuple[np.ndarray, float, np.ndarray, int]:
+    """Return the middle and the radius of a sphere around all frames, the curvatures that set the colors: those of the
+    frame that has the largest, but for the outermost hundredth; and the number of species.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    curvatures, bound = np.zeros(1), -1.0
+    curvatures, bound, count = np.zeros(1), -1.0, 0
     for i in range(len(frames)):
-        points = _pointsOf(frames[i].mesh)
+        mesh, found = unwrappedSurface(frames[i].mesh)
+        points = _pointsOf(mesh)
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-        found = smoothMeanCurvature(frames[i].mesh)
+        count = max(count, speciesCount(mesh))
         if (own := float(np.quantile(np.abs(found), 0.99))) > bound:
             curvatures, bound = found, own
     middle = (low + high) / 2
-    distances = (np.linalg.norm(_pointsOf(frames[i].mesh) - middle, axis=1).max() for i in range(len(frames)))
-    return middle, max(distances), curvatures
+    distances = (
+        np.linalg.norm(_pointsOf(frames[i].mesh.unwrapped()) - middle, axis=1).max() for i in range(len(frames))
+    )
+    return middle, max(distances), curvatures, count
 
 
 def _pointsOf(mesh: Mesh) -> np.ndarray:

@@ -35,7 +35,7 @@ from ..sampling.observables import (
 from ..tables import Table, headOf
 from ..version import __version__
 from .curvature import shownSurface, simplification
-from .look import BEAD_COLOR, NUM_COLORS, colorScale, speciesColors, speciesLegend, unitText
+from .look import BEAD_COLOR, LOOK, colorScale, speciesCount, speciesLegend, speciesPalette, speciesPlaces, unitText
 from .plots import beadRadius
 
 MAX_BYTES = 20e6  # of a page: what mail and browsers take without complaint
@@ -187,33 +187,36 @@ def _shape(
     )
     shown = [(frames[i].step, *shownSurface(frames[i].mesh)) for i in chosen[:-1]] + [(last.step, *drawn)]
     beads = [frames[i].mesh.beads for i in chosen]
+    count = 0 if LOOK.species(last.mesh) is None else speciesCount(*(mesh for _, mesh, _ in shown))
     return {
         "lengthUnit": _forPlotly(unitText(lengthUnit)),
         "colors": colorScale(),
         "beadColor": [round(255 * float(BEAD_COLOR))] * 3,
         "index": chosen,
         "wide": indexType == "u4",
-        **_encode(shown, beads, indexType),
+        **_encode(shown, beads, indexType, count),
         "beadSize": 2 * beadRadius(last.mesh),
-        **_species(last.mesh),
+        **_species(last.mesh, count),
     }
 
 
-def _species(mesh: Mesh) -> dict[str, Any]:
-    """Return the colors of species, and the names and colors of those that a mesh has."""
+def _species(mesh: Mesh, count: int) -> dict[str, Any]:
+    """Return the colors of so many species, and the names and colors of those that a mesh has."""
     from matplotlib.colors import to_hex
 
-    legend = [] if mesh.species is None else speciesLegend(mesh)
+    legend = speciesLegend(mesh, count) if count else []
     return {
-        "speciesColors": [to_hex(color) for color in speciesColors(np.arange(NUM_COLORS))],
+        "speciesColors": [to_hex(color) for color in speciesPalette(count)] if count else [],
         "legend": [[_forPlotly(name), to_hex(color)] for name, color in legend],
     }
 
 
 def _encode(
-    shown: list[tuple[int, Mesh, NDArray[np.float64]]], beads: list[NDArray[np.float64]], indexType: str
+    shown: list[tuple[int, Mesh, NDArray[np.float64]]], beads: list[NDArray[np.float64]], indexType: str, count: int
 ) -> dict[str, Any]:
-    """Return the arrays of the frames as text, and what turns it into lengths and curvatures again."""
+    """Return the arrays of the frames as text, and what turns it into lengths and curvatures again; the colors of
+    species if a number of them is to be shown.
+    """
     low, high = (
         limit([limit(np.concatenate((mesh.vertices, own)), axis=0) for (_, mesh, _), own in zip(shown, beads)], axis=0)
         for limit in (np.min, np.max)
@@ -227,7 +230,11 @@ def _encode(
             "triangles": _base64(mesh.triangles.T, indexType),
             "curvatures": _base64((np.clip(curvature / bound, -1, 1) + 1) * 127.5, "u1"),
             "beads": _base64((own - low).T / size * 65535, "u2"),
-            **({} if mesh.species is None else {"species": _base64(mesh.species % NUM_COLORS, "u1")}),
+            **(
+                {"species": _base64(speciesPlaces(mesh.species, count), "u1")}
+                if count and mesh.species is not None
+                else {}
+            ),
         }
         for (step, mesh, curvature), own in zip(shown, beads)
     ]

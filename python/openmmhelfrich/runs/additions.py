@@ -148,7 +148,7 @@ def beadPositions(positions: Any, count: int) -> NDArray[np.float64]:
     if positions is None:
         positions = np.empty((0, 3))
     try:
-        found = np.array(valueIn(positions, unit.nanometer), dtype=np.float64)
+        found = np.array(valueIn(positions, unit.nanometer, "what the setup returns"), dtype=np.float64)
     except (TypeError, ValueError):
         found = np.empty(0)
     if found.size == 0 and count == 0:

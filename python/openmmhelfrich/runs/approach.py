@@ -1,10 +1,10 @@
 """The targets of stages, and the stages that lead to those that are far."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from ..sampling.targets import absoluteTargets, listedTargets, totalOf
+from ..sampling.targets import TARGET_FACTORS, absoluteTargets, listedTargets, totalOf
 from .stagesettings import ApproachStage, StageSettings
 
 # What targets are called in configurations and elsewhere.
@@ -14,11 +14,12 @@ TARGET_NAMES = {
     "reduced_volume": "reducedVolume",
     "target_area_difference": "areaDifference",
 }
+# What holds them, among what stages give.
+MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
 # A target farther than this from what a membrane has, as a part of itself, is not to be reached suddenly.
 FAR = 0.05
-# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
-# less than 2.
-TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
+# What a membrane has after stages that did not hold it is not known, and counts as so far away, in factors of e.
+UNKNOWN = 0.2
 # Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
 # proportion to the root of their number.  docs/how-to/studies.md has what comes of it.
 STEPS_PER_E_FOLD, VERTICES = 3000, 642
@@ -31,7 +32,11 @@ def endTargets(settings: StageSettings, start: Mapping[str, float]) -> dict[str,
 
 
 def withApproaches(
-    stages: Sequence[StageSettings], measures: Mapping[str, float], targets: Mapping[str, float], numVertices: int
+    stages: Sequence[StageSettings],
+    measures: Mapping[str, float],
+    targets: Mapping[str, float],
+    numVertices: int,
+    held: Collection[str] = tuple(MODULUS_NAMES),
 ) -> tuple[list[Any], dict[str, float]]:
     """Return stages with those between them that lead to far targets, and the targets to begin with.
 
@@ -40,34 +45,64 @@ def withApproaches(
     stages : sequence of StageSettings
         what is to be done
     measures : dict
-        what the mesh has of the targets whose terms are on, by their names
+        what the mesh has of the targets whose terms are on at some time, by their names
     targets : dict
         those before the first stage, by the same names
     numVertices : int
         how many the membrane has
+    held : collection of str
+        "area", "volume" and "areaDifference", as far as their terms are on before the first stage
     """
     led: list[Any] = []
     here, before, first = (
         {name: float(value) for name, value in each.items()} for each in (measures, targets, targets)
     )
+    held, free = set(held), set[str]()
     for stage in stages:
-        end = before | endTargets(stage, before)
-        goal = {name: value for name, value in stage.suddenTargets(before, end).items() if name in here}
-        distances = {name: abs(math.log(value / here[name])) for name, value in goal.items() if value * here[name] > 0}
-        distance = max(distances.values(), default=0.0)
-        canBe = all(each <= math.log(TARGET_FACTORS[totalOf(name)]) for name, each in distances.items())
-        if distance > math.log1p(FAR) and canBe:
+        end, heldAtEnd = before | endTargets(stage, before), _heldAfter(stage, held)
+        heldAtStart = held if stage.isGradual else heldAtEnd
+        sudden = stage.suddenTargets(before, end)
+        goal = {name: value for name, value in sudden.items() if name in here and totalOf(name) in heldAtStart}
+        steps = _stepsTo(goal, here, free, numVertices)
+        if steps > 0:
             if not led:
-                first = before | here
-            steps = math.ceil(STEPS_PER_E_FOLD * distance * max(1.0, math.sqrt(numVertices / VERTICES)))
-            led.append(_approachTo(goal, steps, getattr(stage, "temperature", None)))
+                first = before | {name: here[name] for name in goal}
+            names = (MODULUS_NAMES[total] for total in heldAtStart - held)
+            led.append(_approachTo(goal, {name: getattr(stage, name) for name in names}, steps, stage))
         led.append(stage)
-        here, before = {name: end[name] for name in here}, end
+        if not stage.returns:
+            before, held = end, heldAtEnd
+        here = {name: before[name] if totalOf(name) in held else value for name, value in here.items()}
+        free = set(MODULUS_NAMES) - held
     return led, first
 
 
-def _approachTo(goal: Mapping[str, float], steps: int, temperature: float | None) -> ApproachStage:
+def _heldAfter(stage: StageSettings, held: set[str]) -> set[str]:
+    """Return what is held to targets with what a stage gives, of what was before it."""
+    given = stage.conditions()
+    return {total for total, name in MODULUS_NAMES.items() if given.get(name, total in held)}
+
+
+def _stepsTo(goal: Mapping[str, float], here: Mapping[str, float], free: Collection[str], numVertices: int) -> int:
+    """Return the number of steps that lead to targets; 0 where they are near, or too far to be led to.
+
+    Of some totals, which are free, it is not known what a membrane has.
+    """
+    distances = {name: abs(math.log(value / here[name])) for name, value in goal.items() if value * here[name] > 0}
+    if any(each > math.log(TARGET_FACTORS[totalOf(name)]) for name, each in distances.items()):
+        return 0
+    distance = max((max(each, UNKNOWN * (totalOf(name) in free)) for name, each in distances.items()), default=0.0)
+    if distance <= math.log1p(FAR):
+        return 0
+    return math.ceil(STEPS_PER_E_FOLD * distance * max(1.0, math.sqrt(numVertices / VERTICES)))
+
+
+def _approachTo(
+    goal: Mapping[str, float], moduli: Mapping[str, float], steps: int, stage: StageSettings
+) -> ApproachStage:
+    """Return the stage that leads to targets, and to moduli, before another one."""
     given: dict[str, Any] = {
         key: listedTargets(goal, name) for key, name in TARGET_NAMES.items() if name in map(totalOf, goal)
     }
-    return ApproachStage(kind="approach", steps=steps, temperature=temperature, **given).added()
+    given |= {**moduli, "temperature": getattr(stage, "temperature", None)}
+    return ApproachStage(kind="approach", steps=steps, **given).added()

@@ -152,7 +152,8 @@ def loadSimulation(
         force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
         triangles = force.getTriangles()
         numVertices = int(triangles.max()) + 1
-        mesh = Mesh(positions[:numVertices], triangles, beads=positions[numVertices:])
+        box = state.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
+        mesh = Mesh(positions[:numVertices], triangles, box, positions[numVertices:])
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties
         )
@@ -195,6 +196,9 @@ def _runStateIn(archive: zipfile.ZipFile) -> RunState | None:
     state = _RUN_STATE.validate_json(text, strict=True)
     if RECORD in archive.namelist():
         state.record = dict(json.loads(archive.read(RECORD)))
+    sampling = state.config.setdefault("sampling", {})
+    if isinstance(sampling, dict):
+        sampling.setdefault("multilevel_weight", 0.0)  # a run that does not name it is older than its "auto"
     if state.stage >= len(state.config["stages"]):
         raise ValueError("it is at a stage that there is not")
     return state

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
 from ..geometry.formats import WRITTEN
+from ..io.runfiles import prefixOf
 from ..messages import quoted, shortened
 from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEnergy
 from .sections import (
@@ -27,6 +29,7 @@ from .sections import (
     SpeciesSection,
     SystemSection,
     TetherSection,
+    checkMaterial,
     checkSpecies,
 )
 from .stagesettings import STAGES, AnyStage, SampleStage
@@ -78,6 +81,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _material(self) -> "Config":
         checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
+        checkMaterial(self.species, self.membrane, any(stage.bending_modulus for stage in self.stages))
         return self
 
 
@@ -85,6 +89,17 @@ def valueOf(config: Config, name: str) -> Any:
     """Return the value of a key of a Config by its name, like "tether.modulus"."""
     section, key = name.split(".")
     return getattr(getattr(config, section), key)
+
+
+def during(config: Config, index: int) -> Config:
+    """Return a Config with the moduli and the like that its membrane has during one of its stages, at the end of it, or
+    before all stages: -1.
+    """
+    membrane = config.membrane
+    for i, stage in enumerate(config.stages[: index + 1]):
+        if i == index or not stage.returns:
+            membrane = membrane.model_copy(update=stage.conditions())
+    return config.model_copy(update={"membrane": membrane})
 
 
 def stagesOf(config: Config) -> list[Any]:
@@ -159,17 +174,29 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        if path.suffix.lower() in WRITTEN:
-            raise ValueError(
-                f"{path} is a mesh; a configuration is expected, for instance a file with these two lines:\n"
-                f'[mesh]\nfile = "{path}"'
-            ) from None
-        raise ValueError(f"{path} is not TOML: {error}") from None
+        raise ValueError(f"{path} is {_otherThanTOML(path, error)}") from None
+
+
+def _otherThanTOML(path: Path, error: Exception) -> str:
+    """Return what a file is that cannot be read as TOML, and what to do."""
+    prefix = prefixOf(path)
+    if path.suffix.lower() in WRITTEN:
+        return (
+            f'a mesh; a configuration is expected, for instance a file with these two lines:\n[mesh]\nfile = "{path}"'
+        )
+    if path.suffix.lower() != ".toml" and prefix != path:
+        return f"a file of the run {prefix}; a configuration is expected, and resume {prefix} goes on with that run"
+    if isinstance(error, UnicodeDecodeError):
+        return "not TOML, which is text in UTF-8; save it in this encoding"
+    return f"not TOML: {error}"
 
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:
-    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake."""
-    data, multiple = _inNamedUnit(data)
+    """Return the Config that a nested dict describes, or raise a ValueError with a sentence for each mistake.
+
+    Numbers and arrays of NumPy, tuples and paths are taken for what a file would have in their place.
+    """
+    data, multiple = _inNamedUnit(_asInFile(data))
     try:
         config = Config.model_validate(data, context=_scales(data, multiple))
         config._source = source
@@ -198,6 +225,17 @@ def sections() -> dict[str, type[Section]]:
     """Return the sections of a configuration by name, in order; stages are none of them."""
     models = {name: field.annotation for name, field in Config.model_fields.items()}
     return {name: model for name, model in models.items() if isinstance(model, type) and issubclass(model, Section)}
+
+
+def _asInFile(value: Any) -> Any:
+    """Return a value of Python as a file has it: a table, a list, a number or a string."""
+    if isinstance(value, Mapping):
+        return {key: _asInFile(each) for key, each in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_asInFile(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _inNamedUnit(data: Any) -> tuple[Any, float]:
@@ -279,10 +317,18 @@ def _explain(mistake: ErrorDetails) -> str:
 
 def requirement(mistake: ErrorDetails) -> str:
     """Return what one of pydantic's errors says must be."""
-    message = mistake["msg"].removeprefix("Value error, ")
+    message, limits = mistake["msg"].removeprefix("Value error, "), mistake.get("ctx", {})
+    if mistake["type"] == "string_too_short":
+        return "it must not be empty"
+    if mistake["type"] in ("too_short", "too_long"):
+        bound = "at least {min_length}" if "min_length" in limits else "at most {max_length}"
+        return f"it must have {bound.format(**limits)} values"
+    if mistake["type"] == "list_type" and isinstance(mistake["input"], dict):
+        return f"it must be a list of tables, each under [[{mistake['loc'][0]}]]"
     return (
         message.replace("Input should be", "it must be")
         .replace("a valid integer", "a whole number")
+        .replace("a valid dictionary", "a table")
         .replace("a valid ", "a ")
     )
 

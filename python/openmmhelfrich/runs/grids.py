@@ -33,7 +33,7 @@ from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
 from .readiness import Coarse, coarseness
 from .room import diskSize, requireMemory
-from .scene import Scene, loadMesh, requireEffectiveTargets
+from .scene import Scene, loadMesh, requireEffect
 from .sections import Section
 from .stages import checkStages
 
@@ -301,7 +301,7 @@ def _checkRun(config: Config, meshes: dict[str, Mesh]) -> tuple[float, list[Coar
     if key not in meshes:
         meshes[key] = loadMesh(config)
     scene = Scene.of(config, meshes[key])
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireMemory(len(scene.mesh.vertices))
     return diskSize(scene.config, len(scene.mesh.vertices)), coarseness(scene, targets)
@@ -361,28 +361,34 @@ def _set(data: Any, key: str, value: Any, path: Path) -> None:
     if not home:
         raise ValueError(f"{path}: '{key}' names no section; a key is written like membrane.reduced_volume")
     for name in home:
-        data = _stage(data, name, key, path) if isinstance(data, list) else data.setdefault(name, {})
+        if isinstance(data, dict):
+            data = data.setdefault(name, [] if name in _NAMED else {})
+        elif isinstance(data, list):
+            data = _entry(data, name, key, path)
     if not isinstance(data, dict):
-        raise ValueError(
-            f"{path}: there is nowhere to set '{key}'; a stage's key is written like stages.NAME.{last}, with the "
-            "stage's name, kind or number"
-        )
+        hint = f"; it is written like {home[0]}.NAME.{last}, with {_NAMED[home[0]]}" if home[0] in _NAMED else ""
+        raise ValueError(f"{path}: there is nowhere to set '{key}'{hint}")
     _merge(data, {last: value})
 
 
-def _stage(stages: list[Any], name: str, key: str, path: Path) -> dict[str, Any]:
-    """Return the stage of a name, or if none has it of a kind or number."""
-    stages = [stage for stage in stages if isinstance(stage, dict)]
+# What is a list of tables in a configuration, and how keys of grids call one of these.
+_NAMED = {"stages": "the stage's name, kind or number", "species": "the species' name or number"}
+
+
+def _entry(entries: list[Any], name: str, key: str, path: Path) -> dict[str, Any]:
+    """Return the stage, or the species, of a name, or if none has it of a kind or number."""
+    entries = [entry for entry in entries if isinstance(entry, dict)]
     for which in (
-        [stage.get("name") for stage in stages],
-        [stage.get("kind") for stage in stages],
-        [str(i + 1) for i in range(len(stages))],
+        [entry.get("name") for entry in entries],
+        [entry.get("kind") for entry in entries],
+        [str(i + 1) for i in range(len(entries))],
     ):
         if which.count(name) == 1:
-            return stages[which.index(name)]
-    titles = [str(stage.get("name") or stage.get("kind")) for stage in stages]
+            return entries[which.index(name)]
+    what, are = ("stage", "stages") if key.startswith("stages.") else ("of the species", "species")
+    titles = [str(entry.get("name") or entry.get("kind")) for entry in entries]
     raise ValueError(
-        f"{path}: '{key}' does not name one stage; the stages are "
+        f"{path}: '{key}' does not name one {what}; the {are} are "
         f"{', '.join(f'{i + 1} ({title})' for i, title in enumerate(titles)) or 'none'}"
     )
 

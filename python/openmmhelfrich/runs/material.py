@@ -10,48 +10,40 @@ from scipy.sparse.csgraph import dijkstra
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from .config import Config
-from .sections import SpeciesSection
+from .sections import SpeciesSection, checkShares
 
 
 def speciesOf(config: Config, mesh: Mesh) -> NDArray[np.intc]:
     """Return the number of the species of each vertex that a resolved Config asks for, none if there are none.
 
-    A mesh that has species, as that of a run that goes on, keeps them.
+    A mesh that has species keeps them.
     """
-    name = config.mesh.species_field
-    if config.species and mesh.species is not None:
-        name, values = "of the mesh", mesh.species.astype(float)
-    elif name is None:
+    field, own = config.mesh.species_field, mesh.species
+    if not config.species or (own is None and field is None):
         return placeSpecies(config.species, mesh, config.sampling.seed or 0)
-    else:
-        values = _fieldOf(str(config.mesh.file), name)
-    if len(values) != len(mesh.vertices):
-        raise ValueError(
-            f"[mesh] species_field {name} has {len(values)} values, and the mesh {len(mesh.vertices)} vertices; a mesh "
-            "that is repaired or remeshed cannot have it"
-        )
+    if own is None:
+        own = Mesh.read(str(config.mesh.file), speciesField=field).species
+    assert own is not None
+    what = "the mesh has species, of which one" if field is None else f"[mesh] species_field {field}"
+    if len(own) != len(mesh.vertices):
+        raise ValueError(f"{what} has {len(own)} values, and the mesh {len(mesh.vertices)} vertices; give as many")
     count = len(config.species)
-    wrong = values[(values != np.rint(values)) | (values < 0) | (values >= count)]
-    if len(wrong):
+    if own.max() >= count:
         raise ValueError(
-            f"[mesh] species_field {name} has the value {wrong[0]:g}; with {count} species they must be whole numbers "
-            f"from 0 to {count - 1}"
+            f"{what} has the number {own.max()}; with {count} [[species]] they must be whole numbers from 0 to "
+            f"{count - 1}"
         )
-    return values.astype(np.intc)
+    return own.astype(np.intc)
 
 
-def _fieldOf(file: str, name: str) -> NDArray[np.float64]:
-    """Return an array of a mesh file with a value for each vertex."""
-    import meshio  # which takes a while, and is for those few who ask for it
-
-    try:
-        found = meshio.read(file).point_data
-    except (meshio.ReadError, OSError, KeyError, ValueError, SystemExit) as error:
-        raise ValueError(f"[mesh] species_field: {file} cannot be read for its arrays: {error}") from None
-    if name not in found:
-        has = f"it has {', '.join(found)}" if found else "it has none"
-        raise ValueError(f"[mesh] species_field is '{name}'; {file} has no array of vertices of this name: {has}")
-    return np.asarray(found[name], dtype=float).reshape(-1)
+def requireOnePlace(config: Config, mesh: Mesh) -> None:
+    """Raise a ValueError if a mesh has species, and species of a Config have places on it."""
+    placed = [each.name for each in config.species if not each.isRest]
+    if placed and mesh.species is not None:
+        raise ValueError(
+            f"the mesh has species of its own, and the species {placed[0]} has a fraction or vertices; give one of "
+            "them, as with mesh.species = None"
+        )
 
 
 def placeSpecies(species: Sequence[SpeciesSection], mesh: Mesh, seed: int) -> NDArray[np.intc]:
@@ -68,6 +60,7 @@ def placeSpecies(species: Sequence[SpeciesSection], mesh: Mesh, seed: int) -> ND
     count = len(mesh.vertices)
     if not species:
         return np.zeros(0, dtype=np.intc)
+    checkShares(species)
     result = np.full(count, -1, dtype=np.intc)
     for i, each in enumerate(species):
         if each.vertices is not None:

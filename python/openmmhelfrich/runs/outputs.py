@@ -14,12 +14,12 @@ from openmm import app
 from ..files import PathLike, sync
 from ..helfrich import HelfrichForce
 from ..io.dcd import TrajectoryReporter
-from ..sampling.observables import Place, withTerms
+from ..sampling.observables import Place, observablesOf
 from ..sampling.reporters import MeshReporter, ObservablesReporter
 from .checkpoint import loadRunState
 from .config import Config, parseConfig
 from .scene import Scene
-from .stagesettings import termsOfStages
+from .stagesettings import conditionsOf
 
 APPENDED = ("table", "trajectory", "meshTrajectory")  # the files of which a checkpoint says how much belongs to the run
 
@@ -196,7 +196,7 @@ class Recorder:
             scene.temperature,
             scene.lengthUnit,
             append=sizes.get("table", 0) > 0,
-            observables=withTerms(termsOfStages(scene.stages)),
+            observables=observablesOf(conditionsOf(scene.stages)),
             place=place,
         )
         self._trajectory = TrajectoryReporter(

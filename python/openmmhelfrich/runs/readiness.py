@@ -21,7 +21,7 @@ from ..sampling.targets import nameOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
-from .scene import Scene, currentMesh
+from .scene import Scene, createScene, currentMesh
 from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -109,15 +109,19 @@ class Coarse(NamedTuple):
 
 def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[Coarse]:
     """Return the surfaces that have too few vertices for the smallest of some reduced volumes to which their targets
-    lead them.
+    lead them, those at the start of each stage and at the end.
     """
-    if not (scene.moduli["area"] > 0 and scene.moduli["volume"] > 0):
-        return []
+    holding = [i for i in range(len(scene.stages)) if _holdsVolume(scene.during(i))]
+    acting = [targets[i + end] for i in holding for end in (0, 1)]
     found = []
-    for k, surface in enumerate(scene.mesh.components()):
-        volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in targets]
+    for k, surface in enumerate(scene.mesh.components() if acting else ()):
+        volumes = [reducedVolume(*(_targetOf(each, total, k) for total in ("area", "volume"))) for each in acting]
         found.append(coarse(surface, min(volumes)))
     return [each for each in found if each is not None]
+
+
+def _holdsVolume(scene: Scene) -> bool:
+    return scene.moduli["area"] > 0 and scene.moduli["volume"] > 0
 
 
 def coarse(surface: Mesh, volume: float) -> Coarse | None:
@@ -233,7 +237,7 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
     """Return whether trajectories are accepted from a mesh, at the targets that it has."""
     if scene.config.sampling.flip_probability == 1:
         return True
-    trial = Scene.of(_withOwnTargets(scene.config), mesh, additionsTo(simulation, len(mesh.vertices)))
+    trial = createScene(_withOwnTargets(scene.config), mesh, additionsTo(simulation, len(mesh.vertices)))
     try:
         steps = trial.createSimulation(trial.createForce())
         trajectories = trajectoriesOf(steps.integrator)

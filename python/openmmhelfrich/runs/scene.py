@@ -7,7 +7,7 @@ import random
 import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,14 +26,21 @@ from ..helfrich import (
     SpeciesExchangeIntegrator,
 )
 from ..messages import shortened
-from ..sampling.targets import listedTargets, numberedTargets, requireOnePerSurface, setDefaultTargets, totalOf
+from ..sampling.targets import (
+    listedTargets,
+    numberedTargets,
+    requireComparableTarget,
+    requireOnePerSurface,
+    setDefaultTargets,
+    totalOf,
+)
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import TARGET_FACTORS, withApproaches
-from .config import Config, asConfig, asDict, namingSource, stagesOf, valueOf
-from .material import bendingModulusOf, gaussianStepOf, setMaterial, speciesOf, spontaneousCurvatureOf
+from .approach import FAR, MODULUS_NAMES, withApproaches
+from .config import Config, asConfig, asDict, during, namingSource, stagesOf, valueOf
+from .material import bendingModulusOf, gaussianStepOf, requireOnePlace, setMaterial, speciesOf, spontaneousCurvatureOf
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
-from .stagesettings import StageSettings
+from .stagesettings import StageSettings, conditionsOf
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
@@ -160,50 +167,40 @@ class Scene:
         ------
         ValueError, OSError
             if the mesh cannot be simulated, or a value of the configuration does not go with it
+
+        A UserWarning says that targets are far from what the mesh has: see :func:`openmmhelfrich.continueTo`.
         """
+        isChecked = isinstance(config, Config)
         config = asConfig(config, hasMesh=mesh is not None)
-        mesh = loadMesh(config) if mesh is None else mesh
-        with namingSource(config), _overflowsExplained(config):
-            config = resolve(config, mesh)
-            ownMeasures = measuresOf(mesh)
-            checkSizes(config, mesh, ownMeasures)
-            vertexSpecies = speciesOf(config, mesh)
-            platform, properties = platformOf(config)
-        sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-        surfaces = _surfaces(config, mesh)
-        tether = tetherOf(config, mesh)
-        adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
-        return cls(
-            config=config,
-            mesh=mesh,
-            lengthUnit=config.mesh.length_unit,
-            temperature=sampling.temperature,
-            kT=kT,
-            moduli={term: valueOf(config, key) * kT for term, key in MODULI.items()}
-            | {"bending": bendingModulusOf(config) * kT},
-            targets=_targets(surfaces),
-            ownMeasures=ownMeasures,
-            tether=tether,
-            vertexSpecies=vertexSpecies,
-            repulsionOnset=config.repulsion.onset or tether.minLength,
-            stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
-            adaptsStepSize=adaptsStepSize,
-            waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
-            if adaptsWaves
-            else sampling.shear_wave_amplitude,
-            adaptsWaveAmplitude=adaptsWaves,
-            seed=sampling.seed or 0,
-            stages=tuple(config.stages),
-            platform=platform,
-            platformProperties=properties,
-            setup=setup,
-        )
+        if mesh is not None:
+            with namingSource(config):
+                requireOnePlace(config, mesh)
+        scene = createScene(config, loadMesh(config) if mesh is None else mesh, setup)
+        if not isChecked:
+            requireEffect(config, scene)
+            scene._warnOfFarTargets()
+        return scene
+
+    def during(self, index: int) -> "Scene":
+        """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
+        config = during(self.config, index)
+        return replace(self, config=config, moduli=_moduliOf(config, self.kT))
+
+    def _warnOfFarTargets(self) -> None:
+        """Say that the first of the stages leads to targets to which a Simulation by itself does not go."""
+        if self.stages[0].isAdded:
+            warnings.warn(
+                f"targets are more than {FAR:.0%} from what the mesh has, and a Simulation of this Scene keeps to the "
+                "mesh's own: lead it there by continueTo(), or give approach = 'none' in [sampling]",
+                stacklevel=3,
+            )
 
     def createForce(self) -> HelfrichForce:
         """Create the membrane's force."""
         membrane, tether, repulsion, moduli = self.config.membrane, self.tether, self.config.repulsion, self.moduli
         force = HelfrichForce()
         force.setTriangles(self.mesh.triangles)
+        force.setUsesPeriodicBoundaryConditions(self.mesh.isPeriodic)
         setMaterial(force, self.config, self.vertexSpecies, self.kT)
         force.setAreaModulus(moduli["area"])
         force.setVolumeModulus(moduli["volume"])
@@ -261,7 +258,7 @@ class Scene:
         addSection(system, self.config.system)
         positions = None if self.setup is None else self.setup(system, self)
         beads = beadPositions(positions, system.getNumParticles() - len(self.mesh.vertices))
-        return system, Mesh(self.mesh.vertices, self.mesh.triangles, beads=beads)
+        return system, Mesh(self.mesh.vertices, self.mesh.triangles, self.mesh.images, beads)
 
     def _createExchanges(self) -> SpeciesExchangeIntegrator:
         """Create the integrator of exchanges of species."""
@@ -286,6 +283,53 @@ class Scene:
         )
 
 
+def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene:
+    """Return the Scene of a Config with a mesh, which keeps the species that it has.
+
+    Species of the Config may have places: those of a run that goes on say where they were at its start.
+    """
+    with namingSource(config), _overflowsExplained(config):
+        config = resolve(config, mesh)
+        ownMeasures = measuresOf(mesh)
+        checkSizes(config, mesh, ownMeasures)
+        vertexSpecies = speciesOf(config, mesh)
+        platform, properties = platformOf(config)
+    sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
+    surfaces = _surfaces(config, mesh)
+    tether = tetherOf(config, mesh)
+    adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
+    return Scene(
+        config=config,
+        mesh=mesh,
+        lengthUnit=config.mesh.length_unit,
+        temperature=sampling.temperature,
+        kT=kT,
+        moduli=_moduliOf(config, kT),
+        targets=_targets(surfaces),
+        ownMeasures=ownMeasures,
+        tether=tether,
+        vertexSpecies=vertexSpecies,
+        repulsionOnset=config.repulsion.onset or tether.minLength,
+        stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
+        adaptsStepSize=adaptsStepSize,
+        waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
+        if adaptsWaves
+        else sampling.shear_wave_amplitude,
+        adaptsWaveAmplitude=adaptsWaves,
+        seed=sampling.seed or 0,
+        stages=tuple(config.stages),
+        platform=platform,
+        platformProperties=properties,
+        setup=setup,
+    )
+
+
+def _moduliOf(config: Config, kT: float) -> dict[str, float]:
+    """Return the modulus of each term, in kJ/mol and powers of nm."""
+    moduli = {term: valueOf(config, key) * kT for term, key in MODULI.items()}
+    return moduli | {"bending": bendingModulusOf(config) * kT}
+
+
 def loadMesh(config: Config) -> Mesh:
     """Read or make, and check, the mesh of a Config, in its length unit.
 
@@ -293,9 +337,16 @@ def loadMesh(config: Config) -> Mesh:
     """
     if config.mesh.icosphere is not None:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
+    elif config.mesh.sheet is not None:
+        source, scale = "[mesh] sheet", config.mesh.scale
+        width, height, edge = config.mesh.sheet
+        mesh = Mesh.sheet(scale * width, scale * height, scale * edge)
     else:
         source = str(config.mesh.file)
-        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair)
+        field = config.mesh.species_field
+        mesh = Mesh.read(source, unit=config.mesh.scale, repair=config.mesh.repair, speciesField=field)
+        if field is None:
+            mesh.species = None  # [[species]] say where they are
     try:
         mesh.check()
         if config.mesh.remesh is not None:
@@ -303,6 +354,8 @@ def loadMesh(config: Config) -> Mesh:
                 mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
+    if config.mesh.species_field is not None and mesh.species is None:
+        raise ValueError(f"{source}: the mesh has been repaired or remeshed, and so cannot have a species_field")
     return mesh
 
 
@@ -310,12 +363,14 @@ def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: 
     """Return a Mesh of the present positions, live triangles and species, and of the beads, which follow the
     vertices.
     """
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
+    state = simulation.context.getState(positions=True)
+    positions = state.getPositions(asNumpy=True)
+    box = state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
     triangles = force.getTrianglesInContext(simulation.context)
     numVertices = int(triangles.max()) + 1
     species = force.getVertexSpeciesInContext(simulation.context)
     beads = positions[numVertices:]
-    return Mesh(positions[:numVertices], triangles, beads=beads, species=species, speciesNames=speciesNames)
+    return Mesh(positions[:numVertices], triangles, box, beads, species, speciesNames)
 
 
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
@@ -433,15 +488,22 @@ def measuresOf(mesh: Mesh) -> dict[str, float]:
     evenly.
     """
     surfaces = mesh.components()
+    volumes = [surface.volume for surface in surfaces if not surface.isPeriodic]
     return {
         **numberedTargets("area", [surface.area for surface in surfaces]),
-        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+        **(numberedTargets("volume", volumes) if volumes else {}),
     }
 
 
+def _held(config: Config) -> set[str]:
+    """Return the totals that a Config's membrane is held to targets of, before its stages."""
+    return {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+
+
 def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
-    """Return what the mesh has of the targets whose terms are on, by their names."""
-    on = {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
+    """Return what the mesh has of the targets whose terms are on at some time, by their names."""
+    given = [stage.conditions() for stage in config.stages]
+    on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
     measures = measuresOf(mesh) | (_ownAreaDifferences(config, mesh) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}
 
@@ -454,35 +516,50 @@ def requireComparable(name: str, value: float | str | None, own: float, what: st
         raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
 
 
-def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
-    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+def requireEffect(config: Config, scene: Scene) -> None:
+    """Raise a ValueError if something that a Config, which is not resolved, gives has no effect in its Scene."""
+    _requireEffectiveKeys(config)
+    _requireEffectiveTargets(config, scene)
 
-    Parameters
-    ----------
-    what : str
-        the target, as the message names it
-    name : str
-        that of :mod:`openmmhelfrich.sampling.targets`
-    value, own : float
-        the target, and what the mesh has
-    """
-    factor = TARGET_FACTORS[totalOf(name)]
-    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+
+def _requireEffectiveKeys(config: Config) -> None:
+    """A key that switches on what others describe must be given with them, be it to switch it off."""
+    for section, switch, keys in _SWITCHES:
+        given = getattr(config, section).model_fields_set
+        for key in keys:
+            if key in given and switch not in given:
+                raise ValueError(
+                    f"{config.source}: [{section}] {key} is {getattr(getattr(config, section), key)}, and has no "
+                    f"effect, since {switch} is 0 by default; give a {switch}, or leave {key} out"
+                )
+    sampling, stages = config.sampling, config.stages
+    stepSizes = [sampling.step_size, *(getattr(stage, "step_size", None) for stage in stages)]
+    if sampling.burn_in is not None and "auto" not in stepSizes and sampling.shear_wave_probability == 0:
         raise ValueError(
-            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
-            "of them may be in another unit of length"
+            f"{config.source}: [sampling] burn_in is {sampling.burn_in}, and has no effect, since no step_size is "
+            "'auto'; make it that, or leave burn_in out"
         )
 
 
-def requireEffectiveTargets(config: Config, scene: Scene) -> None:
-    """Raise a ValueError if a target of [membrane] in a Config, which is not resolved, has no effect in its Scene.
+# The keys of a section that have no effect where another one is 0, as it is by default.
+_SWITCHES = (
+    ("repulsion", "modulus", ("onset", "length_scale", "exponent", "exclusion_level")),
+    ("sampling", "exchange_probability", ("exchange_fraction", "exchange_proposal")),
+    (
+        "sampling",
+        "shear_wave_probability",
+        ("shear_waves_per_step", "shear_wave_cutoff", "shear_wave_amplitude"),
+    ),
+)
 
-    The mesh's own area, volume or area difference does no harm.
-    """
+
+def _requireEffectiveTargets(config: Config, scene: Scene) -> None:
+    """The mesh's own area, volume or area difference does no harm."""
     membrane = config.membrane
+    parts = [scene.during(index) for index in range(-1, len(scene.stages))]
     for total, (modulus, keys) in _TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
-        if not given or scene.moduli[total] > 0:
+        if not given or any(part.moduli[total] > 0 for part in parts):
             continue
         own = _ownAreaDifferences(config, scene.mesh) if total == "areaDifference" else scene.ownMeasures
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
@@ -490,7 +567,7 @@ def requireEffectiveTargets(config: Config, scene: Scene) -> None:
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):
             raise ValueError(
                 f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
-                f"effect, since {modulus} is 0; give a {modulus}, or leave {given[0]} out"
+                f"effect, since {modulus} is 0; make it positive, or leave {given[0]} out"
             )
 
 
@@ -506,6 +583,16 @@ def _ownAreaDifferences(config: Config, mesh: Mesh) -> dict[str, float]:
     height = config.membrane.leaflet_separation
     values = [2 * height * float(surface.vertexMeanCurvatures.sum()) for surface in mesh.components()]
     return numberedTargets("areaDifference", values)
+
+
+def chosenWeight(config: Config, scene: Scene) -> list[str]:
+    """Return a sentence about the momenta on coarser meshes that the Scene of a Config, which is not resolved, has
+    where this leaves them open.
+    """
+    weight = scene.config.sampling.multilevel_weight
+    if config.sampling.multilevel_weight != "auto" or weight == 0:
+        return []
+    return [f"[sampling] multilevel_weight is {weight:g}, as a surface has {_MULTILEVEL_SIZE} vertices or more"]
 
 
 def changedIntervals(config: Config, scene: Scene) -> list[str]:
@@ -528,6 +615,8 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
     """
     config = config.model_copy(deep=True)
+    if mesh.isPeriodic:
+        _leaveOutVolume(config, mesh)
     membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
     surfaces = _surfaces(config, mesh)
     for stage in stagesOf(config):
@@ -536,11 +625,13 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     targets = _targets(surfaces)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
-        config.stages, targets = withApproaches(config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices))
+        config.stages, targets = withApproaches(
+            config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices), _held(config)
+        )
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
         listedTargets(targets, "area"),
-        listedTargets(targets, "volume"),
+        None if mesh.isPeriodic else listedTargets(targets, "volume"),
         None,
     )
     areaDifferences = listedTargets(targets, "areaDifference")
@@ -549,6 +640,8 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
+    if sampling.multilevel_weight == "auto":
+        sampling.multilevel_weight = _multilevelWeight(config, mesh)
     sampling.model_fields_set.discard("steps")
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
@@ -562,6 +655,34 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     system.fixed, system.fixed_box = fixedVertices(system, mesh) or None, None
     system.forces = system.forces and [str(Path(file).resolve()) for file in system.forces]
     return config
+
+
+# What a stage or [membrane] may give that a periodic membrane has not.
+_OF_VOLUME = ("volume_modulus", "pressure", "target_volume", "reduced_volume")
+
+
+def _leaveOutVolume(config: Config, mesh: Mesh) -> None:
+    """Turn the volume of the Config of a periodic membrane off, and its area where that is not asked for; raise a
+    ValueError if the Config gives what such a membrane has not.
+    """
+    membrane, sampling = config.membrane, config.sampling
+    if not all(surface.isPeriodic for surface in mesh.components()):
+        raise ValueError("the mesh has surfaces that are periodic and others that are not; give all of one kind")
+    for where, section in (("[membrane]", membrane), *((stage.title, stage) for stage in stagesOf(config))):
+        given = [name for name in _OF_VOLUME if name in section.model_fields_set and getattr(section, name)]
+        if given:
+            raise ValueError(
+                f"{where}: {given[0]} is {getattr(section, given[0])}, but the mesh is periodic and encloses no "
+                "volume; leave it out"
+            )
+    if sampling.shear_wave_probability > 0:
+        raise ValueError(
+            f"[sampling] shear_wave_probability is {sampling.shear_wave_probability:g}, but the mesh is periodic, and "
+            "such waves would tear it at the borders of the box; multilevel_weight moves long waves, too"
+        )
+    membrane.volume_modulus = 0.0
+    if "area_modulus" not in membrane.model_fields_set:
+        membrane.area_modulus = 0.0
 
 
 def tetherOf(config: Config, mesh: Mesh) -> Tether:
@@ -587,7 +708,22 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
 
 
 def defaultStepSize(config: Config, mesh: Mesh) -> float:
-    """Return the size of a leapfrog step, in ps, for a Config that names none.
+    """Return the size of a leapfrog step, in ps, for a resolved Config that names none: that of the stiffest membrane
+    that its stages make.
+    """
+    return min(stepSizeOf(each, mesh) for each in _inForce(config))
+
+
+def _inForce(config: Config) -> list[Config]:
+    """Return a Config with each of the moduli and the like that its membrane has in its stages."""
+    if not conditionsOf(config.stages):
+        return [config]
+    gradual = [i - 1 for i, stage in enumerate(config.stages) if stage.isGradual]
+    return [during(config, i) for i in (*gradual, *range(len(config.stages)))]
+
+
+def stepSizeOf(config: Config, mesh: Mesh) -> float:
+    """Return the size of a leapfrog step, in ps, for the moduli of a Config.
 
     Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
     trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on
@@ -611,7 +747,11 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     local = (100 * bending + 10 * gaussianStepOf(config)) / length**2 + 3.5 * tension
     constraints = max(
         0.7 * membrane.area_modulus / (surface.numVertices * length**2)
-        + 2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)
+        + (
+            2 * membrane.volume_modulus * surface.area**2 / (surface.numVertices * surface.volume**2)
+            if surface.volume is not None
+            else 0
+        )
         for surface in _surfaces(config, mesh)
     )
     modulus, minLength, _, lengthScale = tetherOf(config, mesh)
@@ -621,12 +761,46 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
     return local + constraints + ((decades + 1) ** 2 / minLength) ** 2 + 4 * spring
 
 
+# The weight of coarser meshes that "auto" takes, and the number of vertices from which on it was measured to pay.
+_MULTILEVEL_WEIGHT, _MULTILEVEL_SIZE = 2.0, 1000
+
+
+def _multilevelWeight(config: Config, mesh: Mesh) -> float:
+    """Return the weight that "auto" stands for: 0 where it is not known to pay.
+
+    Coarser meshes let a surface swell and shrink faster, against the penalties of its area and volume, the softest of
+    motions without them.  A step may take 1.5 radians of that; with 1.4 three trajectories in four were accepted.
+    """
+    sampling = config.sampling
+    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
+    surfaces = _surfaces(config, mesh)
+    if max(surface.numVertices for surface in surfaces) < _MULTILEVEL_SIZE or sampling.tether_substeps > 1:
+        return 0.0
+    stiffness = max(_swelling(config.membrane, surface) for surface in surfaces)
+    frequency = math.sqrt(stiffness * thermalEnergy(sampling.temperature) / sampling.mass)
+    return _MULTILEVEL_WEIGHT if stepSize * frequency <= 1.5 else 0.0
+
+
+def _swelling(membrane: MembraneSection, surface: "_Surface") -> float:
+    """Estimate the second derivative of the penalties, in kT per squared length unit, for a sphere that swells, times
+    the factor by which coarser meshes raise its inverse mass.
+    """
+    factor, amplification, count = 1.0, 1.0, surface.numVertices / 4
+    while count > 12:  # a level of n vertices has the inverse mass 4w times that of the next finer one
+        factor *= 4 * _MULTILEVEL_WEIGHT
+        amplification += factor
+        count /= 4
+    area = 8 * math.pi * (4 * membrane.area_modulus + membrane.area_difference_modulus) / surface.area
+    volume = 2 * membrane.volume_modulus * (surface.area / surface.volume) ** 2 if surface.volume else 0.0
+    return amplification * (area + volume) / surface.numVertices
+
+
 class _Surface(NamedTuple):
-    """One of the mesh's surfaces: its number of vertices, A_0, V_0 and dA_0."""
+    """One of the mesh's surfaces: its number of vertices, A_0, V_0 unless it is periodic, and dA_0."""
 
     numVertices: int
     area: float
-    volume: float
+    volume: float | None
     areaDifference: float
 
 
@@ -644,7 +818,7 @@ def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
         return value[number] if isinstance(value, list) else value
 
     area = given("target_area") or mesh.area
-    volume = given("target_volume") or mesh.volume
+    volume = None if mesh.isPeriodic else given("target_volume") or mesh.volume
     reduced, areaDifference = given("reduced_volume"), given("target_area_difference")
     if reduced is not None:
         volume = volumeOfReduced(reduced, area)
@@ -655,9 +829,10 @@ def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
 
 def _targets(surfaces: list[_Surface]) -> dict[str, float]:
     """Return the targets of surfaces by their names."""
+    volumes = [surface.volume for surface in surfaces if surface.volume is not None]
     return {
         **numberedTargets("area", [surface.area for surface in surfaces]),
-        **numberedTargets("volume", [surface.volume for surface in surfaces]),
+        **(numberedTargets("volume", volumes) if volumes else {}),
         **numberedTargets("areaDifference", [surface.areaDifference for surface in surfaces]),
     }
 

@@ -7,7 +7,7 @@ length is a label: OpenMM's nm stands for it, whatever the size of the mesh.  A 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
@@ -62,6 +62,19 @@ def _quantityOrAuto(kind: str, unitName: str) -> PlainValidator:
     return PlainValidator(validate)
 
 
+def _weightOrAuto() -> PlainValidator:
+    """Return what takes a weight of coarser meshes, from 0 to 1000, or "auto"."""
+
+    def validate(value: Any) -> Any:
+        if value == "auto":
+            return value
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 <= value <= 1000:
+            raise ValueError("it must be a number from 0 to 1000, or 'auto'")
+        return float(value)
+
+    return PlainValidator(validate)
+
+
 def _perSurface(kind: str = "", above: float = -math.inf, most: float = math.inf) -> PlainValidator:
     """Return what takes a finite number above one and no more than another, or a list of them, one for each surface."""
 
@@ -100,6 +113,7 @@ Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
 StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps")]
 Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
+MultilevelWeight: TypeAlias = Annotated[Any, _weightOrAuto()]
 # Of each surface by itself: a number for all, or a list.
 TargetArea: TypeAlias = Annotated[Any, _perSurface("area", above=0)]
 TargetVolume: TypeAlias = Annotated[Any, _perSurface("volume", above=0)]
@@ -196,7 +210,7 @@ PairEnergies: TypeAlias = Annotated[dict[str, Energy], BeforeValidator(_separate
 
 
 class MeshSection(Section):
-    """The membrane to begin with: a file, or a sphere."""
+    """The membrane to begin with: a file, a sphere, or a periodic sheet."""
 
     file: str | None = Field(
         None,
@@ -209,6 +223,11 @@ class MeshSection(Section):
         le=8,
         description="instead of a file: a sphere of radius 1, an icosahedron subdivided so often; 3 gives "
         "642 vertices, 4 gives 2562",
+    )
+    sheet: Corner | None = Field(
+        None,
+        description="instead of a file: the width, the height and the length of the edges of a flat periodic sheet, in "
+        "the plane z = 0 of a periodic box; see Mesh.sheet()",
     )
     scale: float = Field(
         1.0,
@@ -251,11 +270,12 @@ class MeshSection(Section):
     def _oneMesh(self) -> "MeshSection":
         if self.species_field is not None and self.file is None:
             raise ValueError("species_field is given, and there is no file that has it")
-        if (self.file is None) == (self.icosphere is None):
+        given = [name for name in ("file", "icosphere", "sheet") if getattr(self, name) is not None]
+        if len(given) != 1:
             raise ValueError(
-                "file is missing; the mesh to begin with has no default"
-                if self.file is None
-                else "file and icosphere are both given; give one of them"
+                f"{' and '.join(given)} are both given; give one of them"
+                if given
+                else "file is missing; the mesh to begin with has no default"
             )
         return self
 
@@ -334,8 +354,17 @@ class MembraneSection(Targets):
         description="J in kT of each edge between vertices of two species, or of the same: a table of pairs, like "
         "{'lo, ld' = 0.5}",
     )
-    area_modulus: Energy = Field(1e6, ge=0, description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%")
-    volume_modulus: Energy = Field(1e6, ge=0, description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%")
+    area_modulus: Energy = Field(
+        1e6,
+        ge=0,
+        description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%; of a "
+        "periodic membrane, whose box holds it, 0 by default",
+    )
+    volume_modulus: Energy = Field(
+        1e6,
+        ge=0,
+        description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%; a periodic membrane has none, and 0",
+    )
     area_difference_modulus: Energy = Field(0.0, ge=0, description="kappa_dA in kT; off by default")
     leaflet_separation: Length = Field(
         1.0, gt=0, description="h in dA = 2hM; it cancels from the energy, where only dA/dA_0 counts"
@@ -395,6 +424,11 @@ class SpeciesSection(Section):
                 raise ValueError(f"region is '{self.region}', and there is no fraction; give the share of all vertices")
             if not any(self.direction):
                 raise ValueError("direction is [0, 0, 0]; it must not be")
+        elif self.direction != type(self).model_fields["direction"].default:
+            raise ValueError(
+                f"direction is {self.direction}, and has no effect without a region that has one: 'cap', 'patch' or "
+                "'stripe'"
+            )
         return self
 
     @property
@@ -504,12 +538,11 @@ class SamplingSection(Section):
         description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
         "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
     )
-    multilevel_weight: float = Field(
-        0.0,
-        ge=0,
-        le=1000,
-        description="weight of momenta on coarser meshes, with which long waves move as fast as short ones; 2 for "
-        "trajectories of 30 to 50 steps of a large membrane, 0 for none",
+    multilevel_weight: MultilevelWeight = Field(
+        "auto",
+        description="weight of momenta on coarser meshes, with which long waves move nearly as fast as short ones; 0 "
+        'for none, 2 for a large membrane; "auto" takes 2 where a surface has 1000 vertices or more and steps need not '
+        "be shorter with it, and 0 elsewhere",
     )
     flip_fraction: float = Field(
         0.3,
@@ -681,18 +714,10 @@ def checkSpecies(
                     )
             if key == "line_tension" and len(set(pair.split(", "))) == 1:
                 raise ValueError(f"[membrane] line_tension has the pair '{pair}'; it must be of two different species")
-    if len(species) < 2 and sampling.exchange_probability > 0 and species:
-        raise ValueError("[sampling] exchange_probability has no effect with one of [[species]]; it takes two")
-    if not species:
-        if mesh.species_field is not None:
-            raise ValueError("[mesh] species_field has no effect without [[species]], whose numbers it has")
-        if membrane.line_tension:
-            raise ValueError("[membrane] line_tension has no effect without [[species]], whose boundaries it is of")
-        if sampling.exchange_probability > 0:
-            raise ValueError("[sampling] exchange_probability has no effect without [[species]], which exchange places")
-        return
+    if not species and mesh.species_field is not None:
+        raise ValueError("[mesh] species_field has no effect without [[species]], whose numbers it has")
+    _checkExchanges(species, sampling)
     if mesh.species_field is None:
-        _checkShares(species)
         return
     placed = [each.name for each in species if not each.isRest]
     if placed:
@@ -702,7 +727,48 @@ def checkSpecies(
         )
 
 
-def _checkShares(species: list[SpeciesSection]) -> None:
+def _checkExchanges(species: list[SpeciesSection], sampling: SamplingSection) -> None:
+    """Raise a ValueError if settings of exchanges have no effect."""
+    names = ("exchange_probability", "exchange_fraction", "exchange_proposal")
+    for name in names:
+        if len(species) < 2 and getattr(sampling, name) != SamplingSection.model_fields[name].default:
+            why = "with one of [[species]]; it takes two" if species else "without [[species]], which exchange places"
+            raise ValueError(f"[sampling] {name} has no effect {why}")
+        if sampling.exchange_probability == 0 and getattr(sampling, name) != SamplingSection.model_fields[name].default:
+            raise ValueError(f"[sampling] {name} has no effect, since exchange_probability is 0; give it, too")
+    mutates = sampling.exchange_probability > 0 and sampling.exchange_proposal == "mutation"
+    for each in species:
+        if each.chemical_potential != 0 and not mutates:
+            raise ValueError(
+                f"the chemical_potential of the species {each.name} has no effect without mutations; give "
+                "exchange_proposal = 'mutation' in [sampling], and an exchange_probability"
+            )
+
+
+def checkMaterial(species: list[SpeciesSection], membrane: MembraneSection, bendsLater: bool) -> None:
+    """Raise a ValueError if moduli of species or of a membrane have no effect.
+
+    A stage may give the membrane a bending modulus.
+    """
+    if membrane.line_tension and len(species) < 2:
+        why = "with one of [[species]]; it takes two" if species else "without [[species]], whose boundaries it is of"
+        raise ValueError(f"[membrane] line_tension has no effect {why}")
+    if any(membrane.pair_energies.values()) and len(species) == 1:
+        raise ValueError("[membrane] pair_energies has no effect with one of [[species]], whose edges are all alike")
+    if membrane.gaussian_modulus != 0 and species and all(each.gaussian_modulus is not None for each in species):
+        raise ValueError("[membrane] gaussian_modulus has no effect, since each of [[species]] has its own")
+    moduli = [membrane.bending_modulus if each.bending_modulus is None else each.bending_modulus for each in species]
+    for each, modulus in zip(species, moduli):
+        if each.spontaneous_curvature != 0 and modulus == 0:
+            raise ValueError(
+                f"the spontaneous_curvature of the species {each.name} has no effect, since its bending_modulus is 0"
+            )
+    if membrane.spontaneous_curvature != 0 and not any(moduli or [membrane.bending_modulus, bendsLater]):
+        raise ValueError("[membrane] spontaneous_curvature has no effect, since the bending_modulus is 0")
+
+
+def checkShares(species: Sequence[SpeciesSection]) -> None:
+    """Raise a ValueError if species have no places that add up to all vertices."""
     rest, total = [each.name for each in species if each.isRest], sum(each.fraction or 0 for each in species)
     if len(rest) > 1:
         raise ValueError(

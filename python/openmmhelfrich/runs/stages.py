@@ -38,24 +38,22 @@ from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import currentTargets, setTargets, totalOf
+from ..sampling.targets import currentTargets, measuredTargets, requireComparableTarget, setTargets, totalOf
 from ..tables import Table
 from ..units import valueIn
-from .approach import TARGET_NAMES, endTargets
-from .config import namingSource
+from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
+from .config import namingSource, valueOf
 from .material import lineTensionsOf
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
     currentMesh,
-    defaultStepSize,
     requireComparable,
-    requireComparableTarget,
     requireTrajectories,
+    stepSizeOf,
 )
 from .sections import Conditions, SamplingSection
 from .stagesettings import (
-    TERMS_OF_CONDITIONS,
     AnnealStage,
     ApproachStage,
     ContinueStage,
@@ -106,8 +104,8 @@ class Stage(ABC):
         self.title, self.steps, self.position = settings.title, settings.totalSteps, 0
         self.listen: Callable[[], bool] = lambda: False
         self._settings, self._scene, self._simulation, self._force = settings, scene, simulation, force
-        self._startTargets = currentTargets(simulation.context, force)
         self._startConditions = currentConditions(simulation.context, force, settings.conditions())
+        self._startTargets = currentTargets(simulation.context, force) | self._measuresReleased()
         self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
         self._startAdaptation()
 
@@ -201,7 +199,7 @@ class Stage(ABC):
             heat=self._heat(rows),
             **ratesOf(Counters(*counters.tolist()), integrator),
             stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
-            timeScale=defaultStepSize(scene.config, mesh),
+            timeScale=stepSizeOf(scene.config, mesh),
             isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
         )
@@ -226,6 +224,18 @@ class Stage(ABC):
 
     def _counters(self) -> list[int]:
         return list(countersOf(self._simulation.integrator))
+
+    def _measuresReleased(self) -> dict[str, float]:
+        """Return what the membrane has of the targets that the stage leads to, as far as it also brings their moduli
+        from 0: there it begins.
+        """
+        context, force = self._simulation.context, self._force
+        released = {total for total, name in MODULUS_NAMES.items() if self._startConditions.get(name) == 0}
+        if not (released and self._settings.isGradual):
+            return {}
+        goal = endTargets(self._settings, currentTargets(context, force))
+        measured = measuredTargets(context, force)
+        return {name: measured[name] for name in goal if name in measured and totalOf(name) in released}
 
     def _endTargets(self) -> dict[str, float]:
         return endTargets(self._settings, self._startTargets)
@@ -295,7 +305,14 @@ class Minimize(Stage):
 
         search = minimizeFluid if settings.fluid else minimize
         with firmTether(simulation, self._force) if settings.within_bounds else contextlib.nullcontext():
-            result = search(simulation, self._force, tolerance, settings.max_iterations, progress)
+            result = search(
+                simulation,
+                self._force,
+                tolerance,
+                settings.max_iterations,
+                progress,
+                multilevelWeight=settings.multilevel_weight,
+            )
         if not isStopped:
             beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
             if beyond is not None and result.iterations < settings.max_iterations:
@@ -334,6 +351,13 @@ class MonteCarlo(Stage):
 
     WAVE_ADAPTER: type[AmplitudeAdapter | AmplitudeTracker] = AmplitudeTracker
     CHECKS: tuple[Check, ...] = (*verdict.OF_SHAPES, *verdict.OF_MOVES)
+
+    def _startAdaptation(self) -> None:
+        weight = getattr(self._settings, "multilevel_weight", None)
+        self._simulation.integrator.setMultilevelWeight(
+            self._scene.config.sampling.multilevel_weight if weight is None else weight
+        )
+        super()._startAdaptation()
 
     def advance(self) -> None:
         """Make a Monte Carlo step."""
@@ -569,17 +593,6 @@ def stageConditions(settings: StageSettings, kT: float) -> dict[str, float]:
     return {name: value * (1.0 if name == CURVATURE else kT) for name, value in given.items()}
 
 
-def sceneDuring(scene: Scene, index: int) -> Scene:
-    """Return a scene with the moduli that it has during one of its stages, at the end of it."""
-    moduli = dict(scene.moduli)
-    for i, settings in enumerate(scene.stages[: index + 1]):
-        if isinstance(settings, ContinueStage) and settings.there_and_back and i < index:
-            continue
-        given = stageConditions(settings, scene.kT)
-        moduli |= {TERMS_OF_CONDITIONS[name]: value for name, value in given.items() if name in TERMS_OF_CONDITIONS}
-    return replace(scene, moduli=moduli)
-
-
 def _checkConditions(settings: StageSettings, before: Scene) -> None:
     """Raise a ValueError if a stage changes what its membrane has not, or leads where nothing can be, from a scene with
     the moduli that it has before the stage.
@@ -592,7 +605,9 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
             raise ValueError(
                 "it has a line_tension, and the membrane has no two [[species]], whose boundaries it is of"
             )
-    if LINE_TENSION in given and isinstance(settings, ApproachStage | ContinueStage):
+    if given.get(CURVATURE) and before.moduli["bending"] == 0 and not given.get("bending_modulus"):
+        raise ValueError("it has a spontaneous_curvature, and the bending_modulus is 0; give it one")
+    if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):
         _checkPaths(settings, before)
@@ -602,7 +617,7 @@ def _requireOneLineTension(before: Scene) -> None:
     """Raise a ValueError if the line tensions of pairs of species differ, so that there is no one to begin with."""
     count, tensions = len(before.config.species), lineTensionsOf(before.config)
     values = {*tensions.values(), *([] if len(tensions) == count * (count - 1) // 2 else [0.0])}
-    if len(values) > 1 and TERMS_OF_CONDITIONS[LINE_TENSION] not in before.moduli:
+    if len(values) > 1:
         raise ValueError(
             "it leads all line tensions to one value, and those of [membrane] differ; let a stage of kind sample or "
             "minimize before it give a line_tension for all"
@@ -615,7 +630,7 @@ def _checkPaths(settings: ContinueStage, before: Scene) -> None:
         mayBeNegative = not any(getattr(bound, "ge", None) == 0 for bound in Conditions.model_fields[name].metadata)
         if mayBeNegative or name not in settings.path:
             continue
-        start = before.moduli[TERMS_OF_CONDITIONS[name]] / before.kT
+        start = valueOf(before.config, f"membrane.{name}")
         least = min((1 - part) * start + part * end for part in settings.path[name])
         if least < 0:
             raise ValueError(f"the path of {name} leads to {least:g}; it must not be negative")
@@ -647,8 +662,8 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     for i, settings in enumerate(scene.stages[first:], first):
         with namingSource(scene.config):
             try:
-                _checkConditions(settings, sceneDuring(scene, i - 1))
-                found.append(_KINDS[type(settings)].check(settings, sceneDuring(scene, i), found[-1]))
+                _checkConditions(settings, scene.during(i - 1))
+                found.append(_KINDS[type(settings)].check(settings, scene.during(i), found[-1]))
             except ValueError as error:
                 raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
     return found

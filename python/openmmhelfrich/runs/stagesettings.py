@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from .sections import GREATEST_COUNT, MODULI, Conditions, Force, StepSize, Temperature
+from .sections import GREATEST_COUNT, Conditions, Force, StepSize, Temperature
 
 Own = TypeVar("Own", bound="StageSettings")
 
@@ -25,12 +25,15 @@ class StageSettings(Conditions):
         whether its steps are those of Monte Carlo, which rates of acceptance are of
     isSteady : bool
         whether its conditions stay what they are at its beginning
+    isGradual : bool
+        whether it leads to the moduli and the like that it gives, rather than beginning with them
     hasPath : bool
         whether it leads along a path of windows, whose averages are results of the run
     """
 
     isMonteCarlo: ClassVar[bool] = True
     isSteady: ClassVar[bool] = False
+    isGradual: ClassVar[bool] = False
     hasPath: ClassVar[bool] = False
 
     _isAdded: bool = PrivateAttr(False)
@@ -51,6 +54,11 @@ class StageSettings(Conditions):
         """Return the stage as one that a run adds by itself."""
         self._isAdded = True
         return self
+
+    @property
+    def returns(self) -> bool:
+        """Whether it ends with the conditions that it began with, whatever it gives."""
+        return False
 
     @property
     @abstractmethod
@@ -102,6 +110,13 @@ class MinimizeStage(StageSettings):
         description="root mean square of the forces at which to stop, in kT per unit of length; by default kappa_B "
         "l/(4A), with the mean edge length l and the area A, below which long waves hardly move",
     )
+    multilevel_weight: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="weight of coarser meshes that move vertices together, with which the number of iterations hardly "
+        "grows with the mesh; 2 pays from 2562 vertices on, 0 for none",
+    )
     within_bounds: bool = Field(
         False,
         description="end with every edge within the tether's bounds, by a firmer tether for a while, or stop with an "
@@ -140,6 +155,8 @@ class ApproachStage(StageSettings):
     targets.
     """
 
+    isGradual = True
+
     kind: Literal["approach"] = Field(description="which kind of stage")
     steps: int = Field(1000, ge=1, description="number of Monte Carlo steps")
     temperature: Temperature | None = Field(None, gt=0, description="in K; that of [sampling] by default")
@@ -174,6 +191,9 @@ class AnnealStage(StageSettings):
     table: list[list[Temperature]] | None = Field(
         None, min_length=1, description="instead: pairs [step, temperature in K], between which T is linear"
     )
+    multilevel_weight: float | None = Field(
+        None, ge=0, le=1000, description="of the momenta on coarser meshes; that of [sampling] by default"
+    )
 
     @model_validator(mode="after")
     def _schedule(self) -> "AnnealStage":
@@ -198,15 +218,9 @@ class AnnealStage(StageSettings):
         return self.steps
 
 
-# The terms that conditions are the moduli of.
-TERMS_OF_CONDITIONS = {key.partition(".")[2]: term for term, key in MODULI.items() if key.startswith("membrane.")} | {
-    "line_tension": "line"
-}
-
-
-def termsOfStages(stages: Iterable[StageSettings]) -> set[str]:
-    """Return the terms that stages give a modulus of."""
-    return {TERMS_OF_CONDITIONS[name] for stage in stages for name in stage.conditions() if name in TERMS_OF_CONDITIONS}
+def conditionsOf(stages: Iterable[StageSettings]) -> set[str]:
+    """Return the names of the conditions that stages give."""
+    return {name for stage in stages for name in stage.conditions()}
 
 
 class ContinueStage(StageSettings):
@@ -214,7 +228,7 @@ class ContinueStage(StageSettings):
     start, window by window.
     """
 
-    hasPath = True
+    isGradual = hasPath = True
 
     kind: Literal["continue"] = Field(description="which kind of stage")
     windows: int = Field(
@@ -245,6 +259,10 @@ class ContinueStage(StageSettings):
                     f"path of {name} has {len(values)} values; windows = {self.windows} asks for {self.windows + 1}"
                 )
         return self
+
+    @property
+    def returns(self) -> bool:
+        return self.there_and_back
 
     @property
     def totalSteps(self) -> int:

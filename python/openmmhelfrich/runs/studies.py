@@ -25,7 +25,7 @@ from ..io.psf import writePSF
 from ..io.runfiles import beside, prefixOf
 from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
 from ..sampling.interruption import StepInterrupted, interruptible
-from ..sampling.observables import OBSERVABLES, Moment, Place, observe, readObservables
+from ..sampling.observables import Moment, Place, observablesOf, observe, readObservables
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
@@ -37,8 +37,9 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, currentMesh, platformOf, requireEffectiveTargets
-from .stages import Stage, averagesOf, checkStages, createStage, sceneDuring
+from .scene import Scene, changedIntervals, chosenWeight, createScene, currentMesh, platformOf, requireEffect
+from .stages import Stage, averagesOf, checkStages, createStage
+from .stagesettings import conditionsOf
 from .summary import Summary
 
 
@@ -86,7 +87,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
-    requireEffectiveTargets(config, scene)
+    requireEffect(config, scene)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -94,7 +95,7 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    warnings = [*changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
+    warnings = [*chosenWeight(config, scene), *changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
     study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()
@@ -170,7 +171,7 @@ def resume(
             raise CompleteError(prefix, state)
         _changePlatform(config, state, platform, threads)
         simulation, force = loadSimulation(file, *platformOf(config))
-        scene = Scene.of(config, currentMesh(simulation, force), setup)
+        scene = createScene(config, currentMesh(simulation, force), setup)
         if setup is not None:
             requireSame(simulation.system, scene.createSystem(scene.createForce())[0], prefix)
         study = Study(scene, outputs, simulation, force, state)
@@ -296,8 +297,8 @@ class Study:
         """Raise a ValueError if the present stage would sample nothing from the present shape."""
         settings = self.scene.stages[self.index]
         if settings.isMonteCarlo:
-            stepSize = getattr(settings, "step_size", None)
-            requireReady(self.scene, self.simulation, self.force, None if stepSize == "auto" else stepSize)
+            stepSize, scene = getattr(settings, "step_size", None), self.scene.during(self.index - settings.isGradual)
+            requireReady(scene, self.simulation, self.force, None if stepSize == "auto" else stepSize)
 
     def save(self) -> None:
         """Write a checkpoint."""
@@ -321,7 +322,8 @@ class Study:
     def observe(self) -> dict[str, float]:
         """Return a row of the table, for the present, as a dict."""
         moment = Moment(self.simulation, self.force, self.scene.kT, self._place())
-        return observe(moment, OBSERVABLES, self.scene.lengthUnit, "kT")
+        observables = observablesOf(conditionsOf(self.scene.stages))
+        return observe(moment, observables, self.scene.lengthUnit, "kT")
 
     def status(self) -> str:
         """Return the energy and the rates of acceptance of the present stage, in a few words."""
@@ -370,7 +372,7 @@ class Study:
             self.stage = self._createStage()
 
     def _createStage(self) -> Stage:
-        scene = sceneDuring(self.scene, self.index)
+        scene = self.scene.during(self.index)
         return createStage(scene.stages[self.index], scene, self.simulation, self.force)
 
     def _judge(self) -> None:
@@ -437,7 +439,7 @@ class Study:
 
     def _summary(self, newSteps: int, seconds: float, signal: int | None) -> Summary:
         """Return the Summary of what was done."""
-        moduli = sceneDuring(self.scene, self.index).moduli
+        moduli = self.scene.during(self.index).moduli
         targets = currentTargets(self.simulation.context, self.force)
         acceptance, flipAcceptance = self.stage.acceptance()
         surfaces = currentMesh(self.simulation, self.force).components()

@@ -12,7 +12,7 @@ from ..pictures.plots import Picture, observablesPicture
 from ..sampling.averages import lateRows
 from ..sampling.observables import Observable, observablesIn
 from ..tables import Table
-from .config import Config
+from .config import Config, during
 from .outputs import Outputs
 
 
@@ -100,7 +100,10 @@ class Summary:
 
     def lines(self) -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing at the end."""
-        kappa, last = self.config.membrane.bending_modulus, self.config.stages[-1]
+        last, kappas = (
+            self.config.stages[-1],
+            [self._bendingModulus(stage) for stage in (len(self.config.stages) - 1, -1)],
+        )
         shown = [observable for observable in observablesIn(self.table) if observable.digits]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
@@ -116,8 +119,9 @@ class Summary:
         if last.isMonteCarlo:
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
         lines += [(o.title, self._average(o)) for o in shown if o.unit == "energy"]
-        if kappa:
-            ratios = self.mean("E_bending") / (8 * math.pi * kappa), self.table["E_bending"][0] / (8 * math.pi * kappa)
+        if all(kappas):
+            energies = self.mean("E_bending"), self.table["E_bending"][0]
+            ratios = [energy / (8 * math.pi * kappa) for energy, kappa in zip(energies, kappas)]
             lines.append(
                 (
                     "E_B/8 pi kappa",
@@ -130,6 +134,10 @@ class Summary:
         if self.outputs.topology is None:
             lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
         return lines
+
+    def _bendingModulus(self, stage: int) -> float:
+        """Return the bending modulus at the end of a stage, or of -1, at the start."""
+        return during(self.config, stage).membrane.bending_modulus
 
     def _verdictLines(self) -> list[tuple[str, str]]:
         lines = []

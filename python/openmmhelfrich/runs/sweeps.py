@@ -36,7 +36,7 @@ from ..sampling.observables import observablesIn, readObservables
 from ..tables import headOf
 from .additions import Setup
 from .checkpoint import loadRunState
-from .config import Config, readConfig
+from .config import Config, during, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
@@ -427,7 +427,7 @@ def observe(config: Config) -> dict[str, Any]:
     Energies are in kT; reducedAreaDifference is M/(4 pi R_A), and shapeClass that of :func:`classifyShape`, of several
     surfaces that of each.  Acceptance rates are those of the whole run.
     """
-    outputs, kappa, lengthUnit = Outputs.of(config), config.membrane.bending_modulus, config.mesh.length_unit
+    outputs, kappa, lengthUnit = Outputs.of(config), _endModulus(config), config.mesh.length_unit
     table, surfaces = readObservables(outputs.table), Mesh.read(outputs.mesh).components()
     late = lateRows(table)
     mean = {name: float(values.mean()) for name, values in late.items()}
@@ -446,6 +446,11 @@ def observe(config: Config) -> dict[str, Any]:
         **means,
         **{o.name: float(table[o.name][-1]) for o in observables if o.inSweep == "last"},
     }
+
+
+def _endModulus(config: Config) -> float:
+    """Return the bending modulus at the end of a run."""
+    return during(config, len(config.stages) - 1).membrane.bending_modulus
 
 
 def _takeFinished(states: list[PointStatus]) -> None:

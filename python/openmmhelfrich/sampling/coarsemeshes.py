@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-# A surface that has so few vertices has no coarser mesh.
-_LEAST = 4
+# A surface that has so few vertices has no coarser mesh, and one of a coarser mesh none that is coarser yet.
+_LEAST, _LEAST_COARSE = 4, 48
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,14 @@ class CoarseMeshes:
         the factor of each level, the square root of its weight
     sizes : list of int
         the number of vertices of each level, the mesh itself first
+    surfaces : array of int
+        for each vertex of the mesh the number of the connected surface that it is on
     """
 
     prolongations: list
     scales: np.ndarray
     sizes: list
+    surfaces: np.ndarray
 
     @property
     def size(self) -> int:
@@ -71,11 +74,11 @@ def makeCoarseMeshes(triangles: np.ndarray, numVertices: int, weight: float, isF
     ends = np.roll(triangles, -1, axis=1).ravel()
     bonds = sparse.coo_matrix((np.ones(triangles.size), (triangles.ravel(), ends)), (numVertices, numVertices))
     bonds = ((bonds + bonds.T) > 0).astype(float).tocsr()
-    surfaces = connected_components(bonds)[1]
+    surfaces = ofVertices = connected_components(bonds)[1]
     prolongations: list[sparse.csr_matrix] = []
     sizes = [numVertices]
     while True:
-        isLarge = np.bincount(surfaces)[surfaces] > _LEAST
+        isLarge = np.bincount(surfaces)[surfaces] > (_LEAST_COARSE if prolongations else _LEAST)
         joined, chosen = _join(bonds, isLarge)
         if len(chosen) == 0:
             break
@@ -93,7 +96,7 @@ def makeCoarseMeshes(triangles: np.ndarray, numVertices: int, weight: float, isF
         bonds = (bonds.tocsr() > 0).astype(float)
         surfaces = surfaces[chosen]
         sizes.append(m)
-    return CoarseMeshes(prolongations, weight ** (0.5 * np.arange(len(sizes))), sizes)
+    return CoarseMeshes(prolongations, weight ** (0.5 * np.arange(len(sizes))), sizes, ofVertices)
 
 
 def _join(bonds: sparse.csr_matrix, isLarge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

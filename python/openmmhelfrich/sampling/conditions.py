@@ -1,10 +1,13 @@
-"""Conditions of a membrane that a run changes while it goes on: moduli, spontaneous curvature, line tension, tension
-and pressure.
+"""Conditions of a membrane that a run or a state changes: moduli, spontaneous curvature, line tension, pair energies,
+tension and pressure.
 
-They go by the names of a configuration, and are measured in kJ/mol and powers of nm.  Tension, pressure and spontaneous
-curvature are parameters of a Context; the others are those of a HelfrichForce, which a Context is told of.
+They go by the names of a configuration, and are measured in kJ/mol and powers of nm.  What single species have, and
+what acts between two of them, has their numbers: "bending_modulus[1]", "line_tension[0,1]", "pair_energy[0,1]".
+Tension, pressure and the common spontaneous curvature are parameters of a Context; the others are those of a
+HelfrichForce, which a Context is told of.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -27,28 +30,104 @@ _MODULI: dict[str, tuple[Callable[[HelfrichForce], Any], Callable[[HelfrichForce
     "volume_modulus": (HelfrichForce.getVolumeModulus, HelfrichForce.setVolumeModulus),
     "area_difference_modulus": (HelfrichForce.getAreaDifferenceModulus, HelfrichForce.setAreaDifferenceModulus),
 }
+# The terms that conditions are the moduli of.
+TERMS = {
+    "bending_modulus": "bending",
+    "area_modulus": "area",
+    "volume_modulus": "volume",
+    "area_difference_modulus": "areaDifference",
+    "tension": "tension",
+    "pressure": "pressure",
+    "gaussian_modulus": "gaussian",
+    LINE_TENSION: "line",
+}
+# In the order of HelfrichForce.getSpeciesParameters().
+_OF_SPECIES = ("bending_modulus", CURVATURE, "gaussian_modulus")
+_OF_PAIRS: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {
+    LINE_TENSION: (HelfrichForce.getLineTension, HelfrichForce.setLineTension),
+    "pair_energy": (HelfrichForce.getPairEnergy, HelfrichForce.setPairEnergy),
+}
 
 
 def currentConditions(context: mm.Context, force: HelfrichForce, names: Iterable[str]) -> dict[str, float]:
-    """Return some conditions as they are in a Context, by their names."""
-    return {name: _current(context, force, name) for name in names}
+    """Return some conditions as they are in a Context, by their names.
+
+    The line tension between all species is the greatest of pairs, where these differ.
+    """
+    return {
+        name: float(context.getParameter(_PARAMETERS[name](force)) if name in _PARAMETERS else _ofForce(force, name))
+        for name in names
+    }
 
 
 def setConditions(context: mm.Context, force: HelfrichForce, conditions: Mapping[str, float]) -> None:
     """Change some conditions in a Context, and those of the force with them."""
-    ofForce = {name: value for name, value in conditions.items() if name not in _PARAMETERS}
     for name, value in conditions.items():
         if name in _PARAMETERS:
             context.setParameter(_PARAMETERS[name](force), value)
-    for name, value in ofForce.items():
-        if name == LINE_TENSION:
-            for b in range(force.getNumSpecies()):
-                for a in range(b):
-                    force.setLineTension(a, b, value)
-        else:
-            _MODULI[name][1](force, value)
+    ofForce = {name: value for name, value in conditions.items() if name not in _PARAMETERS}
     if ofForce:
+        putConditions(force, ofForce)
         force.updateParametersInContext(context)
+
+
+def singleNames(force: HelfrichForce, name: str) -> list[str]:
+    """Return the names of the single numbers that a condition stands for: that of the Context parameter that it is,
+    those of all pairs, or its own, with the numbers of a pair in order.
+    """
+    key, numbers = _parts(name)
+    if name in _PARAMETERS:
+        return [_PARAMETERS[name](force)]
+    if name == LINE_TENSION:
+        return [f"{name}[{a},{b}]" for a, b in _pairs(force)]
+    return [f"{key}[{','.join(map(str, sorted(numbers)))}]"] if numbers else [name]
+
+
+def putConditions(force: HelfrichForce, conditions: Mapping[str, float]) -> None:
+    """Change some conditions of a force that are no parameters of a Context."""
+    for name, value in conditions.items():
+        key, numbers = _parts(name)
+        if name == LINE_TENSION:
+            for a, b in _pairs(force):
+                force.setLineTension(a, b, value)
+        elif len(numbers) == 1:
+            values = [each._value for each in force.getSpeciesParameters(numbers[0])]
+            values[_OF_SPECIES.index(key)] = value
+            force.setSpeciesParameters(numbers[0], *values)
+        elif numbers:
+            _OF_PAIRS[key][1](force, *numbers, value)
+        else:
+            _MODULI[key][1](force, value)
+
+
+def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterable[str] = ()) -> None:
+    """Raise a ValueError unless a force has the conditions of some names, which may have been other names too."""
+    count = force.getNumSpecies()
+    for name in names:
+        if name in _PARAMETERS:
+            continue
+        key, numbers = _parts(name)
+        known: Iterable[str] = _OF_SPECIES if len(numbers) == 1 else _OF_PAIRS if numbers else [*_MODULI, LINE_TENSION]
+        if key not in known:
+            raise ValueError(
+                f"there is no parameter '{name}'; it must be one of {', '.join([*_known(count), *others])}"
+            )
+        for number in numbers:
+            if number >= count:
+                raise ValueError(f"'{name}' is of the species {number}, and there are {count}, from 0 on")
+        if key == LINE_TENSION and (count < 2 or len(set(numbers)) == 1):
+            raise ValueError(f"'{name}' has no effect; a line tension is between two different species")
+        if key in ("bending_modulus", "gaussian_modulus") and count and not numbers:
+            raise ValueError(f"'{name}' is that of a membrane without species; give that of one, as '{name}[0]'")
+
+
+def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
+    """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
+    own = currentConditions(context, force, (name for name in TERMS if name != LINE_TENSION))
+    return {TERMS[name]: value for name, value in own.items()} | {
+        "tether": float(force.getTether()[0]._value),
+        "repulsion": float(force.getRepulsion()[0]._value),
+    }
 
 
 def flatEnergy(context: mm.Context, force: HelfrichForce, mesh: Mesh) -> float:
@@ -58,13 +137,31 @@ def flatEnergy(context: mm.Context, force: HelfrichForce, mesh: Mesh) -> float:
     species = [force.getSpeciesParameters(i)[:2] for i in range(force.getNumSpecies())]
     plain = [[value._value for value in each] for each in species] or [[force.getBendingModulus()._value, 0.0]]
     moduli, curvatures = np.transpose(plain)
-    energies = moduli * (_current(context, force, CURVATURE) + curvatures) ** 2 / 2
+    energies = moduli * (currentConditions(context, force, [CURVATURE])[CURVATURE] + curvatures) ** 2 / 2
     return float((energies[0 if mesh.species is None else mesh.species] * mesh.vertexAreas).sum())
 
 
-def _current(context: mm.Context, force: HelfrichForce, name: str) -> float:
-    if name in _PARAMETERS:
-        return float(context.getParameter(_PARAMETERS[name](force)))
+def _ofForce(force: HelfrichForce, name: str) -> float:
+    key, numbers = _parts(name)
     if name == LINE_TENSION:
-        return float(force.getLineTension(0, 1)._value)
-    return float(_MODULI[name][0](force)._value)
+        return max(force.getLineTension(a, b)._value for a, b in _pairs(force))
+    if len(numbers) == 1:
+        return force.getSpeciesParameters(numbers[0])[_OF_SPECIES.index(key)]._value
+    return (_OF_PAIRS[key] if numbers else _MODULI[key])[0](force, *numbers)._value
+
+
+def _parts(name: str) -> tuple[str, tuple[int, ...]]:
+    """Return a name without the numbers of species in brackets, and these."""
+    found = re.fullmatch(r"(\w+)\[(\d+(?:,\d+)?)\]", name.replace(" ", ""))
+    return (found[1], tuple(map(int, found[2].split(",")))) if found else (name, ())
+
+
+def _pairs(force: HelfrichForce) -> Iterable[tuple[int, int]]:
+    return ((a, b) for b in range(force.getNumSpecies()) for a in range(b))
+
+
+def _known(numSpecies: int) -> list[str]:
+    """Return the names of conditions."""
+    ofSpecies = [f"{name}[0]" for name in _OF_SPECIES] + [f"{name}[0,1]" for name in _OF_PAIRS]
+    ofAll = [*_MODULI] if numSpecies == 0 else [*list(_MODULI)[2:], LINE_TENSION, *ofSpecies]
+    return [*_PARAMETERS, *ofAll]

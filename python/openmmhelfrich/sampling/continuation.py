@@ -19,8 +19,16 @@ from ..display import Brief, drawing
 from ..helfrich import HelfrichForce
 from ..tables import Table
 from .averages import averageWindows
+from .conditions import moduliOf
 from .reporters import ObservablesReporter
-from .targets import MODULI, absoluteTargets, currentTargets, measuredTargets, setTargets, totalOf
+from .targets import (
+    absoluteTargets,
+    currentTargets,
+    measuredTargets,
+    requireComparableTarget,
+    setTargets,
+    totalOf,
+)
 
 Number: TypeAlias = float | unit.Quantity
 
@@ -196,7 +204,10 @@ def continueTo(
     """
     start = _startOf(simulation.context, force)
     ends = absoluteTargets(targets, start)
-    _requireModuli(force, targets)
+    _requireModuli(moduliOf(simulation.context, force), targets)
+    measured = measuredTargets(simulation.context, force)
+    for name in ends.keys() & measured.keys():
+        requireComparableTarget(f"continueTo: the target {name}", name, ends[name], measured[name])
     line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
     if interval < 1 or steps < interval or equilibration < 0:
         raise ValueError(
@@ -224,12 +235,12 @@ def _startOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     return {name: value or measured.get(name, value) for name, value in currentTargets(context, force).items()}
 
 
-def _requireModuli(force: HelfrichForce, targets: Mapping[str, Any]) -> None:
+def _requireModuli(moduli: Mapping[str, float], targets: Mapping[str, Any]) -> None:
     """Raise a ValueError if a target would have no effect."""
     for name in targets:
         total = totalOf(name).replace("reducedVolume", "volume")
         setsVolume = total == "area" and "reducedVolume" in targets
-        if MODULI[total](force)._value == 0 and not setsVolume:
+        if moduli[total] == 0 and not setsVolume:
             raise ValueError(
                 f"continueTo: there is a target {name}, and it has no effect, since the modulus of the {total} is 0"
             )

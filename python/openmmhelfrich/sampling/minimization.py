@@ -12,11 +12,14 @@ from openmm import app, unit
 from scipy import optimize
 
 from ..display import Brief
+from ..geometry.connectivity import nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn
-from .coarsemeshes import makeCoarseMeshes
+from .coarsemeshes import CoarseMeshes, makeCoarseMeshes
+from .conditions import moduliOf
 from .moves import findMove
+from .targets import currentTargets, setTargets, totalOf
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
@@ -28,6 +31,8 @@ _TETHER_SHARE = 1e-3
 _MARGIN, _FIRMNESS = 0.1, 1e3
 # The energy, in kJ/mol, where there is none, for SciPy; and its number of iterations where there is no limit.
 _VERY_HIGH, _UNLIMITED = 1e300, 10**9
+# The number of iterations for which the directions along which penalties act are taken as they were.
+_ROUND_OF_LEVELS = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,7 +243,9 @@ class _Descent:
         multilevelWeight: float,
     ) -> None:
         self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
-        self.tolerance = defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE))
+        self.tolerance = (
+            defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE, "tolerance"))
+        )
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         if maxIterations < 0 or maxIterations != int(maxIterations):
@@ -318,11 +325,14 @@ class _Descent:
         isFixed[self._free()] = False
         triangles = self.force.getTrianglesInContext(context)
         meshes = makeCoarseMeshes(triangles, len(start), self.multilevelWeight, isFixed)
+        stiff = self._stiffDirections(meshes, isFixed)
+        mostIterations = _ROUND_OF_LEVELS if stiff.size else _UNLIMITED
 
         last: tuple = (None, 0.0, start)  # vectors, and their energy and forces
 
         def positionsAt(y: np.ndarray) -> np.ndarray:
-            motion = meshes.move(y)
+            own, motion = y.reshape(-1, 3)[: len(start)], meshes.move(y)
+            motion = own + _without(stiff, motion - own)
             motion[isFixed] = 0
             return start + motion
 
@@ -338,7 +348,9 @@ class _Descent:
                 return _VERY_HIGH, np.zeros(y.size)
             forces[isFixed] = 0
             last = (y.copy(), energy, forces)
-            return energy, -meshes.gather(forces).ravel()
+            slopes = meshes.gather(_without(stiff, forces))
+            slopes[: len(start)] = forces
+            return energy, -slopes.ravel()
 
         def report(y: np.ndarray) -> None:
             if not np.array_equal(last[0], y):
@@ -347,11 +359,55 @@ class _Descent:
             if recorder.report(0, positionsAt(y), -forces[~isFixed], {"system energy": energy}):
                 raise _Ended
 
-        options = {"maxiter": iterations or _UNLIMITED, "maxfun": _UNLIMITED, "ftol": 0, "gtol": 0, "maxls": 40}
+        options = {
+            "maxiter": min(iterations or _UNLIMITED, mostIterations),
+            "maxfun": _UNLIMITED,
+            "ftol": 0,
+            "gtol": 0,
+            "maxls": 40,
+            "maxcor": 20,
+        }
         with suppress(_Ended):
             optimize.minimize(
                 evaluate, np.zeros(3 * meshes.size), jac=True, method="L-BFGS-B", callback=report, options=options
             )
+
+    def _stiffDirections(self, meshes: CoarseMeshes, isFixed: np.ndarray) -> np.ndarray:
+        """Return orthonormal columns, each of (N, 3) vectors one after the other: the directions along which penalties
+        act now, as far as coarser meshes would make these the stiffest of all.
+
+        Forces change along them with the targets.
+        """
+        context, force, part = self.simulation.context, self.force, 1e-3
+        targets, moduli, surfaces = currentTargets(context, force), moduliOf(context, force), meshes.surfaces
+        forces, typical = self._evaluate()[1], self._typicalStiffness(isFixed)
+        columns = []
+        for name, target in targets.items():
+            modulus = moduli[totalOf(name)]
+            if modulus == 0:
+                continue
+            setTargets(context, force, {name: (1 + part) * target})
+            change = self._evaluate()[1] - forces
+            setTargets(context, force, {name: target})
+            change[isFixed] = 0
+            for surface in np.unique(surfaces[np.any(change != 0, axis=1)]):
+                own = np.where((surfaces == surface)[:, np.newaxis], change, 0)
+                if np.sum(meshes.gather(own) ** 2) > typical * 2 * modulus * part**2:
+                    columns.append(own.ravel())
+        return np.linalg.qr(np.transpose(columns))[0] if columns else np.zeros((forces.size, 0))
+
+    def _typicalStiffness(self, isFixed: np.ndarray) -> float:
+        """Return the second derivative of the energy along a random direction, which short waves dominate."""
+        context = self.simulation.context
+        start = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        shift = 1e-4 * float(currentEdgeLengths(self.simulation, self.force).mean())
+        direction = np.random.default_rng(1).choice([-shift, shift], start.shape)
+        direction[isFixed] = 0
+        forces = self._evaluate()[1]
+        context.setPositions(start + direction)
+        change = self._evaluate()[1] - forces
+        context.setPositions(start)
+        return abs(float(np.sum(change * direction) / np.sum(direction**2)))
 
     def _free(self) -> list[int]:
         system = self.simulation.system
@@ -374,6 +430,12 @@ class _Descent:
                 "both must be finite"
             )
         return energy, rmsForce
+
+
+def _without(directions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return (N, 3) vectors less their parts along orthonormal columns."""
+    flat = vectors.ravel()
+    return (flat - directions @ (directions.T @ flat)).reshape(-1, 3)
 
 
 class _Ended(Exception):
@@ -480,7 +542,11 @@ def currentEdgeLengths(simulation: app.Simulation, force: HelfrichForce) -> np.n
     """Return the present lengths of the sides of the triangles, in nm: a (T, 3) array."""
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
-    return np.linalg.norm(positions[triangles] - positions[np.roll(triangles, -1, axis=1)], axis=2)
+    sides = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
+    if force.usesPeriodicBoundaryConditions():
+        box = simulation.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        sides = nearestImages(sides, box)
+    return np.linalg.norm(sides, axis=2)
 
 
 @contextmanager

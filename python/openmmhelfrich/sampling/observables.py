@@ -5,7 +5,7 @@ averaged and summed up as its entry says.
 """
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from ..geometry.measures import reducedAreaDifference, reducedVolume
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator, SpeciesExchangeIntegrator
 from ..tables import Table, headOf, readHeads, unitsOf
 from ..units import valueIn
+from .conditions import CURVATURE, TERMS, currentConditions
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
 from .targets import currentTargets, nameOf, totalOf
 
@@ -101,6 +102,11 @@ class Moment:
         """The number of connected surfaces."""
         return self.force.getNumSurfacesInContext(self.context)
 
+    def condition(self, name: str) -> float:
+        """Return a condition by its name in :mod:`.conditions`, with the unit of energy."""
+        value = currentConditions(self.context, self.force, [name])[name]
+        return value if name == CURVATURE else value * self._energyScale
+
     def target(self, total: str, surface: int) -> float:
         """Return a target of a surface, in powers of nm: its own, or the one of all."""
         return self.targets[name if (name := nameOf(total, surface)) in self.targets else total]
@@ -141,8 +147,8 @@ class Observable:
     ofSurface : callable or None
         returns it for a :class:`Moment` and the number of a surface, if each surface has it
     unit : str
-        "energy", "length", "length^2" or "length^3", which tables call by names of their own, or the name of another
-        unit; without one it is a plain number
+        "energy", "length", "length^2" and what is made of these, which tables call by names of their own, or the name
+        of another unit; without one it is a plain number
     title : str
         what texts call it
     label : str
@@ -168,6 +174,8 @@ class Observable:
         whether the plot of a path shows it
     inSweep : str
         "mean" or "last", for a column of a sweep's summary with its average or its last value
+    condition : str
+        the name of a condition, if it is one: a table of a run has those that its stages change
     """
 
     name: str
@@ -185,7 +193,8 @@ class Observable:
     onPage: str = ""
     onPath: bool = False
     inSweep: str = ""
-    ofSurface: Callable[[Moment, int], float] | None = None
+    condition: str = ""
+    ofSurface: Callable[[Moment, int], float | None] | None = None
 
     def parts(self, numSurfaces: int) -> "list[Observable]":
         """Return itself and, where there are several surfaces and each has it, that of each."""
@@ -211,16 +220,6 @@ class Observable:
     def unitIn(self, lengthUnit: str, energyUnit: str = "kT") -> str:
         """Return the unit, with these names of the units of length and energy."""
         return self.unit.replace("length", lengthUnit).replace("energy", energyUnit)
-
-
-PANELS = (
-    Panel("energy"),
-    Panel("area"),
-    Panel("volume"),
-    Panel("reduced volume"),
-    Panel("accepted so far", range=(0, 1), isRate=True),
-    Panel("temperature", onlyChanges=True),
-)
 
 
 def _move(kind: type, ask: Callable[[Any], float], isPart: bool = False) -> Callable[[Moment], float | None]:
@@ -282,6 +281,17 @@ def _sum(name: str, measure: Callable[[Any], float], unit: str = "", title: str 
     )
 
 
+def _ofClosed(observable: Observable) -> Observable:
+    """Return an observable that a periodic membrane, which encloses no volume, has not."""
+    compute, ofSurface = observable.compute, observable.ofSurface
+    assert ofSurface is not None
+    return replace(
+        observable,
+        compute=lambda moment: None if moment.force.usesPeriodicBoundaryConditions() else compute(moment),
+        ofSurface=lambda moment, k: None if moment.force.usesPeriodicBoundaryConditions() else ofSurface(moment, k),
+    )
+
+
 def _single(
     name: str, ask: Callable[[Moment, int], float], unit: str = "", title: str = "", **keywords: Any
 ) -> Observable:
@@ -318,16 +328,32 @@ def _term(name: str) -> Observable:
     )
 
 
-def withTerms(terms: Iterable[str]) -> "tuple[Observable, ...]":
-    """Return the observables, with the energies of some terms also where these are off."""
-    own = {f"E_{term}": _energyOf(term) for term in terms}
-    return tuple(replace(o, compute=own[o.name]) if o.name in own else o for o in OBSERVABLES)
+def _condition(name: str, unit: str) -> Observable:
+    first, *others = name.split("_")
+    title = " ".join((first, *others))
+    return Observable(
+        first + "".join(map(str.capitalize, others)),
+        lambda moment: moment.condition(name),
+        unit,
+        title,
+        isDefault=False,
+        panel=title,
+        condition=name,
+    )
 
 
-def _energyOf(term: str) -> Callable[[Moment], float]:
-    return lambda moment: moment.energies[term]
-
-
+# What stages may change, with its unit.
+_CONDITIONS = {
+    "bending_modulus": "energy",
+    "gaussian_modulus": "energy",
+    CURVATURE: "1/length",
+    "line_tension": "energy/length",
+    "area_modulus": "energy",
+    "volume_modulus": "energy",
+    "area_difference_modulus": "energy",
+    "tension": "energy/length^2",
+    "pressure": "energy/length^3",
+}
 OBSERVABLES = (
     Observable("step", lambda m: m.step, isAveraged=False),
     Observable(
@@ -367,28 +393,32 @@ OBSERVABLES = (
         onPage="mean",
         inSweep="mean",
     ),
-    _sum(
-        "volume",
-        _volume,
-        "length^3",
-        "volume",
-        target="targetVolume",
-        panel="volume",
-        color="C1",
-        digits=".6g",
-        onPage="mean",
-        inSweep="mean",
+    _ofClosed(
+        _sum(
+            "volume",
+            _volume,
+            "length^3",
+            "volume",
+            target="targetVolume",
+            panel="volume",
+            color="C1",
+            digits=".6g",
+            onPage="mean",
+            inSweep="mean",
+        )
     ),
-    _single(
-        "reducedVolume",
-        _measure(_reducedVolume),
-        title="reduced volume",
-        panel="reduced volume",
-        color="C2",
-        digits=".4f",
-        onPage="mean",
-        onPath=True,
-        inSweep="mean",
+    _ofClosed(
+        _single(
+            "reducedVolume",
+            _measure(_reducedVolume),
+            title="reduced volume",
+            panel="reduced volume",
+            color="C2",
+            digits=".4f",
+            onPage="mean",
+            onPath=True,
+            inSweep="mean",
+        )
     ),
     _sum(
         "areaDifference",
@@ -400,13 +430,15 @@ OBSERVABLES = (
         onPath=True,
     ),
     _sum("meanCurvature", _meanCurvature, "length"),
-    _single(
-        "reducedAreaDifference",
-        _measure(_reducedAreaDifference),
-        title="reduced area difference",
-        isDefault=False,
-        digits=".4f",
-        onPage="mean",
+    _ofClosed(
+        _single(
+            "reducedAreaDifference",
+            _measure(_reducedAreaDifference),
+            title="reduced area difference",
+            isDefault=False,
+            digits=".4f",
+            onPage="mean",
+        )
     ),
     Observable(
         "acceptance",
@@ -475,7 +507,7 @@ OBSERVABLES = (
     Observable("window", lambda m: m.place.window, isDefault=False, isAveraged=False),
     Observable("equilibrated", lambda m: int(m.place.isEquilibrated), isDefault=False, isAveraged=False),
     _single("targetArea", _target("area"), "length^2", "area target", isDefault=False, panel="area"),
-    _single("targetVolume", _target("volume"), "length^3", "volume target", isDefault=False, panel="volume"),
+    _ofClosed(_single("targetVolume", _target("volume"), "length^3", "volume target", isDefault=False, panel="volume")),
     _single(
         "targetAreaDifference",
         _target("areaDifference"),
@@ -483,8 +515,31 @@ OBSERVABLES = (
         "area difference target",
         isDefault=False,
     ),
+    *(_condition(name, unit) for name, unit in _CONDITIONS.items()),
+)
+PANELS = (
+    Panel("energy"),
+    Panel("area"),
+    Panel("volume"),
+    Panel("reduced volume"),
+    Panel("accepted so far", range=(0, 1), isRate=True),
+    Panel("temperature", onlyChanges=True),
+    *(Panel(o.panel, onlyChanges=True) for o in OBSERVABLES if o.condition),
 )
 DEFAULT_OBSERVABLES = tuple(observable for observable in OBSERVABLES if observable.isDefault)
+
+
+def observablesOf(conditions: Collection[str]) -> tuple[Observable, ...]:
+    """Return the observables of a run whose stages change some conditions: no other conditions, and the energies of
+    their terms also where these are off.
+    """
+    own = {f"E_{TERMS[name]}": _energyOf(TERMS[name]) for name in conditions if name in TERMS}
+    chosen = (o for o in OBSERVABLES if not o.condition or o.condition in conditions)
+    return tuple(replace(o, compute=own[o.name]) if o.name in own else o for o in chosen)
+
+
+def _energyOf(term: str) -> Callable[[Moment], float]:
+    return lambda moment: moment.energies[term]
 
 
 def observe(moment: Moment, observables: Iterable[Observable], lengthUnit: str, energyUnit: str) -> dict[str, float]:

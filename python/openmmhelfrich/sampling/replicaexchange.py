@@ -1,5 +1,5 @@
-"""Replica exchange: simulations at several temperatures or targets that exchange these, so that each configuration
-visits them all.
+"""Replica exchange: simulations at several temperatures, targets, moduli or the like that exchange these, so that each
+configuration visits them all.
 
 Every replica is a Simulation of its own, and what moves between them are the states: positions, velocities and live
 triangles stay in their Context. The method is that of Hukushima and Nemoto, J. Phys. Soc. Jpn. 65, 1604 (1996), for
@@ -10,9 +10,8 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,12 +23,14 @@ from openmm import app, unit
 
 from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
-from ..helfrich import HelfrichForce, SpeciesExchangeIntegrator
+from ..helfrich import HelfrichForce
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn
+from .conditions import putConditions
 from .marks import displacement, markedPositions
 from .moves import Counters, countersOf, movesOf, trajectoriesOf
 from .observables import OBSERVABLES, Moment, isTarget, observe
+from .states import Membrane, ThermodynamicState, mutationsOf
 
 FORMATS = (1, 2)  # the first one has no observables and counters
 # What of a serialized force a Context has of its own.
@@ -37,34 +38,6 @@ _LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "press
 _LIVE |= {"Triangles", "SurfaceTargets"}
 # What a round tells of a replica: what can be averaged over those that were in a state.
 _OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarget(o)]
-
-
-@dataclass(frozen=True)
-class ThermodynamicState:
-    """What replicas exchange.
-
-    ::
-
-        state = mh.ThermodynamicState(300 * unit.kelvin, {force.getTargetVolumeParameter(): 0.9 * mesh.volume})
-
-    Attributes
-    ----------
-    temperature : float or Quantity
-        in K
-    parameters : dict
-        values of Context parameters by name, such as ``{force.getTargetVolumeParameter(): 3.9}``
-    stepSize : float or Quantity, optional
-        for trajectories in this state, in ps; by default that of the simulation which begins in it
-    """
-
-    temperature: float | unit.Quantity
-    parameters: dict[str, float] = field(default_factory=dict)
-    stepSize: float | unit.Quantity | None = None
-
-    @property
-    def thermalEnergy(self) -> float:
-        """kT, in kJ/mol."""
-        return thermalEnergy(self.temperature)
 
 
 class ReplicaExchange:
@@ -126,13 +99,17 @@ class ReplicaExchange:
         """
         self.simulations, self.seed, self._workers = list(simulations), seed, workers
         self._check(self.simulations, list(states))
-        self.states = [_resolved(state, simulation) for state, simulation in zip(states, self.simulations)]
-        _requireSameEnergies(self.simulations, self.states[0].parameters)
+        self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
+        self._checkParameters(states)
+        self.states = [
+            _resolved(state, simulation, membrane)
+            for state, simulation, membrane in zip(states, self.simulations, self._membranes)
+        ]
+        _requireSameEnergies(self.simulations, self._membranes, self.states[0].parameters)
         self.replicaStates = np.arange(len(self.states))
         self._history: list[NDArray[np.int64]] = []
         self._energies: list[NDArray[np.float64]] = []
         self._attempted, self._accepted = np.zeros((2, len(self.states) - 1), dtype=int)
-        self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
         self._requireSameComposition()
         self._observed: list[NDArray[np.float64]] = []
         self._columns: list[str] = []
@@ -220,7 +197,7 @@ class ReplicaExchange:
 
     def membrane(self, replica: int) -> HelfrichForce | None:
         """Return the HelfrichForce of a replica, or None if it has none."""
-        return self._membranes[replica]
+        return self._membranes[replica].force
 
     def displacement(self, replica: int) -> float:
         """Return how far the particles of a replica have come since the first round, without the drift of all: the root
@@ -241,7 +218,7 @@ class ReplicaExchange:
     @property
     def reducedEnergies(self) -> np.ndarray:
         """E/kT of each replica at the end of each round, as it is in each of the states: a (rounds, replicas, states)
-        array.
+        array.  With mutations, E is less by the chemical potentials of all vertices.
         """
         return np.array(self._energies, dtype=float).reshape(-1, len(self.states), len(self.states))
 
@@ -305,8 +282,8 @@ class ReplicaExchange:
         return ofState.transpose(2, 1, 0).reshape(len(self.states), -1), np.full(len(self.states), len(history))
 
     def potentialEnergies(self, discard: int = 0) -> np.ndarray:
-        """Return the potential energy of what was sampled in each state, in kJ/mol, without some rounds at the start: a
-        (states, rounds) array.
+        """Return the potential energy of what was sampled in each state, in kJ/mol, less the chemical potentials that
+        mutations have, without some rounds at the start: a (states, rounds) array.
         """
         u, counts = self.samples(discard)
         return np.array(
@@ -384,19 +361,30 @@ class ReplicaExchange:
         for replica, state in enumerate(self.replicaStates.tolist()):
             self._enter(replica, state)
 
-    def _requireSameComposition(self) -> None:
-        """Raise a ValueError if replicas have other numbers of vertices of each species, and no move changes these."""
-        for k, (simulation, force) in enumerate(zip(self.simulations, self._membranes)):
-            if force is not None and _hasChemicalPotentials(simulation.integrator, force.getNumSpecies()):
+    def _checkParameters(self, states: Sequence[ThermodynamicState]) -> None:
+        """Raise a ValueError if there is no parameter of a name that states have, or it has no effect."""
+        for k, (state, membrane, simulation) in enumerate(zip(states, self._membranes, self.simulations)):
+            try:
+                membrane.require(state.parameters)
+            except ValueError as error:
+                raise ValueError(f"ReplicaExchange: state {k}: {error}") from None
+            potential = next((name for name in state.parameters if name.startswith("chemical_potential")), None)
+            if potential is not None and not mutationsOf(simulation.integrator):
                 raise ValueError(
-                    f"ReplicaExchange: simulation {k} has mutations at chemical potentials that are not 0, which it "
-                    "does not know of; leave these 0, or exchange species instead"
+                    f"ReplicaExchange: state {k} has the parameter '{potential}', and simulation {k} no mutations of "
+                    "species, which it is for"
                 )
-        if all(_hasMutations(simulation.integrator) for simulation in self.simulations):
+
+    def _requireSameComposition(self) -> None:
+        """Raise a ValueError if replicas have other numbers of vertices of each species, and no move changes these, or
+        moves that do have chemical potentials that differ.
+        """
+        if all(mutationsOf(simulation.integrator) for simulation in self.simulations):
+            self._requireSamePotentials()
             return
         first, *others = (
             [] if force is None else np.bincount(force.getVertexSpeciesInContext(simulation.context)).tolist()
-            for simulation, force in zip(self.simulations, self._membranes)
+            for simulation, force in zip(self.simulations, map(self.membrane, range(len(self.simulations))))
         )
         for k, counts in enumerate(others, 1):
             if counts != first:
@@ -404,6 +392,21 @@ class ReplicaExchange:
                     f"ReplicaExchange: the species of simulation {k} have {counts} vertices, and those of simulation 0 "
                     f"{first}; they must be the same, unless moves of all simulations are mutations"
                 )
+
+    def _requireSamePotentials(self) -> None:
+        """Raise a ValueError if chemical potentials differ that are not among the parameters of states."""
+        force = self.membrane(0)
+        for i in range(0 if force is None else force.getNumSpecies()):
+            if f"chemical_potential[{i}]" in self.states[0].parameters:
+                continue
+            moves = [(k, move) for k, s in enumerate(self.simulations) for move in mutationsOf(s.integrator)]
+            values = [(k, move.getChemicalPotential(i)._value) for k, move in moves]
+            for k, value in values:
+                if value != values[0][1]:
+                    raise ValueError(
+                        f"ReplicaExchange: the chemical potential of species {i} is {value:g} kJ/mol in simulation {k} "
+                        f"and {values[0][1]:g} in simulation 0; it must be the same, or one of the states' parameters"
+                    )
 
     def _propagate(self, steps: int) -> None:
         """Make steps of every replica, and count what they try for its state."""
@@ -423,16 +426,14 @@ class ReplicaExchange:
 
     def _energiesOf(self, replica: int) -> np.ndarray:
         """Return the reduced energies of a replica in all states."""
-        context, own = self.simulations[replica].context, self.states[self.replicaStates[replica]]
+        membrane, own = self._membranes[replica], self.states[self.replicaStates[replica]]
         energies = {}
         for state in self.states:
             key = tuple(state.parameters.values())
             if key not in energies:
-                _setParameters(context, state)
-                energies[key] = (
-                    context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
-                )
-        _setParameters(context, own)
+                membrane.takeOn(state.parameters)
+                energies[key] = membrane.energy(state.parameters)
+        membrane.takeOn(own.parameters)
         reduced = np.array([energies[tuple(state.parameters.values())] / state.thermalEnergy for state in self.states])
         if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
             raise ValueError(
@@ -485,7 +486,7 @@ class ReplicaExchange:
         for move in _movesWithTemperature(integrator):
             move.setTemperature(state.temperature)
         trajectoriesOf(integrator).setStepSize(state.stepSize)
-        _setParameters(context, state)
+        self._membranes[replica].takeOn(state.parameters)
         if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
             context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
 
@@ -512,20 +513,17 @@ class ReplicaExchange:
                     f"state 0, {sorted(states[0].parameters)}"
                 )
             for name, parameter in state.parameters.items():
-                if name not in dict(simulation.context.getParameters()):
-                    raise ValueError(
-                        f"ReplicaExchange: state {k} has the parameter '{name}'; simulation {k} has "
-                        f"{', '.join(simulation.context.getParameters()) or 'none'}"
-                    )
                 if not math.isfinite(parameter):
                     raise ValueError(
                         f"ReplicaExchange: in state {k} the parameter '{name}' is {parameter}; it must be finite"
                     )
 
 
-def _requireSameEnergies(simulations: Sequence[app.Simulation], exchanged: Iterable[str]) -> None:
+def _requireSameEnergies(
+    simulations: Sequence[app.Simulation], membranes: Sequence[Membrane], exchanged: Mapping[str, float]
+) -> None:
     """Raise a ValueError unless the energies of simulations are the same functions of positions, triangles and the
-    parameters that are exchanged.
+    parameters that are exchanged, of which those of a state are given.
     """
     first, *others = (_kept(simulation.context, exchanged) for simulation in simulations)
     for k, parameters in enumerate(others, 1):
@@ -535,7 +533,10 @@ def _requireSameEnergies(simulations: Sequence[app.Simulation], exchanged: Itera
                     f"ReplicaExchange: the parameter '{name}' is {parameters.get(name)} in simulation {k} and {value} "
                     "in simulation 0; it must be the same, or one of the states' parameters"
                 )
-    own, *rest = (_forcesOf(simulation.system) for simulation in simulations)
+    own, *rest = (
+        _forcesOf(simulation.system, membrane.conditionsOf(exchanged))
+        for simulation, membrane in zip(simulations, membranes)
+    )
     for k, forces in enumerate(rest, 1):
         if forces != own:
             raise ValueError(
@@ -548,14 +549,16 @@ def _kept(context: mm.Context, exchanged: Iterable[str]) -> dict[str, float]:
     return {name: value for name, value in dict(context.getParameters()).items() if name not in exchanged}
 
 
-def _forcesOf(system: mm.System) -> list[bytes]:
+def _forcesOf(system: mm.System, conditions: Mapping[str, float]) -> list[bytes]:
     """Return the forces of a System as texts, without what a Context has of its own: parameters, triangles and the
-    species of vertices.
+    species of vertices; its first membrane with some conditions.
     """
-    texts = []
+    texts, left = [], conditions
     for force in map(mm.XmlSerializer.clone, system.getForces()):
         if HelfrichForce.isinstance(force):
             membrane = HelfrichForce.cast(force)
+            putConditions(membrane, left)
+            left = {}
             membrane.setVertexSpecies([])
             membrane.setSpontaneousCurvature(1.0)  # a parameter, with which all are written as the same version
         root = ElementTree.fromstring(mm.XmlSerializer.serialize(force))
@@ -567,33 +570,23 @@ def _forcesOf(system: mm.System) -> list[bytes]:
     return texts
 
 
-def _hasMutations(integrator: Any) -> bool:
-    """Return whether an integrator changes how many vertices are of each species."""
-    moves = movesOf(integrator, onlyUsed=True)
-    return any(isinstance(move, SpeciesExchangeIntegrator) and move.getProposal() == "mutation" for move in moves)
-
-
-def _hasChemicalPotentials(integrator: Any, numSpecies: int) -> bool:
-    """Return whether an integrator has mutations, and a species' chemical potential that is not 0."""
-    moves = movesOf(integrator, onlyUsed=True)
-    mutations = [m for m in moves if isinstance(m, SpeciesExchangeIntegrator) and m.getProposal() == "mutation"]
-    return any(move.getChemicalPotential(i)._value != 0 for move in mutations for i in range(numSpecies))
-
-
-def _resolved(state: ThermodynamicState, simulation: app.Simulation) -> ThermodynamicState:
-    """Return a state in plain numbers, with its step size, its parameters in the order of their names."""
+def _resolved(state: ThermodynamicState, simulation: app.Simulation, membrane: Membrane) -> ThermodynamicState:
+    """Return a state in plain numbers, with its step size, its parameters in the order of their names, those of a
+    Context by its names.
+    """
     stepSize = trajectoriesOf(simulation.integrator).getStepSize() if state.stepSize is None else state.stepSize
     thermalEnergy(state.temperature)  # raises if it is not positive
     return ThermodynamicState(
-        float(valueIn(state.temperature, unit.kelvin)),
-        {name: float(state.parameters[name]) for name in sorted(state.parameters)},
-        float(valueIn(stepSize, unit.picosecond)),
+        float(valueIn(state.temperature, unit.kelvin, "temperature")),
+        membrane.named(state.parameters),
+        float(valueIn(stepSize, unit.picosecond, "stepSize")),
     )
 
 
-def _membraneOf(simulation: app.Simulation) -> HelfrichForce | None:
+def _membraneOf(simulation: app.Simulation) -> Membrane:
     forces = simulation.system.getForces()
-    return next((HelfrichForce.cast(force) for force in forces if HelfrichForce.isinstance(force)), None)
+    force = next((HelfrichForce.cast(force) for force in forces if HelfrichForce.isinstance(force)), None)
+    return Membrane(simulation.context, force, simulation.integrator)
 
 
 def _asDict(state: ThermodynamicState) -> dict[str, Any]:
@@ -603,11 +596,6 @@ def _asDict(state: ThermodynamicState) -> dict[str, Any]:
 def _movesWithTemperature(integrator: Any) -> list[Any]:
     """Return the moves of an integrator that have a temperature, OpenMM's own integrators too."""
     return [move for move in movesOf(integrator) if hasattr(move, "setTemperature")]
-
-
-def _setParameters(context: mm.Context, state: ThermodynamicState) -> None:
-    for name, value in state.parameters.items():
-        context.setParameter(name, value)
 
 
 def _read(file: PathLike, replicas: int) -> tuple[dict[str, Any], dict[str, np.ndarray], list[Any]]:

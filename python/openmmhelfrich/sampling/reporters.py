@@ -221,7 +221,8 @@ class MeshReporter:
         triangles = self._numbers[self._force.getTrianglesInContext(simulation.context)]
         species = self._force.getVertexSpeciesInContext(simulation.context)
         beads = positions[self._beads]
-        mesh = Mesh(positions[self._vertices], triangles, None, beads, species, self._speciesNames)
+        box = state.getPeriodicBoxVectors(asNumpy=True) if self._force.usesPeriodicBoundaryConditions() else None
+        mesh = Mesh(positions[self._vertices], triangles, box, beads, species, self._speciesNames)
         data = {
             "MeanCurvature": localMeanCurvatures(curvatures, areas),
             "SmoothMeanCurvature": smoothCurvatures(mesh.edges, curvatures, areas),

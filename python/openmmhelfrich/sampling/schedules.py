@@ -103,7 +103,7 @@ class TableSchedule:
 
     def __post_init__(self) -> None:
         steps = tuple(map(float, self.steps))
-        temperatures = tuple(float(t) for t in valueIn(self.temperatures, unit.kelvin))
+        temperatures = tuple(float(t) for t in valueIn(self.temperatures, unit.kelvin, "temperatures"))
         if len(steps) != len(temperatures) or not steps:
             raise ValueError(
                 f"TableSchedule: there are {len(steps)} steps and {len(temperatures)} temperatures; there must be as "

@@ -21,30 +21,15 @@ _PARAMETERS: dict[str, Callable[..., str]] = {
     "volume": HelfrichForce.getTargetVolumeParameter,
     "areaDifference": HelfrichForce.getTargetAreaDifferenceParameter,
 }
-# What gets the modulus of a target from a HelfrichForce.
-MODULI: dict[str, Callable[[HelfrichForce], Any]] = {
-    "area": HelfrichForce.getAreaModulus,
-    "volume": HelfrichForce.getVolumeModulus,
-    "areaDifference": HelfrichForce.getAreaDifferenceModulus,
-}
 _SETTERS: dict[str, Callable[..., None]] = {
     "area": HelfrichForce.setTargetArea,
     "volume": HelfrichForce.setTargetVolume,
     "areaDifference": HelfrichForce.setTargetAreaDifference,
 }
 
-
-def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
-    """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
-    plain = {
-        "bending": force.getBendingModulus(),
-        **{name: ask(force) for name, ask in MODULI.items()},
-        "tether": force.getTether()[0],
-        "repulsion": force.getRepulsion()[0],
-        "tension": context.getParameter(force.getTensionParameter()),
-        "pressure": context.getParameter(force.getPressureParameter()),
-    }
-    return {name: float(getattr(value, "_value", value)) for name, value in plain.items()}
+# By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
+# less than 2.
+TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
 
 
 def nameOf(total: str, surface: int) -> str:
@@ -86,6 +71,26 @@ def targetParameters(context: mm.Context, force: HelfrichForce) -> dict[str, str
 def currentTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return the targets in a Context by their names, in powers of nm."""
     return {name: context.getParameter(parameter) for name, parameter in targetParameters(context, force).items()}
+
+
+def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
+    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+
+    Parameters
+    ----------
+    what : str
+        the target, as the message names it
+    name : str
+        that of the module
+    value, own : float
+        the target, and what the mesh has
+    """
+    factor = TARGET_FACTORS[totalOf(name)]
+    if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
+        raise ValueError(
+            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
+            "of them may be in another unit of length"
+        )
 
 
 def measuredTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
@@ -135,7 +140,7 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
     for name, value in targets.items():
         if name != "reducedVolume":
             absolute |= {
-                known: float(valueIn(number, _UNITS[totalOf(name)]))
+                known: float(valueIn(number, _UNITS[totalOf(name)], f"the target {name}"))
                 for known, number in _spread(name, value, start).items()
             }
     for name, value in absolute.items():

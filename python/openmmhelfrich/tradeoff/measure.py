@@ -15,7 +15,7 @@ from ..analysis.diffusion import vertexDiffusion
 from ..geometry.mesh import Mesh
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..runs.config import Config
-from ..runs.scene import Scene, currentMesh, defaultStepSize
+from ..runs.scene import createScene, currentMesh, defaultStepSize
 from ..sampling.adaptation import adaptStepSize
 from ..sampling.moves import findMove, trajectoriesOf
 from ..units import valueIn
@@ -201,7 +201,7 @@ class _Run:
     """A membrane at a setting, and the series that come of it."""
 
     def __init__(self, config: Config, mesh: Mesh) -> None:
-        scene = Scene.of(config, mesh)
+        scene = createScene(config, mesh)
         self._config, self._kT = config, scene.kT
         self._force = scene.createForce()
         self._simulation = scene.createSimulation(self._force)
@@ -362,7 +362,7 @@ def forceError(config: Config, mesh: Mesh) -> float:
     Reference platform: see :class:`Measurement`.
     """
 
-    scene = Scene.of(config, mesh)
+    scene = createScene(config, mesh)
 
     def forces(platform: mm.Platform, properties: dict[str, str]) -> np.ndarray:
         system = mesh.createSystem()
@@ -395,7 +395,7 @@ def _errorOfPrecision(config: Config, mesh: Mesh) -> np.ndarray:
                 "sampling.shear_wave_probability": 0.0,
             },
         )
-        scene = Scene.of(changed, mesh)
+        scene = createScene(changed, mesh)
         simulation = scene.createSimulation(scene.createForce())
         simulation.integrator.step(1)
         if simulation.integrator.getNumAcceptedTrajectories() != 1:

@@ -7,7 +7,7 @@ from openmm import unit
 
 from ..geometry.mesh import Mesh
 from ..runs.config import Config
-from ..runs.scene import Scene
+from ..runs.scene import createScene
 from ..sampling.minimization import minimizeFluid
 from ..units import valueIn
 
@@ -34,7 +34,7 @@ def minimumOf(config: Config, mesh: Mesh, factor: float, maxIterations: int) -> 
     That is kappa_B l/(4A), with the mean edge length l.
     """
     config = config.model_copy(update={"sampling": config.sampling.model_copy(update={"step_size": None})})
-    scene = Scene.of(config, mesh)
+    scene = createScene(config, mesh)
     tolerance = factor * config.membrane.bending_modulus * float(mesh.edgeLengths.mean()) / (4 * mesh.area)
     force = scene.createForce()
     simulation = scene.createSimulation(force)

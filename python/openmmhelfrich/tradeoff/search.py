@@ -16,7 +16,7 @@ import openmm as mm
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..runs.config import Config, stagesOf
-from ..runs.scene import Scene, currentMesh, loadMesh, resolve
+from ..runs.scene import createScene, currentMesh, loadMesh, resolve
 from ..runs.sections import MODULI
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
@@ -416,7 +416,7 @@ def _isAlike(point: SearchPoint) -> bool:
 
 def _advance(config: Config, mesh: Mesh, stages: Sequence[Any]) -> tuple[Mesh, dict[str, float]]:
     """Do stages, and return the mesh and the targets that they lead to."""
-    scene = Scene.of(config, mesh)
+    scene = createScene(config, mesh)
     force = scene.createForce()
     simulation = scene.createSimulation(force)
     for settings in stages:

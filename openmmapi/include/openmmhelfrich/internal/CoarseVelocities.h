@@ -30,6 +30,14 @@ public:
         std::vector<OpenMM::Vec3> velocities;
     };
     /**
+     * Get whether a mesh has a coarser one, by its level, 0 for the membrane itself, and its surface's number of
+     * vertices.  A mesh of a dozen vertices can do little but swell and shrink, against which the penalties of area and
+     * volume are stiffest: it would make steps shorter.
+     */
+    static bool isCoarsened(int level, int numVertices) {
+        return numVertices > (level == 0 ? 4 : 48);
+    }
+    /**
      * Keep what there is before a trajectory, and draw the velocities with which it begins.
      *
      * @param particles    the particles of each level of the present meshes, the finest first

@@ -108,7 +108,11 @@ private:
     void createSpecies();
     void checkSpecies(const HelfrichForce& force) const;
     void checkOrientation(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
-    void checkBox(OpenMM::ContextImpl& context);
+    void checkBox(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
+    void checkClosedInBox(OpenMM::ContextImpl& context) const;
+    void checkPeriodicInBox(OpenMM::ContextImpl& context, const HelfrichParameters& parameters) const;
+    void checkPeriodicTerms(const HelfrichParameters& parameters) const;
+    PeriodicBox getBox(OpenMM::ContextImpl& context) const;
     std::string getParameterName(const std::pair<Term, int>& surfaceTarget) const;
     void checkContextParameters(HelfrichParameters& parameters) const;
     void checkContextParameter(const HelfrichParameters& parameters, const HelfrichContextParameter& parameter,
@@ -127,7 +131,8 @@ private:
     /// updateParametersInContext()
     HelfrichParameters parameters;
     const KickAndDrift* kick = NULL;
-    bool isOrientationChecked = false, isBoxChecked = false, arePositionsSet = false;
+    bool isPeriodic = false, isOrientationChecked = false, isBoxChecked = false, arePositionsSet = false;
+    PeriodicBox checkedBox;
     std::unique_ptr<HelfrichMesh> mesh;
     /// the energy of pairs of species, and what it is of
     double pairEnergy = 0;

@@ -157,9 +157,20 @@ public:
      * Make known to the kernels that the connectivity changed.  flip() does not, so that a sweep of flips counts as one
      * change.
      */
-    void markChanged() {
-        revision++;
-    }
+    void markChanged();
+    /**
+     * Make known that the connectivity changed around some of the vertices only: at the ends of edges that flipped, or
+     * were made by flips.
+     */
+    void markChanged(const std::vector<int>& vertices);
+    /**
+     * Find the vertices around which the connectivity has changed since a revision.
+     *
+     * @param since          the number of that revision
+     * @param[out] vertices  these vertices, in ascending order
+     * @return whether they are known.  Where they are not, everything may have changed.
+     */
+    bool findChanges(long long since, std::vector<int>& vertices) const;
     /**
      * Throw an OpenMMException unless the mesh is valid and everything derived from the triangles is right.  This is
      * meant for tests.
@@ -183,6 +194,9 @@ private:
     std::vector<int> species;
     std::vector<std::array<int, 2>> fixedEdges;
     long long revision = 0, speciesRevision = 0;
+    /// the vertices around which the last revisions changed the connectivity, and where those of each of them end
+    std::vector<int> changes;
+    std::vector<size_t> changeEnds;
 };
 
 } // namespace HelfrichPlugin

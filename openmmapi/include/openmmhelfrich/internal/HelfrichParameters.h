@@ -2,6 +2,7 @@
 #define OPENMM_HELFRICHPARAMETERS_H_
 
 #include "HelfrichSpecies.h"
+#include <algorithm>
 #include <iterator>
 #include <map>
 #include <memory>
@@ -105,6 +106,30 @@ private:
 inline constexpr TermMask TermMask::ALL = ~TermMask();
 
 /**
+ * A rectangular periodic box, or none.
+ */
+struct PeriodicBox {
+    /// the lengths of its sides in nm and their inverses, 0 where there is no box
+    double lengths[3] = {}, inverses[3] = {};
+    PeriodicBox() = default;
+    PeriodicBox(double x, double y, double z) : lengths{x, y, z}, inverses{1 / x, 1 / y, 1 / z} {
+    }
+    bool exists() const {
+        return lengths[0] != 0;
+    }
+    /// the length of the shortest side
+    double shortest() const {
+        return *std::min_element(lengths, lengths + 3);
+    }
+    bool operator==(const PeriodicBox& other) const {
+        return std::equal(lengths, lengths + 3, other.lengths);
+    }
+    bool operator!=(const PeriodicBox& other) const {
+        return !(*this == other);
+    }
+};
+
+/**
  * What an evaluation of the energy needs to know besides positions and connectivity, in OpenMM's units: the moduli and
  * the other parameters of a HelfrichForce, whose defaults are these.  In a Context, the values of its own parameters
  * take the place of some: see HelfrichContextParameter.
@@ -124,6 +149,8 @@ struct HelfrichParameters {
     int tetherExponent = 2;
     double repulsionOnset = 0, repulsionLengthScale = 1;
     int repulsionExponent = 2, repulsionExclusionLevel = 1;
+    /// that of the Context, if the surface is periodic
+    PeriodicBox box;
     /**
      * Get whether a term is on.
      */

@@ -91,40 +91,72 @@ public:
     }
     void add(const HelfrichSpecies& added) {
         species.push_back(added);
-        include(added);
+        summarize(species.size() - 1);
     }
     void set(int index, const HelfrichSpecies& changed) {
         species[index] = changed;
-        greatest = HelfrichSpecies();
-        differsInGaussianModulus = false;
-        for (auto& each : species)
-            include(each);
+        summarize(index);
     }
     /**
      * Get of each of the moduli that which is greatest in size.
      */
     const HelfrichSpecies& getGreatest() const {
-        return greatest;
+        return summaries.back()[0].greatest;
     }
     /**
      * Get whether there are two species of different Gaussian moduli: only then do they act on the vertices.
      */
     bool hasDifferentGaussianModuli() const {
-        return differsInGaussianModulus;
+        return summaries.back()[0].leastGaussian < summaries.back()[0].mostGaussian;
     }
     /// the line tension and the energy of an edge, by the species on both sides
     HelfrichSpeciesPairs lineTensions, pairEnergies;
 private:
-    void include(const HelfrichSpecies& each) {
-        auto takeGreater = [](double& a, double b) { a = (std::fabs(b) > std::fabs(a) ? b : a); };
-        takeGreater(greatest.bendingModulus, each.bendingModulus);
-        takeGreater(greatest.spontaneousCurvature, each.spontaneousCurvature);
-        takeGreater(greatest.gaussianModulus, each.gaussianModulus);
-        differsInGaussianModulus = differsInGaussianModulus || each.gaussianModulus != species[0].gaussianModulus;
+    /**
+     * Of several species the moduli that are greatest in size, and the bounds of the Gaussian ones.
+     */
+    struct Summary {
+        HelfrichSpecies greatest;
+        double leastGaussian = INFINITY, mostGaussian = -INFINITY;
+        void include(const HelfrichSpecies& each) {
+            include({each, each.gaussianModulus, each.gaussianModulus});
+        }
+        void include(const Summary& other) {
+            auto takeGreater = [](double& a, double b) { a = (std::fabs(b) > std::fabs(a) ? b : a); };
+            takeGreater(greatest.bendingModulus, other.greatest.bendingModulus);
+            takeGreater(greatest.spontaneousCurvature, other.greatest.spontaneousCurvature);
+            takeGreater(greatest.gaussianModulus, other.greatest.gaussianModulus);
+            leastGaussian = std::min(leastGaussian, other.leastGaussian);
+            mostGaussian = std::max(mostGaussian, other.mostGaussian);
+        }
+    };
+    static constexpr size_t BLOCK = 16;
+    template <class Item>
+    static Summary summarizeBlock(const std::vector<Item>& items, size_t block) {
+        Summary summary;
+        for (size_t i = BLOCK * block; i < std::min(BLOCK * (block + 1), items.size()); i++)
+            summary.include(items[i]);
+        return summary;
+    }
+    /**
+     * Bring the summaries of the blocks that a species is in up to date.
+     */
+    void summarize(size_t index) {
+        size_t block = index / BLOCK, level = 0;
+        do {
+            if (summaries.size() == level)
+                summaries.emplace_back();
+            if (summaries[level].size() == block)
+                summaries[level].emplace_back();
+            summaries[level][block] =
+                    level == 0 ? summarizeBlock(species, block) : summarizeBlock(summaries[level - 1], block);
+            block /= BLOCK;
+        } while (summaries[level++].size() > 1);
     }
     std::vector<HelfrichSpecies> species;
-    HelfrichSpecies greatest;
-    bool differsInGaussianModulus = false;
+    /// of each block of species, of each block of these blocks, and so on up to that of all: where each species has
+    /// moduli of its own, to change them one by one does not take the square of their number
+    std::vector<std::vector<Summary>> summaries = {{Summary()}};
 };
 
 } // namespace HelfrichPlugin

@@ -60,6 +60,34 @@ inline Vector3<Real> displacement(const Vector3<Real>& from, const Vector3<Real>
 }
 
 /**
+ * Round a number, or several side by side, to integers: it must be small enough for a sum with 1.5*2^52 (2^23) to do
+ * so.
+ */
+template <class Real>
+inline Real roundToInteger(Real x) {
+    const Lane<Real> shift = std::is_same<Lane<Real>, float>::value ? 12582912.0 : 6755399441055744.0;
+    return (x + shift) - shift;
+}
+
+/**
+ * The shortest of the vectors that differ from a given one by sides of a periodic box.
+ */
+template <class Real>
+inline Vector3<Real> nearestImage(const Vector3<Real>& d, const PeriodicBox& box) {
+    return {d.x - box.lengths[0] * roundToInteger(d.x * box.inverses[0]),
+            d.y - box.lengths[1] * roundToInteger(d.y * box.inverses[1]),
+            d.z - box.lengths[2] * roundToInteger(d.z * box.inverses[2])};
+}
+
+/**
+ * The vector from a point to another, or to the nearest of its images if there is a periodic box.
+ */
+inline Vector3<double> displacement(const Vector3<double>& from, const Vector3<double>& to, const PeriodicBox& box) {
+    Vector3<double> d = displacement(from, to);
+    return box.exists() ? nearestImage(d, box) : d;
+}
+
+/**
  * The sine and cosine of the dihedral angle of an edge, both times the same positive factor.  The edge i-j belongs to
  * the triangles (i, j, k) and (j, i, l).  With N_g = (x_l-x_i) x e, the cross product N_f x N_g is parallel to the edge
  * e, and its component along it is

@@ -5,6 +5,8 @@ import resource
 import sys
 from typing import Any
 
+FIELD = "field "  # what names of arrays of points begin with
+
 
 def main(source: str, output: str) -> None:
     """Read the source and write points, types, sizes and corners of cells to the output."""
@@ -16,7 +18,8 @@ def main(source: str, output: str) -> None:
     data = _read(source)
     types, sizes, corners = _cells(data)
     points = _array(data.GetPoints().GetData()) if data.GetPoints() else np.zeros((0, 3))
-    np.savez(output, points=points, types=types, sizes=sizes, corners=corners)
+    fields = {f"{FIELD}{name}": values for name, values in _fields(data).items()}
+    np.savez(output, points=points, types=types, sizes=sizes, corners=corners, **fields)
 
 
 def _read(source: str) -> Any:
@@ -39,7 +42,10 @@ def _reader(source: str) -> Any:
     if suffix == "vtk":
         from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
-        return vtkGenericDataObjectReader()
+        reader = vtkGenericDataObjectReader()
+        reader.ReadAllScalarsOn()
+        reader.ReadAllFieldsOn()
+        return reader
     from vtkmodules import vtkIOXML
 
     return vtkIOXML.vtkXMLPolyDataReader() if suffix == "vtp" else vtkIOXML.vtkXMLUnstructuredGridReader()
@@ -60,6 +66,13 @@ def _cells(data: Any) -> tuple[Any, ...]:
     return tuple(
         np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64) for parts in (types, sizes, corners)
     )
+
+
+def _fields(data: Any) -> dict[str, Any]:
+    """Return the arrays that have a number for each point, by name."""
+    found = data.GetPointData()
+    arrays = [found.GetArray(i) for i in range(found.GetNumberOfArrays())]
+    return {a.GetName(): _array(a) for a in arrays if a is not None and a.GetName() and a.GetNumberOfComponents() == 1}
 
 
 def _array(data: Any) -> Any:

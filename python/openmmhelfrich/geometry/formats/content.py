@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ class Content:
         sentences on what else the file has, and what became of it
     box : (3, 3) array, optional
         the vectors of the periodic box
+    fields : dict
+        arrays of shape (N,) by name, a number for each point
     """
 
     points: NDArray[np.floating]
@@ -32,6 +35,7 @@ class Content:
     sizes: NDArray[np.integer]
     notes: list[str] = field(default_factory=list)
     box: NDArray[np.float64] | None = None
+    fields: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     @classmethod
     def ofTriangles(cls, points: NDArray[np.floating], triangles: NDArray[np.integer], *notes: str) -> "Content":
@@ -70,7 +74,9 @@ class Content:
         used[triangles] = True
         where = f"that is closer than {distance:.3g}" if distance > 0 else "in the same place"
         note = f"{counted(count, 'corner')} welded to another {where}"
-        return Content.ofTriangles(self.points[used], (np.cumsum(used) - 1)[triangles], *self.notes, note)
+        result = Content.ofTriangles(self.points[used], (np.cumsum(used) - 1)[triangles], *self.notes, note)
+        result.fields = {name: values[used] for name, values in self.fields.items()}
+        return result
 
     def triangles(self) -> NDArray[np.int64]:
         """Return the faces as triangles, (T, 3); those of more corners are divided, which is noted.

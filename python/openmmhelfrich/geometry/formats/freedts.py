@@ -1,4 +1,10 @@
-"""Topologies of FreeDTS, .tsi and .q: a box, vertices and triangles, each with its number."""
+"""Topologies of FreeDTS, .tsi and .q: a box, vertices and triangles, each with its number.
+
+FreeDTS's box reaches from 0 to its lengths, and it ends with a segmentation fault where a vertex is outside.  So files
+have the mesh within the box, and where FreeDTS looks at nothing a comment, "# origin X Y Z", says where it was.
+"""
+
+import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +41,7 @@ def readTSI(content: bytes) -> Content:
             _count(lines, sections[name]),
             "vector fields" if name == "vector_fields" else f"lines of the section '{name}'",
         )
-    return result
+    return _atOrigin(content, result)
 
 
 def readQ(content: bytes) -> Content:
@@ -48,6 +54,18 @@ def readQ(content: bytes) -> Content:
     numTriangles = lines.integers(2 + numVertices, 1, "the number of triangles")[0]
     result = _content(lines, box, 2, numVertices, 3 + numVertices, numTriangles)
     result.noteLeftOut(len(lines) - 3 - numVertices - numTriangles, "lines after the last triangle")
+    return _atOrigin(content, result)
+
+
+def _atOrigin(content: bytes, result: Content) -> Content:
+    """Return what was read with the origin that a comment has added to its points."""
+    found = re.search(r"# origin (.*)", content.decode("utf-8", errors="replace"))
+    if found:
+        try:
+            x, y, z = (float(word) for word in found[1].split())
+        except ValueError:
+            raise ValueError(f"its origin is '{found[1][:60]}'; it must be three numbers") from None
+        result.points = result.points + np.array([x, y, z])
     return result
 
 
@@ -89,16 +107,37 @@ def textOf(
     suffix: str, points: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64] | None
 ) -> str:
     """Return the text of a .tsi or .q file; without a box, it has one of twice the mesh's extent."""
-    lengths = 2 * np.ptp(points, axis=0) if box is None else np.diag(box)
-    if box is not None and np.any(box != np.diag(lengths)):
-        raise ValueError("the box is not rectangular; FreeDTS has rectangular boxes only")
-    vertices = [f"{i:8d} {x:24.17g} {y:24.17g} {z:24.17g}" for i, (x, y, z) in enumerate(points.tolist())]
+    if box is None:
+        lengths = 2 * np.ptp(points, axis=0)
+        lengths[lengths == 0] = lengths.max()
+    else:
+        lengths = np.diag(box)
+        if np.any(box != np.diag(lengths)):
+            raise ValueError("the box is not rectangular; FreeDTS has rectangular boxes only")
+    origin = _originFor(points, lengths)
+    vertices = [f"{i:8d} {x:24.17g} {y:24.17g} {z:24.17g}" for i, (x, y, z) in enumerate((points - origin).tolist())]
     faces = [f"{i:8d} {a:8d} {b:8d} {c:8d}" for i, (a, b, c) in enumerate(triangles.tolist())]
     sides = " ".join(f"{length:.17g}" for length in lengths)
+    comment = "# origin " + " ".join(f"{x:.17g}" for x in origin) if np.any(origin) else ""
     if suffix == ".tsi":
-        head = ["version 1.1", f"box {sides}", f"vertex {len(vertices)}"]
+        head = [f"version 1.1 {comment}".rstrip(), f"box {sides}", f"vertex {len(vertices)}"]
         lines = [*head, *vertices, f"triangle {len(faces)}", *faces]
     else:
         lines = [sides, str(len(vertices)), *(f"{line} 0" for line in vertices), str(len(faces))]
-        lines += [f"{line} 0" for line in faces]
+        lines += [*(f"{line} 0" for line in faces), *([comment] if comment else [])]
     return "\n".join(lines) + "\n"
+
+
+def _originFor(points: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what to subtract from points for a box that begins at 0: nothing if they are within it, else what brings
+    them to its middle, rounded so that the difference loses no digits of coarser numbers.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    if np.all((low >= 0) & (high < lengths)):
+        return np.zeros(3)
+    room = lengths - (high - low)
+    if np.any(room <= 0):
+        sizes = " and ".join(" x ".join(f"{x:g}" for x in each) for each in (high - low, lengths))
+        raise ValueError(f"the sizes of the mesh and its box are {sizes}; FreeDTS needs all vertices within the box")
+    step = 2.0 ** np.floor(np.log2(room / 2))
+    return step * np.round((low + high - lengths) / 2 / step)

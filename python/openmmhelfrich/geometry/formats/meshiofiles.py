@@ -46,6 +46,8 @@ def write(
     """Write a file in the format that a suffix names, with data at the points."""
     import meshio
 
+    if suffix == ".vtk" and data is not None:  # whose 32-bit whole numbers meshio calls what VTK does not know
+        data = {name: np.asarray(v, np.int64) if np.asarray(v).dtype.kind in "iub" else v for name, v in data.items()}
     mesh = meshio.Mesh(points, [("triangle", triangles)], point_data=data)
     kind = _FORMAT.get(suffix) or meshio.extension_to_filetypes[suffix][0]
     try:
@@ -91,6 +93,7 @@ def _content(mesh: Any) -> Content:
         np.concatenate([block.data.ravel() for block in faces]),
         np.concatenate([np.full(len(block.data), _CORNERS[block.type]) for block in faces]),
     )
+    result.fields = {name: values for name, values in mesh.point_data.items() if np.ndim(values) == 1}
     for kind, what in _LEFT_OUT.items():
         result.noteLeftOut(sum(len(block.data) for block in mesh.cells if block.type == kind), what)
     return result

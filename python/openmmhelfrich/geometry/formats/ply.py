@@ -46,10 +46,29 @@ def read(content: bytes) -> Content:
         raise ValueError("it has no element 'vertex' with the properties x, y and z")
     points = np.column_stack([values["vertex"][name] for name in "xyz"])
     result = _faces(points, values)
+    result.box = _boxOf(content[:body])
+    result.fields = {p: v for p, v in values["vertex"].items() if p not in "xyz" and np.ndim(v) == 1}
     for name, count in ((e.name, e.count) for e in elements if e.name not in ("vertex", "face", "tristrips")):
         result.noteLeftOut(count, f"elements '{name}'")
     result.noteLeftOut(source.beyond(), f"{'bytes' if order else 'lines'} after the last element")
     return result
+
+
+def withBox(content: bytes, box: NDArray[np.float64]) -> bytes:
+    """Return a file's bytes with the sides of a rectangular periodic box in a comment, which :func:`read` knows."""
+    if np.any(box != np.diag(np.diag(box))):
+        raise ValueError(f"the box has the vectors {box.tolist()}; it must be rectangular")
+    head, rest = content.split(b"\nformat ", 1)
+    line, rest = rest.split(b"\n", 1)
+    sides = " ".join(repr(float(side)) for side in np.diag(box))
+    return head + b"\nformat " + line + f"\ncomment periodic box {sides}\n".encode() + rest
+
+
+def _boxOf(head: bytes) -> NDArray[np.float64] | None:
+    """Return the box that a comment in a head tells, if there is one."""
+    number = rb"[ \t]+(\d[^ \t\r\n]*)"
+    found = re.search(rb"(?m)^comment periodic box" + 3 * number + rb"[ \t]*\r?$", head)
+    return None if found is None else np.diag([float(side) for side in found.groups()])
 
 
 def _faces(points: NDArray[np.floating], values: dict[str, dict[str, Any]]) -> Content:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ...optional import require
 from . import meshiofiles
+from ._vtkreader import FIELD
 from .content import Content, trianglesOfStrip
 
 _SECONDS = 10  # of the processor, for a small file
@@ -44,6 +45,7 @@ def read(path: Path) -> Content:
         _readElsewhere(path, output)
         with np.load(output) as found:
             result = _content(*(found[name] for name in ("points", "types", "sizes", "corners")))
+            result.fields = {name.removeprefix(FIELD): found[name] for name in found if name.startswith(FIELD)}
     # Pieces of one surface have vertices of their own along their seams, at the same positions.
     return result.welded(0.0) if path.read_bytes().count(b"<Piece") > 1 and len(result.sizes) else result
 

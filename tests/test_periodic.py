@@ -1,0 +1,364 @@
+"""Periodic membranes: a sheet in a box has the energies, forces and flips of the same sheet without an end."""
+
+import numpy as np
+import openmm as mm
+import pytest
+from openmm import unit
+
+import openmmhelfrich as mh
+from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
+from openmmhelfrich.geometry import quality
+
+TERMS = ["bending", "area", "areaDifference", "tether", "repulsion", "tension", "gaussian", "line", "pair"]
+
+
+def createSheet(side=(9.0, 8.0), seed=1, noise=0.12):
+    """Return a rough sheet with long waves, whose vertices are anywhere beside the borders of the box."""
+    mesh = mh.Mesh.sheet(*side, 1.0)
+    random = np.random.default_rng(seed)
+    x = mesh.vertices + random.uniform(-noise, noise, mesh.vertices.shape)
+    phases = 2 * np.pi * x[:, :2] / np.diag(mesh.box)[:2]
+    x[:, 2] += 0.5 * np.sin(phases[:, 0]) + 0.4 * np.cos(phases[:, 1])
+    return mh.Mesh(x + np.array([0.3, -0.2, 0.5]), mesh.triangles, mesh.box)
+
+
+def createForce(mesh, terms=TERMS, exclusionLevel=1):
+    """Return a periodic force with some terms, each far from its minimum."""
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setUsesPeriodicBoundaryConditions(True)
+    isMixed = bool({"gaussian", "line", "pair"} & set(terms))
+    if isMixed:
+        for modulus, curvature, gaussian in ((20.0, 0.3, -9.0), (12.0, -0.6, 5.0), (27.0, 1.1, -3.0)):
+            force.addSpecies(modulus * ("bending" in terms), curvature, gaussian * ("gaussian" in terms))
+        force.setVertexSpecies(np.arange(len(mesh.vertices)) // 3 % 3)
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            force.setLineTension(a, b, (5 + a + 3 * b) * ("line" in terms))
+            force.setPairEnergy(a, b, (2 + a - b) * ("pair" in terms))
+    elif "bending" in terms:
+        force.setBendingModulus(20)
+        force.setSpontaneousCurvature(0.2)
+    if "area" in terms:
+        force.setAreaModulus(3000)
+        force.setTargetArea(1.1 * mesh.area)
+    if "areaDifference" in terms:
+        force.setAreaDifferenceModulus(2)
+        force.setTargetAreaDifference(3)
+    if "tether" in terms:
+        force.setTether(7, 0.95, 1.1, 3)
+    if "repulsion" in terms:
+        force.setRepulsion(0.5, 1.9, 2, exclusionLevel)
+    if "tension" in terms:
+        force.setTension(30)
+    return force
+
+
+SCENES = (
+    [([term], 1) for term in TERMS] + [(["bending", "tether", "area"], 1)] + [(TERMS, level) for level in (0, 1, 2)]
+)
+
+
+def wrapped(mesh):
+    """Return the positions with each vertex in the box, and a few boxes more for some."""
+    lengths = np.diag(mesh.box)
+    inside = mesh.vertices - np.floor(mesh.vertices / lengths) * lengths
+    return inside + lengths * np.random.default_rng(3).integers(-1, 2, mesh.vertices.shape)
+
+
+@pytest.mark.parametrize("terms, level", SCENES)
+def test_forces_are_derivatives_of_the_energy(terms, level):
+    mesh = createSheet((6.0, 6.0))
+    context = createContext(mesh, createForce(mesh, terms, level))
+    forces, h = forcesOf(context), 1e-5
+    scale = max(np.abs(forces).max(), 1e-3)
+    for vertex in (0, 4, 17, len(mesh.vertices) - 1):
+        for axis in range(3):
+            energies = []
+            for sign in (1, -1):
+                x = wrapped(mesh)
+                x[vertex, axis] += sign * h
+                context.setPositions(x)
+                energies.append(energyOf(context))
+            assert (energies[1] - energies[0]) / (2 * h) == pytest.approx(forces[vertex, axis], abs=2e-6 * scale)
+
+
+@pytest.mark.parametrize("terms, level", SCENES)
+def test_platforms_agree(terms, level):
+    mesh = createSheet()
+    contexts = [createContext(mesh, createForce(mesh, terms, level), platform) for platform in PLATFORMS]
+    reference, cpu = (energyOf(context) for context in contexts)
+    assert cpu == pytest.approx(reference, rel=1e-10, abs=1e-10)
+    forces, own = (forcesOf(context) for context in contexts)
+    assert np.abs(forces - own).max() < 1e-10 * max(np.abs(forces).max(), 1)
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("level", [1, 2])
+def test_translations_and_images_change_nothing(platform, level):
+    mesh = createSheet()
+    force = createForce(mesh, TERMS, level)
+    context = createContext(mesh, force, platform)
+    energy, forces = energyOf(context), forcesOf(context)
+    moved = mesh.vertices + np.array([1.7, -40.1, 3.3])
+    for positions in (moved, mesh.vertices + mesh.box[0] - 2 * mesh.box[1], wrapped(mesh)):
+        context.setPositions(positions)
+        assert energyOf(context) == pytest.approx(energy, rel=1e-10)
+        assert np.abs(forcesOf(context) - forces).max() < 1e-9 * np.abs(forces).max()
+
+
+def tiled(mesh):
+    """Return four copies of a sheet side by side, in a box of twice the width and height."""
+    n, lengths = len(mesh.vertices), np.diag(mesh.box)
+    places = [(i, j) for i in (0, 1) for j in (0, 1)]
+    inside = mesh.vertices - np.floor(mesh.vertices / lengths) * lengths
+    x = np.concatenate([inside + lengths * np.array([i, j, 0]) for i, j in places])
+    images = np.rint((mesh.vertices[mesh.triangles[:, :1]] - mesh.vertices[mesh.triangles]) / lengths).astype(int)
+    corners = np.floor(mesh.vertices / lengths).astype(int)[mesh.triangles]
+    images = images + corners - corners[:, :1]
+    triangles = []
+    for i, j in places:
+        tile = (images[..., 0] + i) % 2 * 2 + (images[..., 1] + j) % 2
+        triangles.append(mesh.triangles + n * tile)
+    return mh.Mesh(x, np.concatenate(triangles), np.diag(lengths * [2, 2, 1]))
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_four_tiles_have_four_times_the_energy(platform):
+    mesh = createSheet((6.0, 6.0))
+    terms = ["bending", "tether", "repulsion", "tension"]
+    one = energyOf(createContext(mesh, createForce(mesh, terms), platform))
+    four = tiled(mesh)
+    assert four.area == pytest.approx(4 * mesh.area, rel=1e-12)
+    assert energyOf(createContext(four, createForce(four, terms), platform)) == pytest.approx(4 * one, rel=1e-10)
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("terms, level", SCENES)
+def test_each_flip(platform, terms, level):
+    """After each flip, energy and forces are those of a new Context with its triangles."""
+    mesh = createSheet((6.0, 6.0))
+    force = createForce(mesh, terms, level)
+    flips = mh.EdgeFlipIntegrator(kelvin(500), 1 / len(mesh.edges))
+    flips.setRandomNumberSeed(5)
+    context = createContext(mesh, force, platform, flips)
+    context.setPositions(wrapped(mesh))
+    for _ in range(40):
+        accepted = flips.getNumAccepted()
+        flips.step(1)
+        if flips.getNumAccepted() == accepted:
+            continue
+        fresh = createForce(mesh, terms, level)
+        fresh.setTriangles(force.getTrianglesInContext(context))
+        other = createContext(mesh, fresh, platform)
+        assert energyOf(context) == pytest.approx(energyOf(other), rel=1e-11, abs=1e-11)
+    assert flips.getNumAccepted() > 8
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_platforms_and_threads_make_the_same_flips_and_exchanges(level):
+    mesh = createSheet((16, 17))
+    outcomes = []
+    for platform, threads in (("Reference", None), ("CPU", 1), ("CPU", 2)):
+        force = createForce(mesh, TERMS, level)
+        exchange = mh.SpeciesExchangeIntegrator(kelvin(20), 0.3)
+        compound = mm.CompoundIntegrator()
+        flips = mh.EdgeFlipIntegrator(kelvin(50), 0.5)
+        for move in (flips, exchange):
+            move.setRandomNumberSeed(7)
+            compound.addIntegrator(move)
+        properties = {} if threads is None else {"Threads": str(threads)}
+        context = createContext(mesh, force, platform, compound, properties)
+        context.setPositions(wrapped(mesh))
+        for i in (0, 1, 0, 1):
+            compound.setCurrentIntegrator(i)
+            compound.step(1)
+        assert flips.getNumAccepted() > 20 and exchange.getNumAccepted() > 20
+        outcomes.append((force.getTrianglesInContext(context), force.getVertexSpeciesInContext(context)))
+    for triangles, species in outcomes[1:]:
+        assert np.array_equal(triangles, outcomes[0][0]) and np.array_equal(species, outcomes[0][1])
+
+
+def createHmc(seed=2, **settings):
+    hmc = mh.HybridMonteCarloIntegrator(300, settings.get("stepSize", 0.02), 20, 0.3, 0.5)
+    hmc.setRandomNumberSeed(seed)
+    hmc.setForcePrecision(settings.get("precision", "double"))
+    hmc.setMultilevelWeight(settings.get("weight", 0.0))
+    return hmc
+
+
+@pytest.mark.parametrize("precision", ["double", "mixed"])
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_trajectories_conserve_energy_and_do_not_see_the_box(precision, weight):
+    """Positions that are images of each other give the same chain."""
+    mesh = createSheet((12, 11), noise=0.05)
+    terms, ends = ["bending", "tether", "tension", "repulsion"], []
+    for positions in (mesh.vertices, wrapped(mesh)):
+        hmc = createHmc(precision=precision, weight=weight, stepSize=0.003)
+        context = createContext(mesh, createForce(mesh, terms), "CPU", hmc)
+        context.setPositions(positions)
+        start = energyOf(context)
+        hmc.step(6)
+        assert energyOf(context) != start
+        assert hmc.getAcceptanceRate() > 0.5
+        ends.append((positionsOf(context) - positions, energyOf(context)))
+    tolerance = 1e-9 if precision == "double" else 1e-4
+    assert np.abs(ends[0][0] - ends[1][0]).max() < tolerance
+    assert ends[0][1] == pytest.approx(ends[1][1], rel=tolerance)
+
+
+def test_checkpoints_and_xml_keep_it():
+    mesh = createSheet()
+    force = createForce(mesh)
+    copy = mm.XmlSerializer.deserialize(mm.XmlSerializer.serialize(force))
+    assert copy.usesPeriodicBoundaryConditions()
+    assert not mm.XmlSerializer.deserialize(
+        mm.XmlSerializer.serialize(mh.HelfrichForce())
+    ).usesPeriodicBoundaryConditions()
+    hmc = createHmc(stepSize=0.003)
+    context = createContext(mesh, force, "CPU", hmc)
+    hmc.step(2)
+    checkpoint = context.createCheckpoint()
+    hmc.step(3)
+    end = energyOf(context)
+    other = createHmc(stepSize=0.003)
+    resumed = createContext(mesh, copy, "CPU", other)
+    resumed.loadCheckpoint(checkpoint)
+    other.step(3)
+    assert energyOf(resumed) == end
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_geometry_of_mesh_and_force(platform):
+    mesh = createSheet()
+    force = createForce(mesh, ["bending"])
+    geometry = force.getGeometryInContext(createContext(mesh, force, platform))
+    assert geometry.area.value_in_unit(unit.nanometer**2) == pytest.approx(mesh.area, rel=1e-12)
+    assert geometry.volume.value_in_unit(unit.nanometer**3) == 0
+    assert np.allclose(geometry.vertexMeanCurvatures.value_in_unit(unit.nanometer), mesh.vertexMeanCurvatures)
+
+
+def test_meshes_of_sheets():
+    mesh = mh.Mesh.sheet(12, 9, 1.0)
+    mesh.check()
+    assert mesh.isPeriodic and np.allclose(mesh.vertexMeanCurvatures, 0)
+    assert mesh.area == pytest.approx(12 * 9, rel=1e-12)
+    assert mesh.edgeLengths.mean() == pytest.approx(1, rel=0.05) and mesh.edgeLengths.std() < 0.05
+    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 0
+    vectors = mesh.createSystem().getDefaultPeriodicBoxVectors()
+    assert np.array_equal([vector / unit.nanometer for vector in vectors], mesh.box)
+    with pytest.raises(ValueError, match="encloses no volume"):
+        mesh.volume  # noqa: B018
+    for width, edge, problem in ((0, 1, "must be positive"), (9, 2, "at most a fifth"), (9, 0, "at most a fifth")):
+        with pytest.raises(ValueError, match=problem):
+            mh.Mesh.sheet(width, 9, edge)
+
+
+def test_the_box_changes_no_measure_of_a_mesh():
+    """Lengths, areas, angles, curvatures and what is close do not depend on which image of a vertex is taken."""
+    mesh = createSheet()
+    other = mh.Mesh(wrapped(mesh), mesh.triangles, mesh.box)
+    assert other.isPeriodic
+    for name in ("edgeLengths", "triangleAreas", "vertexMeanCurvatures"):
+        assert np.allclose(getattr(mesh, name), getattr(other, name), atol=1e-12)
+    one, two = quality.assess(mesh), quality.assess(other)
+    assert np.allclose(one.angles, two.angles) and np.allclose(one.dihedrals, two.dihedrals)
+    assert one.closestPair == pytest.approx(two.closestPair)
+    assert len(one.crossings) == len(two.crossings) == 0
+    open_ = other.unwrapped()
+    assert open_.area == pytest.approx(mesh.area, rel=1e-12) and open_.edgeLengths.max() < 2 * mesh.edgeLengths.max()
+    assert np.ptp(open_.vertices[:, 2]) == pytest.approx(np.ptp(mesh.vertices[:, 2]))
+
+
+def test_crossings_through_the_border():
+    """A sheet so rough that it passes through itself everywhere does so as often in each of its tiles."""
+    mesh = createSheet(noise=0.7)
+    count = len(quality.crossings(mesh))
+    assert count > 10
+    assert len(quality.crossings(mh.Mesh(wrapped(mesh), mesh.triangles, mesh.box))) == count
+    assert len(quality.crossings(tiled(mesh))) == 4 * count
+
+
+@pytest.mark.parametrize("suffix", ["tsi", "q", "ply"])
+def test_files_keep_the_box(tmp_path, suffix):
+    mesh = createSheet()
+    mesh.write(tmp_path / f"sheet.{suffix}")
+    read = mh.Mesh.read(tmp_path / f"sheet.{suffix}")
+    assert read.isPeriodic and np.allclose(read.box, mesh.box) and np.array_equal(read.triangles, mesh.triangles)
+    assert read.area == pytest.approx(mesh.area, rel=1e-6)
+    with pytest.raises(ValueError, match="files of this format have no box"):
+        mesh.write(tmp_path / "sheet.stl")
+    with pytest.raises(ValueError, match="periodic"):
+        read.remeshed(100)
+
+
+def test_trajectories_keep_the_box(tmp_path):
+    mesh = createSheet()
+    frames = [mh.meshFrame(step, mh.Mesh(mesh.vertices + step, mesh.triangles, mesh.box)) for step in range(3)]
+    mh.writeMeshTrajectory(tmp_path / "sheet.vtkhdf", frames)
+    for frame in mh.readMeshTrajectory(tmp_path / "sheet.vtkhdf"):
+        assert frame.mesh.isPeriodic and frame.mesh.area == pytest.approx(mesh.area, rel=1e-12)
+    with pytest.raises(ValueError, match="another periodic box"):
+        other = mh.meshFrame(3, mh.Mesh(2 * mesh.vertices, mesh.triangles, 2 * mesh.box))
+        mh.writeMeshTrajectory(tmp_path / "sheet.vtkhdf", [*frames, other])
+
+
+REFUSED = [
+    (lambda force: force.setVolumeModulus(1) or force.setTargetVolume(1), "volume term is on.*encloses no volume"),
+    (lambda force: force.setPressure(1), "pressure term is on.*encloses no volume"),
+    (lambda force: force.setRepulsion(1, 4, 2), "repulsion's onset 4 nm; it must be at most a third"),
+]
+
+
+@pytest.mark.parametrize("change, problem", REFUSED)
+def test_what_has_no_meaning_is_refused(change, problem):
+    mesh = createSheet()
+    force = createForce(mesh, ["bending"])
+    change(force)
+    with pytest.raises(mm.OpenMMException, match=problem):
+        energyOf(createContext(mesh, force))
+
+
+def test_boxes_and_moves_that_are_refused():
+    mesh = createSheet()
+    force = createForce(mesh, ["bending"])
+    context = createContext(mesh, force)
+    energy = energyOf(context)
+    lengths = np.diag(mesh.box)
+    for box, problem in (
+        (np.diag(lengths / 4), "at least twice as long as any edge"),
+        (np.diag(lengths) + np.eye(3, k=-1)[[0, 1, 0]], r"box vector b is \(1, .* needs a rectangular box"),
+    ):
+        context.setPeriodicBoxVectors(*box)
+        with pytest.raises(mm.OpenMMException, match=problem):
+            energyOf(context)
+    context.setPeriodicBoxVectors(*mesh.box)
+    assert energyOf(context) == energy
+    context.setParameter(force.getPressureParameter(), 1)
+    with pytest.raises(mm.OpenMMException, match="pressure term is on"):
+        energyOf(context)
+    with pytest.raises(mm.OpenMMException, match="is periodic, and waves in any direction would tear it"):
+        createContext(mesh, createForce(mesh, ["bending"]), "CPU", mh.ShearWaveIntegrator(300, 0.1, 0.1, 1))
+
+
+def test_runs_of_sheets(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = {
+        "mesh": {"sheet": [8, 8, 1.0]},
+        "sampling": {"steps": 30, "step_size": 0.004, "seed": 3},
+        "output": {"prefix": "sheet", "trajectory_interval": 5, "observables_interval": 1},
+    }
+    summary = mh.run(config)
+    assert "volume" not in summary.table and "reducedVolume" not in summary.table
+    trajectory = mh.readMeshTrajectory("sheet.vtkhdf")
+    assert trajectory[-1].mesh.isPeriodic
+    assert mh.Mesh.read("sheet.ply").area == pytest.approx(summary.table["area"][-1], rel=1e-5)
+    mh.resume("sheet", 10)
+    assert mh.readObservables("sheet.csv")["step"][-1] == 40
+    for section, key, value, problem in (
+        ("membrane", "volume_modulus", 10.0, "encloses no volume"),
+        ("membrane", "reduced_volume", 0.9, "encloses no volume"),
+        ("membrane", "pressure", 0.1, "encloses no volume"),
+        ("sampling", "shear_wave_probability", 0.1, "would tear it"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})
