@@ -347,13 +347,14 @@ def testWhatAFlushWritesDoesNotGrow(tmp_path, monkeypatch):
 
 
 DAMAGED = """
-import faulthandler, pickle, resource, sys, openmmhelfrich as mh
+import faulthandler, pickle, resource, signal, sys, openmmhelfrich as mh
 from openmmhelfrich.io.vtkhdf import MeshTrajectoryWriter
 import test_drafts
 resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
+faulthandler.register(signal.SIGPROF, chain=True)
 contents = pickle.load(sys.stdin.buffer)
 for content in contents:
-    faulthandler.dump_traceback_later(5, exit=True)
+    signal.setitimer(signal.ITIMER_PROF, 5)  # of computing: others may have the processor
     open(sys.argv[1], "wb").write(content)
     try:
         with mh.readMeshTrajectory(sys.argv[1]) as trajectory:

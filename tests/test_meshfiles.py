@@ -436,7 +436,7 @@ def damaged(content, random):
 
 @pytest.mark.parametrize("suffix", sorted({suffix for suffix, _ in DIALECTS.values()}))
 def testDamagedFilesAreASentence(tmp_path, suffix):
-    """In a process with 2 GB to spare, every damaged file is read or a sentence, within ten seconds."""
+    """In a process with 2 GB to spare, every damaged file is read or a sentence, within ten seconds of computing."""
     mesh, writers = mh.Mesh.icosphere(1), [write for s, write in DIALECTS.values() if s == suffix]
     random = np.random.default_rng(len(suffix))
     count = int(os.environ.get("OPENMM_HELFRICH_DAMAGED_FILES", 4 if suffix in ("vtk", "vtu", "vtp") else 60))
@@ -455,14 +455,14 @@ def _readAll(cases, file):
     resource.setrlimit(resource.RLIMIT_AS, (used + 2 * 10**9, used + 2 * 10**9))
     for i, content in enumerate(cases):
         file.write_bytes(content)
-        start, failure = time.monotonic(), None
+        start, failure = time.process_time(), None
         try:
             mh.Mesh.read(file, repair=True)
         except ValueError as error:
             failure = f"several lines: {error}" if "\n" in str(error) else None
         except BaseException as error:
             failure = f"{type(error).__name__}: {error}"
-        if failure or time.monotonic() - start > 10:
+        if failure or time.process_time() - start > 10:
             file.with_name("failure").write_text(f"number {i}: {failure}")
             return 1
     return 0

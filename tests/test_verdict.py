@@ -129,6 +129,7 @@ def testWhatIsGood():
     assert str(judge(GOOD)) == "good"
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("check, level, other", FOUND)
 def testWhatEachCheckFinds(check, level, other):
     found = [finding for finding in judge(replace(GOOD, **other)).findings if finding.check == check]

@@ -183,7 +183,7 @@ def triangleAngles(mesh: Mesh) -> np.ndarray:
 
 def dihedralAngles(mesh: Mesh) -> np.ndarray:
     """Return the angle between the normals of the two triangles at each edge, in degrees: 0 where the surface is flat,
-    positive where it is convex, 180 where facets lie on each other.
+    positive where it is convex, 180 where facets lie on each other; 0 beside a triangle without area, as in the force.
     """
     first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
     origin, target = (end[first] for end in connectivity.halfedges(mesh.triangles))
@@ -193,7 +193,8 @@ def dihedralAngles(mesh: Mesh) -> np.ndarray:
     for block in connectivity.blocks(len(angles)):
         f, g = (normals[side[block] // 3] for side in (first, second))
         edge = connectivity.edgeVectors(mesh.vertices, origin[block], target[block], mesh.images)
-        sine = _dot(np.cross(f, g), edge) / np.linalg.norm(edge, axis=1)
+        length = np.linalg.norm(edge, axis=1)
+        sine = _dot(np.cross(f, g), edge) / np.where(length > 0, length, 1)
         angles[block] = np.degrees(np.arctan2(sine, _dot(f, g)))
     return angles
 
