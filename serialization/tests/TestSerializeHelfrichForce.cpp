@@ -223,7 +223,7 @@ void testDamagedText() {
     makeForce(force);
     string xml = toXml(force);
     const string triangles = "0 2 1 0 1 3 0 3 2 1 2 2147483647";
-    assertRejected(replaced(xml, "version=\"5\"", "version=\"9\""), "unsupported version 9");
+    assertRejected(replaced(xml, "version=\"5\"", "version=\"8\""), "unsupported version 8");
     assertRejected(replaced(xml, "version=\"5\"", "version=\"0\""), "unsupported version 0");
     assertRejected(replaced(xml, "lengthScale=\".3\"", "lengthScale=\"-.3\""), "setTetherLengthScale");
     assertRejected(replaced(xml, "lengthScale=\".6\"", "lengthScale=\"0\""), "setRepulsionLengthScale");

@@ -20,8 +20,8 @@ static const int BATCHES_PER_THREAD = 4;
 static const int VERTICES_PER_ATTEMPT = 16;
 
 /**
- * Membranes of fewer vertices are in a processor's second-level cache, and to ask for what comes next costs more time
- * than it saves.
+ * Membranes of fewer vertices are in a processor's second-level cache even after a trajectory, and to ask for what
+ * comes next costs more time than it saves.
  */
 static const int MIN_FETCHED_AHEAD = 5000;
 
