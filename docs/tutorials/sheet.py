@@ -103,9 +103,9 @@ axes.figure.savefig("heights.png", dpi=110)
 # %% [markdown]
 # ![Measured heights on the lines of theory; under tension the longest waves are lower](heights.png)
 #
-# This run found κ = 19.3 ± 0.5 kT and σ = 0.30 ± 0.15 kT/nm² for the first sheet. For the second it found 18.5 ± 0.6 and
-# 1.51 ± 0.17: the tension is 1.2 ± 0.2 higher where 1 was added. The small tension of the first sheet is that which a box of
-# fixed size puts on its edges. As in a vesicle, undulations too short for the fit soften the membrane a little.
+# This run found κ = 19.3 ± 0.5 kT and σ = 0.30 ± 0.15 kT/nm² for the first sheet. For the second it found 18.5 ± 0.6
+# and 1.51 ± 0.17: the tension is 1.2 ± 0.2 higher where 1 was added. The small tension of the first sheet is that which
+# a box of fixed size puts on its edges. As in a vesicle, undulations too short for the fit soften the membrane.
 #
 # ## Where to go
 #
