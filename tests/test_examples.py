@@ -178,6 +178,8 @@ def testScriptOfReplicaExchange(tmp_path):
     """A fair part of the exchanges between neighbors succeeds."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/free-energies.md").read_text(), re.DOTALL)
     (tmp_path / "script.py").write_text("\n".join(blocks))
+    sections = "[mesh]\nicosphere = 2\n[sampling]\nsteps = 20\n[output]\ntrajectory_interval = 5\n"
+    (tmp_path / "vesicle.toml").write_text(sections)
     rates = [float(rate) for rate in execute(tmp_path, "script.py").splitlines()[0].strip(" []").split()]
     assert len(rates) == 3 and 0.1 < min(rates) <= max(rates) < 0.7
     assert (tmp_path / "exchange.zip").stat().st_size > 10000
