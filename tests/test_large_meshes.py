@@ -72,7 +72,8 @@ def testSlabsFindEveryPair(size):
     """Spheres whose radii differ by much: the pairs that touch are those that all distances tell."""
     generator = np.random.default_rng(4)
     middles, radii = generator.normal(size=(700, 3)) * [3, 1, 1], 0.1 * np.exp(generator.normal(size=700))
-    found = np.sort(np.concatenate(list(quality._touching(middles, radii, size))), axis=1)
+    columns = np.ascontiguousarray(middles.T)
+    found = np.sort(np.concatenate(list(quality._touching(columns, radii, size)), axis=1), axis=0).T
     a, b = np.triu_indices(700, 1)
     touches = np.linalg.norm(middles[a] - middles[b], axis=1) <= radii[a] + radii[b]
     assert len(found) == len(np.unique(found, axis=0)) == touches.sum() > 500

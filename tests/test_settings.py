@@ -339,7 +339,6 @@ def testTargetsWithoutModulus(tmp_path, membrane, message):
         ("repulsion", {"onset": 0.2}, {"modulus": 0}),
         ("repulsion", {"exponent": 3}, {"modulus": 10}),
         ("sampling", {"shear_wave_cutoff": 2.0}, {"shear_wave_probability": 0.1}),
-        ("sampling", {"exchange_fraction": 0.2}, {"exchange_probability": 0}),
         ("sampling", {"burn_in": 2}, {"step_size": "auto"}),
         ("sampling", {"burn_in": 2}, {"shear_wave_probability": 0.1}),
     ],
