@@ -12,6 +12,7 @@ from .terminal import show
 
 if TYPE_CHECKING:  # cli starts without what simulates
     from ..geometry.mesh import Mesh
+    from ..runs.scene import Scene
     from ..runs.sections import MeshSection
 
 app = typer.Typer()
@@ -50,7 +51,7 @@ def check(
     """
     from ..geometry.mesh import Mesh
     from ..geometry.quality import assess
-    from ..runs.readiness import coarse, readinessOf
+    from ..runs.readiness import coarse, defaultScene, readinessOf
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
@@ -59,7 +60,9 @@ def check(
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
     with contextlib.suppress(ValueError):  # the reason says it
-        show(assess(surface).lines(section.length_unit) + _shapes(surface) + _suggestions(surface))
+        quality = assess(surface, isChecked=readiness.reason is None)
+        scene = readiness.scene or defaultScene(surface, section.length_unit)
+        show(quality.lines(section.length_unit) + _shapes(surface) + _suggestions(scene))
         notes = (coarse(part, part.reducedVolume) for part in surface.components() if not part.isPeriodic)
         show([("warning", str(note)) for note in notes if note])
     show([("note", note) for note in surface.notes])
@@ -322,12 +325,8 @@ def _meshSection(mesh: Path, scale: float, lengthUnit: str | None) -> "MeshSecti
     return parseConfig({"mesh": given}, "check").mesh
 
 
-def _suggestions(mesh: "Mesh") -> list[tuple[str, str]]:
+def _suggestions(scene: "Scene") -> list[tuple[str, str]]:
     """Return what a run does with a mesh by default."""
-    from ..runs.config import parseConfig
-    from ..runs.scene import Scene
-
-    scene = Scene.of(parseConfig({"mesh": {"file": "mesh"}}), mesh)
     bounds = f"min_length {scene.tether.minLength:.4g}, max_length {scene.tether.maxLength:.4g}"
     energy = f"modulus {scene.tether.modulus:.4g} kT, length_scale {scene.tether.lengthScale:.4g}"
     return [("tether", f"{bounds}, {energy} by default"), ("step size", f"{scene.stepSize:.3g} ps by default")]

@@ -147,8 +147,8 @@ class MeshQuality:
         )
 
 
-def assess(mesh: Mesh) -> MeshQuality:
-    """Describe a closed mesh.
+def assess(mesh: Mesh, isChecked: bool = False) -> MeshQuality:
+    """Describe a closed mesh, which a large one is known to be without another look if it has been checked.
 
     Raises
     ------
@@ -159,7 +159,8 @@ def assess(mesh: Mesh) -> MeshQuality:
     -------
     MeshQuality
     """
-    mesh.check()
+    if not isChecked:
+        mesh.check()
     angles, aspectRatios = _shapes(mesh)
     valences = np.bincount(mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
     surfaces = mesh.components()

@@ -147,32 +147,35 @@ class Readiness(NamedTuple):
         what makes it ready; none if it is, or if nothing is known that does
     notes : sequence of str
         what the first of them would do
+    scene : Scene or None
+        what a run would begin with; none if the mesh is not ready
     """
 
     reason: str | None = None
     commands: Sequence[str] = ()
     notes: Sequence[str] = ()
+    scene: Scene | None = None
 
 
 def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness:
     """Return the Readiness of a mesh that was read from a file, for a run with default settings."""
-    reason, repair = _obstacleOf(mesh, lengthUnit), []
+    (reason, scene), repair = _obstacleOf(mesh, lengthUnit), []
     if reason is None:
-        return Readiness()
+        return Readiness(scene=scene)
     repaired, options = _repaired(mesh)
     notes = repaired.notes[len(mesh.notes) :]
     if notes:
         target = _named(file, "repaired")
         repair = [repairing(file, target, *options)]
         mesh, file = repaired, target
-    left = _obstacleOf(mesh, lengthUnit)
+    left, _ = _obstacleOf(mesh, lengthUnit)
     if left is None:
         return Readiness(reason, repair, notes)
     try:
         mesh.check()
     except ValueError:
         return Readiness(reason)
-    scene = _defaultScene(mesh, lengthUnit)
+    scene = defaultScene(mesh, lengthUnit)
     if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
         failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(scene, mesh))
         if failure is not None:
@@ -208,17 +211,19 @@ def _named(file: PathLike, word: str) -> Path:
     return path.with_name(f"{path.stem}_{word}.ply")
 
 
-def _obstacleOf(mesh: Mesh, lengthUnit: str) -> str | None:
+def _obstacleOf(mesh: Mesh, lengthUnit: str) -> tuple[str | None, Scene | None]:
+    """Return what keeps a mesh from a run with default settings, and its Scene if it has one."""
     try:
         mesh.check()
     except ValueError as error:
-        return str(error)
-    scene = _defaultScene(mesh, lengthUnit)
+        return str(error), None
+    scene = defaultScene(mesh, lengthUnit)
     force = scene.createForce()
-    return obstacle(scene, scene.createSimulation(force), force)
+    return obstacle(scene, scene.createSimulation(force), force), scene
 
 
-def _defaultScene(mesh: Mesh, lengthUnit: str) -> Scene:
+def defaultScene(mesh: Mesh, lengthUnit: str = "nm") -> Scene:
+    """Return the Scene of a mesh with default settings."""
     config = parseConfig({"mesh": {"file": "mesh", "length_unit": lengthUnit}, "sampling": {"seed": 1}})
     return Scene.of(config, mesh)
 
