@@ -18,7 +18,7 @@ import openmmhelfrich as mh
 
 isSmall = os.environ.get("HELFRICH_TUTORIAL_SIZE") == "small"
 side, edge, bendingModulus = 16, 1.0, 20
-steps = 20 if isSmall else 6000
+steps = 100 if isSmall else 6000
 
 # %% [markdown]
 # ## A membrane in a periodic box

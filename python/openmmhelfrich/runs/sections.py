@@ -324,7 +324,7 @@ class Conditions(Targets):
     bending_modulus: Energy | None = Field(None, ge=0, description="kappa_B in kT, of a membrane without species")
     gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT, of a membrane without species")
     spontaneous_curvature: Curvature | None = Field(None, description="C_0 per length unit")
-    line_tension: LineTensions = Field(
+    line_tension: LineTensions | None = Field(
         None, description="lambda in kT per length unit, between all species, or a table of pairs"
     )
     pair_energies: PairEnergies | None = Field(None, description="J in kT, a table of pairs, like {'lo, ld' = 0.5}")
