@@ -360,6 +360,7 @@ def test_runs_of_sheets(tmp_path, monkeypatch):
         ("membrane", "reduced_volume", 0.9, "encloses no volume"),
         ("membrane", "pressure", 0.1, "encloses no volume"),
         ("sampling", "shear_wave_probability", 0.1, "would tear it"),
+        ("tether", "max_length", 4.01, "max_length is 4.01; it must be at most half of the shortest side"),
     ):
         with pytest.raises(ValueError, match=problem):
             mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})
