@@ -8,6 +8,7 @@ from openmm import unit
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
 from openmmhelfrich.geometry import quality
+from openmmhelfrich.io.dcdframes import DCDTrajectory
 
 TERMS = ["bending", "area", "areaDifference", "tether", "repulsion", "tension", "gaussian", "line", "pair"]
 
@@ -359,9 +360,93 @@ def test_runs_of_sheets(tmp_path, monkeypatch):
         ("membrane", "reduced_volume", 0.9, "encloses no volume"),
         ("membrane", "pressure", 0.1, "encloses no volume"),
         ("sampling", "shear_wave_probability", 0.1, "would tear it"),
+        ("tether", "max_length", 4.01, "max_length is 4.01; it must be at most half of the shortest side"),
     ):
         with pytest.raises(ValueError, match=problem):
             mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})
+
+
+def test_a_box_that_is_not_rectangular_is_refused_by_the_mesh():
+    sheet = mh.Mesh.sheet(9, 8, 1.0)
+    shear = np.array([[1, 0, 0], [0.25, 1, 0], [0, 0, 1]])
+    mesh = mh.Mesh(sheet.vertices @ shear, sheet.triangles, sheet.box @ shear)
+    assert mesh.isPeriodic and mesh.area == pytest.approx(72, rel=1e-12)
+    for use in (mesh.check, mesh.unwrapped):
+        with pytest.raises(ValueError, match="needs a rectangular one"):
+            use()
+
+
+def mixed(mesh):
+    """Return a mesh with a species 1 where it is higher than on average."""
+    mesh.species = (mesh.vertices[:, 2] > mesh.vertices[:, 2].mean()).astype(np.intc)
+    return mesh
+
+
+def test_profiles_and_places_do_not_depend_on_images():
+    """Where vertices are along an axis, and which are in a region or a box, is the same for all images of them."""
+    mesh = mixed(createSheet())
+    other = mh.Mesh(wrapped(mesh), mesh.triangles, mesh.box, None, mesh.species)
+    for axis in ((0, 0, 1), (1, 2, 0)):
+        (heights, parts), (others, own) = (mh.compositionProfile(m, 1, axis) for m in (mesh, other))
+        assert np.allclose(heights, others) and np.allclose(parts, own, equal_nan=True)
+    (heights, parts), top = mh.compositionProfile(mesh, 1), mesh.vertices[:, 2]
+    assert heights[0] >= top.min() and heights[-1] <= top.max() and np.allclose(parts[[0, -1]], [0, 1])
+    outcomes = []
+    for m in (mesh, other):
+        m = mh.Mesh(m.vertices, m.triangles, m.box)
+        fixed = mh.Scene.of({"system": {"fixed_box": [[-1, -1, -1], [1.5, 1.5, 2]]}}, m).config.system.fixed
+        outcomes.append([fixed])
+        for region in ("cap", "stripe", "patch"):
+            species = [{"name": "a", "fraction": 0.3, "region": region, "direction": [1, 2, 0]}, {"name": "b"}]
+            outcomes[-1].append(mh.Scene.of({"species": species}, m).vertexSpecies.tolist())
+    assert outcomes[0] == outcomes[1]
+    inside = np.all(
+        np.abs(
+            mesh.vertices - [0.25, 0.25, 0.5] - np.diag(mesh.box) * [[[0, 0, 0]], [[1, 0, 0]], [[0, 1, 0]], [[1, 1, 0]]]
+        )
+        <= [1.25, 1.25, 1.5],
+        axis=-1,
+    ).any(axis=0)
+    assert outcomes[0][0] == np.flatnonzero(inside).tolist()
+
+
+@pytest.mark.parametrize("region", ["cap", "stripe"])
+def test_a_region_along_an_axis_on_which_all_are_the_same_is_refused(region):
+    species = [{"name": "a", "fraction": 0.3, "region": region}, {"name": "b"}]
+    with pytest.raises(ValueError, match=f"species a is in a {region} along .* and the mesh is flat there"):
+        mh.Scene.of({"species": species}, mh.Mesh.sheet(9, 8, 1.0))
+
+
+def test_a_psf_file_has_no_box(tmp_path, monkeypatch):
+    pytest.importorskip("mdtraj")
+    monkeypatch.chdir(tmp_path)
+    mh.run(
+        {
+            "mesh": {"sheet": [8, 8, 1.0]},
+            "sampling": {"steps": 4, "step_size": 0.004, "seed": 3, "flip_probability": 0.0},
+            "output": {"prefix": "sheet", "trajectory_interval": 2},
+        }
+    )
+    assert DCDTrajectory("sheet.dcd", "sheet.ply")[-1].mesh.isPeriodic
+    with pytest.raises(ValueError, match="folded into a periodic box, which a PSF file does not have"):
+        DCDTrajectory("sheet.dcd", "sheet.psf")
+
+
+def test_boxes_waves_and_frames_of_heights():
+    mesh = createSheet()
+    frames = mesh.vertices + 0.1 * np.random.default_rng(1).normal(size=(5, len(mesh.vertices), 3))
+    spectrum = mh.heightSpectrum(frames, mesh.box)
+    for box in (mesh.createSystem().getDefaultPeriodicBoxVectors(), 10 * np.diag(mesh.box) * unit.angstrom):
+        assert np.allclose(mh.heightSpectrum(frames, box).series, spectrum.series)
+    for box in ([9, np.inf, 9], [9, np.nan, 9], [9, 8], [9, 0, 9]):
+        with pytest.raises(ValueError, match="it must be rectangular, with positive sides"):
+            mh.heightSpectrum(frames, box)
+    for most in (-1, 0, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"maxWaveNumber is .* it must be positive and finite"):
+            mh.heightSpectrum(frames, mesh.box, most)
+    flat = mh.Mesh.sheet(9, 8, 1.0).vertices[:, [0, 2, 1]]
+    with pytest.raises(ValueError, match="they must be all over the x-y plane"):
+        mh.heightSpectrum([flat, flat], [9, 9, 8])
 
 
 def test_heights_of_known_waves():

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..display import Brief
-from ..geometry.connectivity import cornersOf
+from ..geometry.connectivity import cornersOf, imagesInBox
 from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
@@ -125,7 +125,7 @@ def compositionProfile(
     Parameters
     ----------
     mesh : Mesh
-        a closed mesh with species
+        a closed mesh with species; the vertices of a periodic one count where their images in one box are
     species : int or str
         the number of the species, or its name
     axis : (3,) array
@@ -145,7 +145,8 @@ def compositionProfile(
         )
     if bins < 1:
         raise ValueError(f"compositionProfile: bins is {bins}; it must be 1 or more")
-    heights, areas = mesh.vertices @ (direction / np.linalg.norm(direction)), mesh.vertexAreas
+    heights = imagesInBox(mesh.vertices, mesh.images) @ (direction / np.linalg.norm(direction))
+    areas = mesh.vertexAreas
     isOf = _isOf(mesh, species)
     total, ends = np.histogram(heights, bins, weights=areas)
     own, _ = np.histogram(heights[isOf], ends, weights=areas[isOf])

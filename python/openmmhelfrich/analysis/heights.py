@@ -156,6 +156,8 @@ def heightSpectrum(frames: ArrayLike, box: Any, maxWaveNumber: Any = None) -> He
         if maxWaveNumber is None
         else float(valueIn(maxWaveNumber, unit.nanometer**-1))
     )
+    if not (math.isfinite(most) and most > 0):
+        raise ValueError(f"heightSpectrum: maxWaveNumber is {most:g}; it must be positive and finite")
     waves = _waves(lengths, most)
     if len(waves) == 0 or 2 * len(waves) + 1 >= frames.shape[1]:
         raise ValueError(
@@ -171,9 +173,12 @@ def heightSpectrum(frames: ArrayLike, box: Any, maxWaveNumber: Any = None) -> He
 
 
 def _lengthsOf(box: Any) -> NDArray[np.float64]:
+    if isinstance(box, (list, tuple)):  # the vectors of a System are Quantities, each by itself
+        box = [valueIn(vector, unit.nanometer) for vector in box]
     values = np.asarray(valueIn(box, unit.nanometer), dtype=float)
     lengths = np.diag(values) if values.shape == (3, 3) else values
-    if lengths.shape != (3,) or not np.all(lengths > 0) or (values.ndim == 2 and np.any(values != np.diag(lengths))):
+    isPositive = lengths.shape == (3,) and np.all(np.isfinite(lengths) & (lengths > 0))
+    if not isPositive or (values.ndim == 2 and np.any(values != np.diag(lengths))):
         raise ValueError(f"heightSpectrum: the box is {values.tolist()}; it must be rectangular, with positive sides")
     return lengths
 
@@ -194,5 +199,10 @@ def _powers(x: NDArray[np.float64], waves: NDArray[np.float64], lengths: NDArray
     z -= lengths[2] * np.rint(z / lengths[2])
     phases = x[:, :2] @ waves.T
     design = np.column_stack((np.ones(len(x)), np.cos(phases), np.sin(phases)))
-    coefficients = np.linalg.lstsq(design, z, rcond=None)[0][1:].reshape(2, -1)
-    return np.sum(coefficients**2, axis=0) / 4
+    coefficients, _, rank, _ = np.linalg.lstsq(design, z, rcond=None)
+    if rank < design.shape[1]:
+        raise ValueError(
+            f"heightSpectrum: the vertices tell no more than {rank} of {design.shape[1]} coefficients of the waves; "
+            "they must be all over the x-y plane, or maxWaveNumber less"
+        )
+    return np.sum(coefficients[1:].reshape(2, -1) ** 2, axis=0) / 4

@@ -143,15 +143,36 @@ def _middleOf(vertices: NDArray[np.float64], lengths: NDArray[np.float64]) -> ND
     return np.where(np.abs(mean) < 0.5, 0.5, np.angle(mean) / (2 * np.pi)) * lengths
 
 
+def lengthsOf(box: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of a box's sides; raise a ValueError if it is not rectangular."""
+    lengths: NDArray[np.float64] = np.diag(box)
+    if np.any(box != np.diag(lengths)):
+        raise ValueError(
+            f"the periodic box is {box.tolist()}; a periodic mesh needs a rectangular one, whose vectors are along "
+            "x, y and z"
+        )
+    return lengths
+
+
+def imagesInBox(vertices: NDArray[np.float64], box: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the images of the vertices of a periodic surface that are in one rectangular box, or the vertices
+    themselves if there is none.  Across a sheet, the box is around its middle.
+    """
+    if box is None:
+        return vertices
+    lengths = lengthsOf(box)
+    low = _middleOf(vertices, lengths) - lengths / 2
+    return vertices - np.floor((vertices - low) / lengths) * lengths
+
+
 def patchOf(
     vertices: NDArray[np.float64], triangles: NDArray[np.integer], box: NDArray[np.float64], margin: float = 0.0
 ) -> Patch:
     """Return each triangle of a surface in a rectangular periodic box where its first corner is in the box, and its
     images that have theirs up to a margin beyond.  Across a sheet, the box is around its middle.
     """
-    lengths = np.diag(box)
+    lengths, inside = np.diag(box), imagesInBox(vertices, box)
     low = _middleOf(vertices, lengths) - lengths / 2
-    inside = vertices - np.floor((vertices - low) / lengths) * lengths
     images = np.rint((cornersOf(vertices, triangles, box) - inside[triangles]) / lengths).astype(np.int64)
     images -= images[:, :1].copy()
     owner = np.arange(len(triangles))

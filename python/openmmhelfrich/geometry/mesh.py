@@ -412,6 +412,8 @@ class Mesh:
             in a sentence that names the first triangle, edge or vertex that is wrong, and what is allowed
         """
         _requireSizes(self.vertices)
+        if self.isPeriodic:
+            connectivity.lengthsOf(np.asarray(self.box))
         folded = None if self.isPeriodic else mending.foldedEdges(self.vertices, self.triangles, self.box)
         if (sentence := folded) is not None:
             raise ValueError(f"{sentence}; 'openmm-helfrich repair' unfolds it, with --box if the file has none")

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..files import PathLike
 from ..geometry.connectivity import trianglesFromEdges
+from ..geometry.mending import foldedEdges
 from ..geometry.mesh import Mesh
 from ..geometry.quality import dihedralAngles
 from ..optional import require
@@ -111,9 +112,13 @@ def _trianglesOf(topology: Path, positions: np.ndarray, dcd: Path) -> tuple[np.n
     _requireSize(topology, size, dcd, positions)
     try:
         # beads have no bonds, and come last
-        return trianglesFromEdges(bonds, positions[: bonds.max(initial=-1) + 1]), None
+        vertices = positions[: bonds.max(initial=-1) + 1]
+        triangles = trianglesFromEdges(bonds, vertices)
+        if (sentence := foldedEdges(vertices, triangles)) is not None:
+            raise ValueError(f"{sentence}, which a PSF file does not have; give a mesh file that does")
     except ValueError as error:
         raise ValueError(f"{topology}: {error}") from None
+    return triangles, None
 
 
 def _requireSize(topology: Path, size: int, dcd: Path, positions: np.ndarray) -> None:

@@ -30,7 +30,7 @@ def fixedVertices(section: SystemSection, mesh: Mesh) -> list[int]:
     count = len(mesh.vertices)
     if section.fixed_box is not None:
         low, high = np.array(section.fixed_box)
-        found = np.flatnonzero(np.all((mesh.vertices >= low) & (mesh.vertices <= high), axis=1)).tolist()
+        found = np.flatnonzero(np.all(_areBetween(mesh, low, high), axis=1)).tolist()
         if not found:
             sides = ("[" + ", ".join(f"{x:.4g}" for x in end(mesh.vertices, axis=0)) + "]" for end in (np.min, np.max))
             raise ValueError(f"[system] fixed_box has no vertex in it; they lie from {' to '.join(sides)}")
@@ -41,6 +41,14 @@ def fixedVertices(section: SystemSection, mesh: Mesh) -> list[int]:
     if len(found) == count:
         raise ValueError(f"[system] fixed has all {count} vertices of the mesh; leave some that can move")
     return found
+
+
+def _areBetween(mesh: Mesh, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether each coordinate of the vertices, or of one of their images, is between two others."""
+    if mesh.images is None:
+        return (mesh.vertices >= low) & (mesh.vertices <= high)
+    lengths = np.diag(mesh.images)
+    return np.ceil((low - mesh.vertices) / lengths) <= np.floor((high - mesh.vertices) / lengths)
 
 
 def addSection(system: mm.System, section: SystemSection) -> None:

@@ -7,6 +7,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
+from ..geometry.connectivity import imagesInBox
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..sampling.conditions import LINE_TENSION
@@ -195,7 +196,12 @@ def _distances(species: SpeciesSection, mesh: Mesh, random: np.random.Generator)
     if species.region == "random":
         return random.random(len(mesh.vertices))
     direction = np.asarray(species.direction, dtype=float)
-    heights = mesh.vertices @ (direction / np.linalg.norm(direction))
+    heights = imagesInBox(mesh.vertices, mesh.images) @ (direction / np.linalg.norm(direction))
+    if species.region != "patch" and np.ptp(heights) < 1e-9 * mesh.edgeLengths.mean():
+        raise ValueError(
+            f"the species {species.name} is in a {species.region} along {species.direction}, and the mesh is flat "
+            "there; give another direction, or another region"
+        )
     if species.region == "cap":
         return -heights
     if species.region == "stripe":

@@ -650,6 +650,8 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     areaDifferences = listedTargets(targets, "areaDifference")
     membrane.target_area_difference = areaDifferences if np.all(areaDifferences) else None
     tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, mesh)
+    if mesh.isPeriodic and tether.modulus > 0:
+        _requireShortEdges(tether.max_length, mesh)
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
     sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
@@ -696,6 +698,18 @@ def _leaveOutVolume(config: Config, mesh: Mesh) -> None:
     membrane.volume_modulus = 0.0
     if "area_modulus" not in membrane.model_fields_set:
         membrane.area_modulus = 0.0
+
+
+def _requireShortEdges(maxLength: float, mesh: Mesh) -> None:
+    """Raise a ValueError if a tether lets edges of a periodic mesh be longer than half a side of the box: they would
+    change over to another image of their vertex, and tear triangles.
+    """
+    half = float(np.diag(np.asarray(mesh.box)).min()) / 2
+    if maxLength > half:
+        raise ValueError(
+            f"[tether] max_length is {maxLength:.4g}; it must be at most half of the shortest side of the periodic "
+            f"box, {half:.4g}"
+        )
 
 
 def tetherOf(config: Config, mesh: Mesh) -> Tether:
