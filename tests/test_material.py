@@ -272,6 +272,13 @@ def test_files_have_the_species(results):
     assert results[0].table["E_line"].min() > 0 and np.ptp(results[0].table["E_line"]) > 0
 
 
+def test_a_summary_tells_of_exchanges(results):
+    summary, table = results[0], results[0].table
+    accepted, alike = table["exchangeAcceptance"][-1], table["exchangesAlike"][-1]
+    assert f"exchanges  {accepted:.1%} accepted, {alike:.1%} of alike species, since the start" in str(summary)
+    assert accepted > 0 and alike > 0
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.gif"])
 def test_pictures_color_by_species(results, tmp_path, name):
     frames, pictures = mh.readMeshTrajectory(f"{results[1]}.vtkhdf"), []
