@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import openmm as mm
 import pytest
+from openmm import app
 
 import openmmhelfrich as mh
 from openmmhelfrich.geometry.formats import vtkfiles
@@ -277,6 +278,16 @@ def test_a_summary_tells_of_exchanges(results):
     accepted, alike = table["exchangeAcceptance"][-1], table["exchangesAlike"][-1]
     assert f"exchanges  {accepted:.1%} accepted, {alike:.1%} of alike species, since the start" in str(summary)
     assert accepted > 0 and alike > 0
+
+
+def test_types_of_atoms_are_the_species_at_the_start(results, tmp_path):
+    species = mh.Scene.of(configOf(species=LO_LD, sampling={"seed": 5})).vertexSpecies
+    rows = [line.split() for line in results[1].with_suffix(".psf").read_text().splitlines() if " MEM " in line]
+    assert [row[5] for row in rows] == [LO_LD[i]["name"] for i in species]
+    mh.writePSF(tmp_path / "a.psf", MESH.topology(), types=["two words of it", ""])
+    rows = [line.split() for line in (tmp_path / "a.psf").read_text().splitlines() if " MEM " in line]
+    assert [row[5] for row in rows[:3]] == ["two_", "X", "V002"] and len({len(row) for row in rows}) == 1
+    assert app.CharmmPsfFile(str(tmp_path / "a.psf")).topology.getNumBonds() == len(MESH.edges)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.gif"])
