@@ -47,12 +47,12 @@ def exactEnergies():
     return places, np.array(energies)
 
 
-def createExchangeOf(states=STATES, seeds=3):
+def createExchangeOf(states=STATES, proposals=("mutation",) * 3, scales=SCALES):
     mesh, simulations = octahedron(), []
-    for seed in range(1, seeds + 1):
+    for seed, proposal in enumerate(proposals, 1):
         system = mesh.createSystem()
-        system.addForce(softForce(mesh, 2, SCALES))
-        integrator = createExchange(1, 0.5, "mutation", seed)
+        system.addForce(softForce(mesh, 2, scales))
+        integrator = createExchange(1, 0.5, proposal, seed)
         simulations.append(app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU")))
         simulations[-1].context.setPositions(mesh.vertices)
     return mh.ReplicaExchange(simulations, states, seed=1)
@@ -172,6 +172,51 @@ def test_chemical_potentials_are_those_of_mutations():
         simulation.integrator.setProposal("neighbors")
     with pytest.raises(ValueError, match=r"the parameter 'chemical_potential\[1\]', and simulation 0 no mutations"):
         mh.ReplicaExchange(exchange.simulations, STATES)
+
+
+@pytest.mark.parametrize(
+    ("ladder", "changing"),
+    [
+        ({"pair_energy[1,1]": [0.0, 0.2, 0.4]}, ["E_pair"]),
+        ({"line_tension": [0.0, 0.2, 0.4], "pair_energy[1,1]": [0.4, 0.2, 0.0]}, ["E_line", "E_pair"]),
+        ({"gaussian_modulus[0]": [0.0, 0.1, 0.2], "gaussian_modulus[1]": [0.0, 0.1, 0.3]}, ["E_gaussian"]),
+        ({"tension": [0.0, 0.1, 0.2], "pressure": [0.1, 0.0, 0.0]}, ["E_tension", "E_pressure"]),
+    ],
+)
+def test_states_may_begin_where_a_term_is_off(ladder, changing):
+    """What was observed has columns for all terms that states change, and each is that term."""
+    states = [mh.ThermodynamicState(kelvin(1), {name: v[k] for name, v in ladder.items()}) for k in range(3)]
+    exchange = createExchangeOf(states, scales={**dict.fromkeys(SCALES, 0.0), "bending": 0.004})
+    exchange.run(30, 1)
+    series = exchange.potentialEnergies()
+    for k in range(3):
+        table = exchange.observables(k)
+        assert set(changing) < set(table)
+        terms = sum(table[name] for name in table if name.startswith("E_"))
+        assert table["energy"] == pytest.approx(terms, abs=1e-12) and table["energy"] == pytest.approx(series[k])
+        for name in changing:
+            own = {"E_gaussian": "gaussian_modulus[0]", "E_line": "line_tension", "E_pair": "pair_energy[1,1]"}
+            assert np.any(table[name]) == bool(ladder[own.get(name, name.removeprefix("E_"))][k])
+
+
+def test_parameters_that_are_the_same_are_told():
+    for names in (["line_tension", "line_tension[1,0]"], ["pair_energy[0,1]", "pair_energy[1,0]"]):
+        states = [mh.ThermodynamicState(kelvin(1), dict.fromkeys(names, float(k))) for k in range(3)]
+        with pytest.raises(ValueError, match="' are both given, which both set "):
+            createExchangeOf(states)
+
+
+def test_all_replicas_have_mutations_or_none():
+    with pytest.raises(ValueError, match="simulation 1 has mutations of species, and simulation 0 none"):
+        createExchangeOf([mh.ThermodynamicState(kelvin(t)) for t in (1, 2)], ("neighbors", "mutation"))
+
+
+def test_a_shape_without_species_has_those_of_the_force():
+    mesh, force = createMembrane()
+    plain, other = mh.Mesh(mesh.vertices, mesh.triangles), mh.Mesh(mesh.vertices, mesh.triangles)
+    other.species = np.zeros(len(mesh.vertices), dtype=int)
+    u = reducedEnergies([other, plain, mesh], force, [mh.ThermodynamicState(300)])[0]
+    assert u[1] == u[2] != u[0]
 
 
 def test_an_exchange_of_moduli_goes_on(tmp_path):

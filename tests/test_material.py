@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import openmm as mm
 import pytest
+from openmm import app
 
 import openmmhelfrich as mh
 from openmmhelfrich.geometry.formats import vtkfiles
@@ -272,6 +273,23 @@ def test_files_have_the_species(results):
     assert results[0].table["E_line"].min() > 0 and np.ptp(results[0].table["E_line"]) > 0
 
 
+def test_a_summary_tells_of_exchanges(results):
+    summary, table = results[0], results[0].table
+    accepted, alike = table["exchangeAcceptance"][-1], table["exchangesAlike"][-1]
+    assert f"exchanges  {accepted:.1%} accepted, {alike:.1%} of alike species, since the start" in str(summary)
+    assert accepted > 0 and alike > 0
+
+
+def test_types_of_atoms_are_the_species_at_the_start(results, tmp_path):
+    species = mh.Scene.of(configOf(species=LO_LD, sampling={"seed": 5})).vertexSpecies
+    rows = [line.split() for line in results[1].with_suffix(".psf").read_text().splitlines() if " MEM " in line]
+    assert [row[5] for row in rows] == [LO_LD[i]["name"] for i in species]
+    mh.writePSF(tmp_path / "a.psf", MESH.topology(), types=["two words of it", ""])
+    rows = [line.split() for line in (tmp_path / "a.psf").read_text().splitlines() if " MEM " in line]
+    assert [row[5] for row in rows[:3]] == ["two_", "X", "V002"] and len({len(row) for row in rows}) == 1
+    assert app.CharmmPsfFile(str(tmp_path / "a.psf")).topology.getNumBonds() == len(MESH.edges)
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.gif"])
 def test_pictures_color_by_species(results, tmp_path, name):
     frames, pictures = mh.readMeshTrajectory(f"{results[1]}.vtkhdf"), []
@@ -479,6 +497,19 @@ def test_step_sizes_follow_the_stiffest_species_of_a_stage():
         ({"species": {"lx": {"bending_modulus": 3}}}, r"stage 1 \(sample\): it has a bending_modulus of 'lx', and no"),
         ({"species": {"lo": {"bending_modulus": -3}}}, r"stage 1 \(sample\) species lo bending_modulus is -3"),
         ({"species": {"lo": {"bending": 3}}}, r"stage 1 \(sample\) species lo has no key 'bending'; did you mean"),
+        ({"species": {"lo": {"chemical_potential": 3}}}, "no key 'chemical_potential'; it has bending_modulus, spont"),
+        ({"species": {"lo": {}}}, r"stage 1 \(sample\) species lo has nothing to change; give one of bending_modulus"),
+        ({"species": {"": {"bending_modulus": 3}}}, r"stage 1 \(sample\) species: the name of a species is empty"),
+        ({"line_tension": {"lo": 3}}, r"stage 1 \(sample\) line_tension: each key must be the names of two species"),
+        ({"line_tension": {"lo, ld": 3, "ld,lo": 2}}, r"line_tension: the pair ld, lo is given twice"),
+        (
+            {"species": {"lo": {"bending_modulus": 0, "spontaneous_curvature": 3}}},
+            "it has a spontaneous_curvature of 'lo', whose bending_modulus is 0; give it one",
+        ),
+        (
+            {"kind": "continue", "windows": 1, "line_tension": 3, "path": {"line_tension": [0, 1e300]}},
+            r"stage 1 \(continue\) path: it must be 0, or from 1e-30 to",
+        ),
         ({"line_tension": {"lo, lx": 3}}, "it has a line_tension of 'lo, lx', and no species is called 'lx'"),
         ({"line_tension": {"lo, lo": 3}}, "it has a line_tension of 'lo, lo'; it must be of two different species"),
         ({"pair_energies": {"lx, lx": 3}}, "it has a pair_energy of 'lx, lx', and no species is called 'lx'"),

@@ -5,6 +5,7 @@ import io
 import numpy as np
 import openmm as mm
 import pytest
+from openmm import app
 
 import openmmhelfrich as mh
 from membranes import TERMS
@@ -97,6 +98,32 @@ def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):
     with pytest.raises(ValueError, match=r"the table has the column 'novelty \(nm\)'; the simulation has step, energy"):
         reporter.report(simulation, None)
     reporter.close()
+
+
+@pytest.mark.parametrize("isAppended", [False, True])
+def test_a_table_keeps_the_energy_of_a_term_that_is_turned_off(tmp_path, isAppended):
+    mesh, force = mh.Mesh.icosphere(1), mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    for _ in range(2):
+        force.addSpecies(20.0, 0.0)
+    force.setVertexSpecies(np.arange(len(mesh.vertices)) % 2)
+    force.setLineTension(0, 1, 3.0)
+    system = mesh.createSystem()
+    system.addForce(force)
+    integrator = mh.HybridMonteCarloIntegrator(300, 1e-4)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    file = tmp_path / "a.csv"
+    simulation.reporters.append(mh.ObservablesReporter(file, 1, force))
+    simulation.step(2)
+    if isAppended:
+        simulation.reporters.pop().close()
+        simulation.reporters.append(mh.ObservablesReporter(file, 1, force, append=True))
+    force.setLineTension(0, 1, 0.0)
+    force.updateParametersInContext(simulation.context)
+    simulation.step(1)
+    energies = mh.readObservables(file)["E_line"]
+    assert np.all(energies[:2] > 0) and energies[2] == 0
 
 
 def test_pictures_of_what_a_table_has(tmp_path):

@@ -143,7 +143,7 @@ def reducedEnergies(
     Parameters
     ----------
     frames : iterable of MeshFrame or Mesh
-        the shapes, each with its triangles, and its species if there are any
+        the shapes, each with its triangles, and its species; one without has those of the force
     force : HelfrichForce
         the membrane; what the states do not name is as it has it.  It is not changed
     states : sequence of ThermodynamicState
@@ -193,8 +193,9 @@ def _energies(membrane: Membrane, mesh: Mesh, parameters: Sequence[dict[str, flo
     assert force is not None
     membrane.context.setPositions(mesh.vertices)
     force.setTrianglesInContext(membrane.context, mesh.triangles)
-    if force.getNumSpecies() > 0 and mesh.species is not None:
-        force.setVertexSpeciesInContext(membrane.context, mesh.species)
+    if force.getNumSpecies() > 0:
+        species = force.getVertexSpecies() if mesh.species is None else mesh.species
+        force.setVertexSpeciesInContext(membrane.context, species)
     energies = []
     for each in parameters:
         membrane.takeOn(each)

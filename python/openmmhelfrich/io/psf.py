@@ -11,7 +11,9 @@ from ..files import PathLike, replacing
 _ATOM = "{:10d} {:<8.8s} {:<8.8s} {:<8.8s} {:<8.8s} {:<4.4s} {:>13s} {:>13s}{:8d}\n"
 
 
-def writePSF(file: PathLike, topology: app.Topology, mass: float | Sequence[float] = 1.0) -> None:
+def writePSF(
+    file: PathLike, topology: app.Topology, mass: float | Sequence[float] = 1.0, types: Sequence[str] = ()
+) -> None:
     """Write the atoms and bonds of a Topology to a PSF file, replacing one that exists in a single step.
 
     VMD, mdtraj and MDAnalysis read it as the partner of a DCD trajectory, for any number of atoms.  The bonds are those
@@ -29,6 +31,9 @@ def writePSF(file: PathLike, topology: app.Topology, mass: float | Sequence[floa
         what to write; a chain becomes a segment
     mass : float or sequence of float
         the mass of each atom, in Da: one for all, or a list
+    types : sequence of str
+        the types of the first atoms, as the names of their species, of which four characters are written, with _ for
+        blanks; that of another atom is its name
     """
     atoms, bonds = list(topology.atoms()), list(topology.bonds())
     masses = [mass] * len(atoms) if isinstance(mass, (int, float)) else mass
@@ -38,7 +43,8 @@ def writePSF(file: PathLike, topology: app.Topology, mass: float | Sequence[floa
         for i, atom in enumerate(atoms):
             residue = atom.residue
             # No field may be blank.
-            names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, atom.name))
+            own = "_".join(types[i].split()) if i < len(types) else atom.name
+            names = (name or "X" for name in (residue.chain.id, residue.id, residue.name, atom.name, own))
             out.write(_ATOM.format(i + 1, *names, "0.000000", f"{masses[i]:.6g}", 0))
         out.write(f"\n{len(bonds):10d} !NBOND: bonds\n")
         for first in range(0, len(bonds), 4):

@@ -26,6 +26,7 @@ from .sections import (
     RepulsionSection,
     SamplingSection,
     Section,
+    SpeciesChange,
     SpeciesSection,
     SystemSection,
     TetherSection,
@@ -355,8 +356,8 @@ def _explain(mistake: ErrorDetails) -> str:
             f"{name} has the kind "
             f"{quoted(mistake['ctx']['tag'])}{nearest(mistake['ctx']['tag'], STAGES, 'it must be one of')}"
         )
-    if kind == "value_error" and isinstance(mistake["input"], dict):
-        return f"{name} {message}"  # a key of this table
+    if kind == "value_error" and isinstance(mistake["input"], dict):  # a key of this table, or all of it
+        return f"{name}{':' if message.startswith(('it ', 'each ', 'the ')) else ''} {message}"
     if kind == "model_type":
         return f"{name} is {quoted(mistake['input'])}; it must be a table of keys"
     return f"{name} is {quoted(mistake['input'])}; {message}"
@@ -394,12 +395,18 @@ def _placeName(place: Sequence[Any]) -> str:
     return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
 
 
+def _modelOf(home: Sequence[Any]) -> type[Section]:
+    """Return what describes the keys of a table."""
+    if home[0] == "stages":
+        return SpeciesChange if "species" in home[3:] else STAGES[home[2]]
+    return SpeciesSection if home[0] == "species" else sections()[home[0]]
+
+
 def _explainUnknown(place: Sequence[Any]) -> str:
     *home, key = place
     if not home:
         return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"
-    model = STAGES[home[2]] if home[0] == "stages" else SpeciesSection if home[0] == "species" else sections()[home[0]]
-    known = model.model_fields
+    known = _modelOf(home).model_fields
     homes = [name for name, model in sections().items() if key in model.model_fields]
     where = f"{_placeName(home)} has no key {quoted(key)}"
     return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)

@@ -317,6 +317,12 @@ class SpeciesChange(Section):
     spontaneous_curvature: Curvature | None = Field(None, description="C_0 per length unit")
     gaussian_modulus: Energy | None = Field(None, description="kappa_G in kT")
 
+    @model_validator(mode="after")
+    def _change(self) -> "SpeciesChange":
+        if not self.model_dump(exclude_none=True):
+            raise ValueError(f"has nothing to change; give one of {', '.join(type(self).model_fields)}")
+        return self
+
 
 class Conditions(Targets):
     """What a stage may change: targets, and moduli and the like, from its first step on or along its path."""
@@ -336,6 +342,13 @@ class Conditions(Targets):
     area_difference_modulus: Energy | None = Field(None, ge=0, description="kappa_dA in kT")
     tension: Tension | None = Field(None, description="sigma in kT per squared length unit")
     pressure: Pressure | None = Field(None, description="p in kT per cubed length unit")
+
+    @field_validator("species")
+    @classmethod
+    def _named(cls, species: dict[str, SpeciesChange] | None) -> dict[str, SpeciesChange] | None:
+        if "" in (species or {}):
+            raise ValueError("the name of a species is empty; it must not be")
+        return species
 
     def conditions(self) -> dict[str, float]:
         """Return the values that are given of what is no target, by their names; of species and pairs of these, by

@@ -609,6 +609,11 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
             )
     if given.get(CURVATURE) and before.moduli["bending"] == 0 and not given.get("bending_modulus"):
         raise ValueError("it has a spontaneous_curvature, and the bending_modulus is 0; give it one")
+    for name in [name for name, value in given.items() if value]:
+        key, inside = conditionParts(name)
+        modulus = f"bending_modulus[{inside}]"
+        if key == CURVATURE and inside and not given.get(modulus, conditionOf(before.config, modulus)):
+            raise ValueError(f"it has a spontaneous_curvature of '{inside}', whose bending_modulus is 0; give it one")
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):

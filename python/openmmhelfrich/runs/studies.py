@@ -250,7 +250,7 @@ class Study:
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
             if self.outputs.topology is not None:
-                writePSF(self.outputs.topology, self.simulation.topology, self._masses())
+                writePSF(self.outputs.topology, self.simulation.topology, self._masses(), self._types())
             self._writeSettings()
             with (
                 StopSignals() as stop,
@@ -406,6 +406,11 @@ class Study:
         beads = range(numVertices, system.getNumParticles())
         own = [system.getParticleMass(i).value_in_unit(unit.dalton) for i in beads]
         return [self.config.sampling.mass] * numVertices + own
+
+    def _types(self) -> list[str]:
+        """Return the names of the vertices' species at the start of the run, none if there are none."""
+        names = [each.name for each in self.config.species]
+        return [names[i] for i in self.force.getVertexSpecies().tolist()] if names else []
 
     def _place(self) -> Place:
         """Return where the run is, for the table."""

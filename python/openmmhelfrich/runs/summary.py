@@ -118,6 +118,9 @@ class Summary:
             lines.append(("shapes", f"{', '.join(shapes)}, at the end"))
         if last.isMonteCarlo:
             lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
+        if "exchangeAcceptance" in self.table:
+            accepted, alike = (self.table[name][-1] for name in ("exchangeAcceptance", "exchangesAlike"))
+            lines.append(("exchanges", f"{accepted:.1%} accepted, {alike:.1%} of alike species, since the start"))
         lines += [(o.title, self._average(o)) for o in shown if o.unit == "energy"]
         if all(kappas):
             energies = self.mean("E_bending"), self.table["E_bending"][0]

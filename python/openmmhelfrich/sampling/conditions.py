@@ -84,6 +84,12 @@ def singleNames(force: HelfrichForce, name: str) -> list[str]:
     return [f"{key}[{','.join(map(str, sorted(numbers)))}]"] if numbers else [name]
 
 
+def conditionNames(force: HelfrichForce, names: Iterable[str]) -> list[str]:
+    """Return names of which those of Context parameters that are conditions are these conditions'."""
+    conditions = {parameter(force): name for name, parameter in _PARAMETERS.items()}
+    return [conditions.get(name, name) for name in names]
+
+
 def putConditions(force: HelfrichForce, conditions: Mapping[str, float]) -> None:
     """Change some conditions of a force that are no parameters of a Context."""
     for name, value in conditions.items():

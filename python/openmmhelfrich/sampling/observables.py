@@ -17,7 +17,7 @@ from openmm import app, unit
 from ..files import PathLike
 from ..geometry.measures import reducedAreaDifference, reducedVolume
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator, SpeciesExchangeIntegrator
-from ..tables import Table, headOf, readHeads, unitsOf
+from ..tables import Table, headOf, plainName, readHeads, unitsOf
 from ..units import valueIn
 from .conditions import CURVATURE, TERMS, currentConditions
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
@@ -540,6 +540,17 @@ def observablesOf(conditions: Collection[str]) -> tuple[Observable, ...]:
     plain = [replace(o, compute=own[o.name]) if o.name in own else o for o in OBSERVABLES if not o.condition]
     changing = (_conditionOf(o, rest) for o in OBSERVABLES for key, _, rest in parts if key == o.condition)
     return (*plain, *changing)
+
+
+def keepingTerms(observables: Iterable[Observable], heads: Iterable[str]) -> tuple[Observable, ...]:
+    """Return observables, of which the energies of terms that a table has columns of are there also where the terms are
+    off.
+    """
+    names = set(map(plainName, heads))
+    return tuple(
+        replace(o, compute=_energyOf(o.name.removeprefix("E_"))) if o.isTerm and o.name in names else o
+        for o in observables
+    )
 
 
 def _conditionOf(condition: Observable, numbers: str) -> Observable:

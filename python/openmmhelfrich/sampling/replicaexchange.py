@@ -26,18 +26,16 @@ from ..files import PathLike, replacing
 from ..helfrich import HelfrichForce
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn
-from .conditions import putConditions
+from .conditions import conditionNames, putConditions
 from .marks import displacement, markedPositions
 from .moves import Counters, countersOf, movesOf, trajectoriesOf
-from .observables import OBSERVABLES, Moment, isTarget, observe
+from .observables import Moment, Observable, isTarget, observablesOf, observe
 from .states import Membrane, ThermodynamicState, mutationsOf
 
 FORMATS = (1, 2)  # the first one has no observables and counters
 # What of a serialized force a Context has of its own.
 _LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default"}
 _LIVE |= {"Triangles", "SurfaceTargets"}
-# What a round tells of a replica: what can be averaged over those that were in a state.
-_OBSERVED = [o for o in OBSERVABLES if o.inSweep == "mean" or o.target or isTarget(o)]
 
 
 class ReplicaExchange:
@@ -379,9 +377,15 @@ class ReplicaExchange:
         """Raise a ValueError if replicas have other numbers of vertices of each species, and no move changes these, or
         moves that do have chemical potentials that differ.
         """
-        if all(mutationsOf(simulation.integrator) for simulation in self.simulations):
+        mutates = [bool(mutationsOf(simulation.integrator)) for simulation in self.simulations]
+        if all(mutates):
             self._requireSamePotentials()
             return
+        if any(mutates):
+            raise ValueError(
+                f"ReplicaExchange: simulation {mutates.index(True)} has mutations of species, and simulation "
+                f"{mutates.index(False)} none; all must have them, or none"
+            )
         first, *others = (
             [] if force is None else np.bincount(force.getVertexSpeciesInContext(simulation.context)).tolist()
             for simulation, force in zip(self.simulations, map(self.membrane, range(len(self.simulations))))
@@ -444,10 +448,14 @@ class ReplicaExchange:
 
     def _observe(self, replica: int) -> list[float]:
         """Return what is to be seen of a replica's membrane, in the order of the columns, which the first one names."""
-        force, kT = self.membrane(replica), self.states[self.replicaStates[replica]].thermalEnergy
-        row = {} if force is None else observe(Moment(self.simulations[replica], force, kT), _OBSERVED, "nm", "kT")
-        self._columns = self._columns or list(map(plainName, row))
-        return list(row.values())
+        force, state = self.membrane(replica), self.states[self.replicaStates[replica]]
+        row: dict[str, float] = {}
+        if force is not None:
+            moment = Moment(self.simulations[replica], force, state.thermalEnergy)
+            row = observe(moment, _observed(force, state.parameters), "nm", "kT")
+        values = {plainName(head): value for head, value in row.items()}
+        self._columns = self._columns or list(values)
+        return [values.get(name, math.nan) for name in self._columns]
 
     def _markedPositions(self, replica: int) -> NDArray[np.float64]:
         """Return where some of the particles are that can move, vertices where there is a membrane."""
@@ -587,6 +595,14 @@ def _membraneOf(simulation: app.Simulation) -> Membrane:
     forces = simulation.system.getForces()
     force = next((HelfrichForce.cast(force) for force in forces if HelfrichForce.isinstance(force)), None)
     return Membrane(simulation.context, force, simulation.integrator)
+
+
+def _observed(force: HelfrichForce, parameters: Iterable[str]) -> list[Observable]:
+    """Return what a round tells of a membrane: what can be averaged over those that were in a state, with the energies
+    of the terms that states change, also where these are off.
+    """
+    known = observablesOf(conditionNames(force, parameters))
+    return [o for o in known if o.inSweep == "mean" or o.target or isTarget(o)]
 
 
 def _asDict(state: ThermodynamicState) -> dict[str, Any]:

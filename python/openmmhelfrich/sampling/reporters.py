@@ -19,7 +19,7 @@ from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 from ..tables import readHeads
 from ..units import thermalEnergy, valueIn
-from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, observe
+from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, keepingTerms, observe
 
 
 class ObservablesReporter:
@@ -82,6 +82,7 @@ class ObservablesReporter:
         if isinstance(file, (str, os.PathLike)):
             if append and Path(file).exists():
                 self._heads = readHeads(file)
+                self._observables = keepingTerms(self._observables, self._heads)
             self._needsHeads = not self._heads
             self._ownsFile = True
             self._out = open(file, "a" if append else "w", newline="", encoding="utf-8")  # noqa: SIM115
@@ -97,7 +98,9 @@ class ObservablesReporter:
     def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Write a row."""
         row = self.observe(simulation)
-        self._heads = self._heads or list(row)
+        if not self._heads:
+            self._heads = list(row)
+            self._observables = keepingTerms(self._observables, self._heads)
         if self._needsHeads:
             self._writer.writerow(self._heads)
             self._needsHeads = False

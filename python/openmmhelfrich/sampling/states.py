@@ -72,12 +72,19 @@ class Membrane:
         self._known = set(dict(context.getParameters()))
 
     def named(self, parameters: Mapping[str, Any]) -> dict[str, float]:
-        """Return the parameters of a state by the names of single numbers, in their order."""
-        single = {
-            own: float(value)
-            for name, value in parameters.items()
-            for own in ([name] if self.force is None or name in self._known else singleNames(self.force, name))
-        }
+        """Return the parameters of a state by the names of single numbers, in their order.
+
+        Raises a ValueError if two of them are the same number.
+        """
+        single: dict[str, float] = {}
+        givenBy: dict[str, str] = {}
+        for name, value in parameters.items():
+            for own in [name] if self.force is None or name in self._known else singleNames(self.force, name):
+                if own in single:
+                    raise ValueError(
+                        f"the parameters '{givenBy[own]}' and '{name}' are both given, which both set {own}"
+                    )
+                single[own], givenBy[own] = float(value), name
         return {name: single[name] for name in sorted(single)}
 
     def ofForce(self, parameters: Mapping[str, float]) -> dict[str, float]:
