@@ -189,6 +189,9 @@ def testCheckpointsOfTheFirstFormat(uninterrupted, tmp_path):
 def testNothingToResume(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no checkpoint .*a.checkpoint.*start one with run"):
         resume(tmp_path / "a")
+    (tmp_path / "a.toml").write_text("[mesh]\nicosphere = 1\n")
+    with pytest.raises(FileNotFoundError, match=r"no checkpoint .*a.checkpoint beside .*a.toml: .*--output"):
+        resume(tmp_path / "a.toml")
     (tmp_path / "a.checkpoint").write_text("no ZIP file")
     with pytest.raises(ValueError, match=r"a.checkpoint is not a checkpoint of openmm-helfrich, or is damaged"):
         resume(tmp_path / "a")

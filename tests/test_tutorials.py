@@ -18,6 +18,7 @@ SAYS = {  # what a script prints at the small size
     "fluctuations.py": r"kappa = [\d.]+ \+- [\d.]+ kT",
     "minimize_and_anneal.py": r"oblate_minimized: oblate, v = 0.80.*sphere_annealed: prolate, v = 0.80",
     "phase_diagram.py": r"prolate to 0.75: prolate, E/8πκ = 1\.4",
+    "sheet.py": r"tension 0: kappa = [\d.]+ \+- [\d.]+ kT.*tension 1: kappa = [\d.]+ \+- [\d.]+ kT",
     "tether.py": r"pole at 1\.2\d nm: 0\.[1-4]\d f0",
 }
 SMALL = {"HELFRICH_TUTORIAL_SIZE": "small", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}

@@ -66,7 +66,7 @@ print(mh.sweep("diagram.toml", "results/diagram", workers=1 if isSmall else 2))
 
 # %%
 with open("results/diagram/summary.csv", newline="") as file:
-    points = [point for point in csv.DictReader(file) if point["verdict"] != "failed"]
+    points = [point for point in csv.DictReader(file) if point["verdict"] in ("good", "doubtful")]
 axes = plt.figure(figsize=(6, 4), layout="constrained").subplots()
 for number, branch in enumerate(branches):
     exact = {volume: shape.energy for volume, shape in smooth[branch].items()}

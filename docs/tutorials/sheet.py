@@ -3,7 +3,7 @@
 #
 # A small piece of a large membrane is a sheet without a border: what leaves it on the right comes back on the left.
 # This tutorial makes such a periodic sheet, lets it undulate at room temperature, and reads the bending modulus and the
-# tension from its waves. Then it pulls at the sheet, and sees the long waves go. It takes two to four minutes.
+# tension from its waves. Then it pulls at the sheet, and its longest waves get lower. It takes two to four minutes.
 #
 # You need `pip install 'openmm-helfrich[analysis]'`.
 
@@ -18,7 +18,7 @@ import openmmhelfrich as mh
 
 isSmall = os.environ.get("HELFRICH_TUTORIAL_SIZE") == "small"
 side, edge, bendingModulus = 16, 1.0, 20
-steps = 100 if isSmall else 6000
+steps = 60 if isSmall else 6000
 
 # %% [markdown]
 # ## A membrane in a periodic box
@@ -45,7 +45,7 @@ def sample(tension):
     )
     force = scene.createForce()
     simulation = scene.createSimulation(force)
-    mh.adaptStepSize(simulation, max(10, steps // 8))
+    mh.adaptStepSize(simulation, max(100, steps // 8))
     simulation.step(steps // 8)
     frames = []
     for _ in range(steps):

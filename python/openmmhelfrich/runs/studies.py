@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.metadata import version as versionOf
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -152,10 +153,7 @@ def resume(
     prefix = prefixOf(prefix)
     file = beside(prefix, ".checkpoint")
     if not file.exists():
-        raise FileNotFoundError(
-            f"there is no checkpoint {file}; a run writes it before anything else, so that no run of this prefix has "
-            "begun: start one with run"
-        )
+        raise FileNotFoundError(_absence(prefix))
     with locked(prefix):
         state = loadRunState(file)
         config = parseConfig(state.config, str(file))
@@ -179,6 +177,19 @@ def resume(
         requireMatplotlib()
         with following(progress, RunProgress) as shown:
             return _told(study.finish(shown), progress)
+
+
+def _absence(prefix: Path) -> str:
+    """Return why there is no run of a prefix to go on with, or none beside a configuration."""
+    if prefix.suffix == ".toml" and prefix.is_file():
+        return (
+            f"there is no checkpoint {prefix.with_suffix('.checkpoint')} beside {prefix}: start the run, or name the "
+            "prefix that --output or the [output] of the configuration gives it"
+        )
+    return (
+        f"there is no checkpoint {beside(prefix, '.checkpoint')}; a run writes it before anything else, so that no run "
+        "of this prefix has begun: start one with run"
+    )
 
 
 class CompleteError(ValueError):
