@@ -27,7 +27,7 @@ def createSimulation(temperature, seed):
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(30 * kT)
+    force.setBendingModulus(30 * kT)  # kappa of kappa/2 times the integral of (2H-C_0)^2, with C_0 = 0
     force.setAreaModulus(1e5 * kT)
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(1e5 * kT)

@@ -24,7 +24,7 @@ mesh = mh.Mesh.icosphere(subdivisions)
 edge, size = mesh.edgeLengths.mean(), len(mesh.vertices)
 force = mh.HelfrichForce()
 force.setTriangles(mesh.triangles)
-force.setBendingModulus(kappa * kT)
+force.setBendingModulus(kappa * kT)  # kappa of kappa/2 times the integral of (2H-C_0)^2, with C_0 = 0
 force.setVolumeModulus(1e5 * kT)
 force.setTargetVolume(mesh.volume)
 # Soft, so that the degrees fluctuate independently, but against the pressure of the vertices, which would make the

@@ -27,7 +27,7 @@ def createSimulation(fraction):
     edge = mesh.edgeLengths.mean()
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
-    force.setBendingModulus(20 * kT)
+    force.setBendingModulus(20 * kT)  # kappa of kappa/2 times the integral of (2H-C_0)^2, with C_0 = 0
     force.setVolumeModulus(1e6 * kT)
     force.setTargetVolume(mesh.volume)
     force.setAreaModulus(1e5 * kT)

@@ -54,7 +54,7 @@ int main(int argc, char* argv[]) {
     auto* force = new HelfrichPlugin::HelfrichForce();
     for (auto& t : triangles)
         force->addTriangle(t[0], t[1], t[2]);
-    force->setBendingModulus(1.0);
+    force->setBendingModulus(1.0); // kappa of kappa/2 times the integral of (2H-C_0)^2, with C_0 = 0
     system.addForce(force);
     for (const char* name : {"Reference", "CPU"}) {
         VerletIntegrator integrator(0.001);

@@ -14,7 +14,7 @@ kT = temperature * unit.MOLAR_GAS_CONSTANT_R
 mesh = mh.Mesh.icosphere(subdivisions=3, radius=1.0)
 force = mh.HelfrichForce()
 force.setTriangles(mesh.triangles)
-force.setBendingModulus(20 * kT)
+force.setBendingModulus(20 * kT)  # kappa of kappa/2 times the integral of (2H-C_0)^2, with C_0 = 0
 force.setAreaModulus(1e6 * kT)
 force.setTargetArea(mesh.area)
 force.setVolumeModulus(1e6 * kT)

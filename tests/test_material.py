@@ -719,3 +719,10 @@ def test_a_line_tension_that_is_none_is_one_line(value):
     with pytest.raises(ValueError, match=r"\[membrane\] line_tension") as found:
         parseConfig(configOf(species=LO_LD, membrane={"line_tension": value}))
     assert len(str(found.value).splitlines()) == 1 and "function" not in str(found.value)
+
+
+def test_pairs_of_very_many_species_are_refused():
+    """A plain line tension stands for each pair."""
+    species = [{"name": f"s{i}", "vertices": [i]} for i in range(2562)]
+    with pytest.raises(ValueError, match="line_tension is 1 between all of 2562 species, which makes 3280641 pairs"):
+        mh.Scene.of({"membrane": {"line_tension": 1.0}, "species": species}, mh.Mesh.icosphere(4)).createForce()

@@ -341,6 +341,29 @@ def test_boxes_and_moves_that_are_refused():
         createContext(mesh, createForce(mesh, ["bending"]), "CPU", mh.ShearWaveIntegrator(300, 0.1, 0.1, 1))
 
 
+def test_sheets_do_not_tear():
+    """Without a tether edges would grow beyond half the box, where nearest images no longer make triangles."""
+    mesh = mh.Mesh.sheet(5, 5, 1.0)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setUsesPeriodicBoundaryConditions(True)
+    force.setBendingModulus(0.5)
+    integrator = mh.HybridMonteCarloIntegrator(300, 0.001, 100, flipFraction=0)
+    integrator.setRandomNumberSeed(3)
+    system = mesh.createSystem()
+    system.addForce(force)
+    context = mm.Context(system, integrator, mm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
+    context.setPositions(mesh.vertices)
+    integrator.step(300)
+    assert integrator.getNumAcceptedTrajectories() > 5 and integrator.getNumDivergedTrajectories() > 0
+    assert np.isfinite(energyOf(context))  # which a sheet that is torn has not
+    torn = mesh.vertices.copy()
+    torn[0] += [2.5, 0, 0]
+    context.setPositions(torn)
+    with pytest.raises(mm.OpenMMException, match="make no triangle: the box must be that of the mesh"):
+        energyOf(context)
+
+
 def test_runs_of_sheets(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = {

@@ -220,9 +220,33 @@ void HelfrichForceImpl::checkPeriodicInBox(ContextImpl& context, const HelfrichP
                 << " nm long; each side must be at least twice as long as any edge, and be that of the mesh";
         throw OpenMMException(message.str());
     }
+    checkWhole(context, box);
     if (parameters.has(Term::Repulsion) && parameters.repulsionOnset > shortestSide / 3) {
         message << "the repulsion's onset " << parameters.repulsionOnset << " nm; it must be at most a third of a side";
         throw OpenMMException(message.str());
+    }
+}
+
+void HelfrichForceImpl::checkWhole(ContextImpl& context, const PeriodicBox& box) const {
+    if (!isPeriodic)
+        return;
+    vector<Vec3> positions;
+    context.getPositions(positions);
+    auto edge = [&](int from, int to) {
+        const Vec3 &a = positions[from], &b = positions[to];
+        return displacement(Vector3<double>{a[0], a[1], a[2]}, Vector3<double>{b[0], b[1], b[2]}, box);
+    };
+    for (auto& t : mesh->getTriangles()) {
+        Vector3<double> gap = edge(t[0], t[1]) + edge(t[1], t[2]) + edge(t[2], t[0]);
+        if (max({fabs(gap.x), fabs(gap.y), fabs(gap.z)}) > box.shortest() / 2) {
+            stringstream message;
+            message << owner.getName() << ": the periodic box is " << box.lengths[0] << " x " << box.lengths[1] << " x "
+                    << box.lengths[2] << " nm, and the nearest images of particles " << t[0] << ", " << t[1] << " and "
+                    << t[2]
+                    << " make no triangle: the box must be that of the mesh, and edges shorter than half a side, to "
+                       "which a tether keeps them";
+            throw OpenMMException(message.str());
+        }
     }
 }
 
@@ -267,6 +291,9 @@ HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includ
     addTermsOfConnectivity(parameters, terms);
     if (!isFinite || !isfinite(terms.getTotal()))
         throwNonFinite(context, terms);
+    // Not at each step of a simulation, but wherever an energy is looked at.
+    if (!includeForces)
+        checkWhole(context, parameters.box);
     return terms;
 }
 
@@ -347,6 +374,7 @@ double HelfrichForceImpl::makeTrajectory(ContextImpl& context, const KickAndDrif
     HelfrichParameters parameters = getParameters(context);
     if (!kernel.getAs<CalcHelfrichForceKernel>().makeTrajectory(context, parameters, sequence, mixed, waves, terms))
         throwNonFinite(context, terms);
+    checkWhole(context, parameters.box);
     addTermsOfConnectivity(parameters, terms);
     return terms.getTotal();
 }

@@ -4,6 +4,7 @@
 #include "NeighborLists.h"
 #include "CpuEdgeFlipSweep.h"
 #include "openmmhelfrich/internal/HelfrichMesh.h"
+#include <numeric>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -51,10 +52,14 @@ static void sweep(FuzzedDataProvider& data, HelfrichMesh& mesh, const Membrane& 
     for (auto& x : positions)
         if (data.remaining_bytes() > 8 && data.ConsumeBool())
             x[0] = data.ConsumeFloatingPoint<double>();
-    HelfrichGeometry geometry;
-    geometry.setTotals(vector<HelfrichTotals>(mesh.getNumSurfaces(), {1, 1, 1}));
-    geometry.vertexAreas.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(0.0, 1.0));
-    geometry.vertexMeanCurvatures.assign(mesh.getNumVertices(), data.ConsumeFloatingPointInRange(-10.0, 10.0));
+    vector<int> slots(mesh.getNumVertices());
+    iota(slots.begin(), slots.end(), 0);
+    CpuVertexGeometry geometry;
+    geometry.totals.assign(mesh.getNumSurfaces(), {1, 1, 1});
+    geometry.areas.assign(slots.size(), data.ConsumeFloatingPointInRange(0.0, 1.0));
+    geometry.curvatures.assign(slots.size(), data.ConsumeFloatingPointInRange(-10.0, 10.0));
+    geometry.volumes.assign(slots.size(), 1);
+    geometry.slots = slots.data();
     CpuEdgeFlipSweep sweep(mesh);
     CpuHelfrichNeighborList neighborList = findNeighbors(positions, 1.1 * p.repulsionOnset);
     neighborList.partition(mesh);

@@ -102,9 +102,9 @@ struct OPENMM_EXPORT_HELFRICH HelfrichGeometry : HelfrichSurfaceGeometry {
  * bending energy is \f$8\pi\kappa_B(1-C_0R/2)^2\f$.  So C_0 is the sum of the principal curvatures that the membrane
  * would like, and kappa_B stands for kappa in \f$\frac\kappa2\oint\f$.  Other programs have other conventions, with H =
  * (c_1+c_2)/2 in all of these.  Where it is \f$\frac\kappa2\oint(2H-c)^2\f$, as in FreeDTS, the modulus is the same and
- * c = C_0; FreeDTS's Gaussian modulus has the other sign.  Where it is \f$2\kappa\oint(H-H_0)^2\f$, the modulus is the
- * same and H_0 = C_0/2.  Where it is \f$\kappa\oint(H-H_0)^2\f$, as in Mem3DG and Surface Evolver, the modulus is twice
- * as large and H_0 = C_0/2.
+ * c = C_0; FreeDTS's Gaussian modulus has the other sign.  Where it is \f$2\kappa\oint(H-H_0)^2\f$, as in Mem3DG from
+ * version 0.0.7 on, the modulus is the same and H_0 = C_0/2.  Where it is \f$\kappa\oint(H-H_0)^2\f$, as in Surface
+ * Evolver and earlier versions of Mem3DG, the modulus is twice as large and H_0 = C_0/2.
  *
  * A membrane of several materials has species, added with addSpecies(), and each vertex has one of them: see
  * setVertexSpecies().  The moduli of bending and of the Gaussian curvature are then those of the species.  There may be

@@ -111,6 +111,11 @@ private:
     void checkBox(OpenMM::ContextImpl& context, const HelfrichParameters& parameters);
     void checkClosedInBox(OpenMM::ContextImpl& context) const;
     void checkPeriodicInBox(OpenMM::ContextImpl& context, const HelfrichParameters& parameters) const;
+    /**
+     * Throw if the nearest images of a triangle's vertices do not make a triangle, because edges have become too long
+     * for the box or the box is not that of the mesh.
+     */
+    void checkWhole(OpenMM::ContextImpl& context, const PeriodicBox& box) const;
     void checkPeriodicTerms(const HelfrichParameters& parameters) const;
     PeriodicBox getBox(OpenMM::ContextImpl& context) const;
     std::string getParameterName(const std::pair<Term, int>& surfaceTarget) const;
