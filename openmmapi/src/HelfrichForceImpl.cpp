@@ -291,9 +291,6 @@ HelfrichEnergyTerms HelfrichForceImpl::execute(ContextImpl& context, bool includ
     addTermsOfConnectivity(parameters, terms);
     if (!isFinite || !isfinite(terms.getTotal()))
         throwNonFinite(context, terms);
-    // Not at each step of a simulation, but wherever an energy is looked at.
-    if (!includeForces)
-        checkWhole(context, parameters.box);
     return terms;
 }
 
@@ -360,7 +357,11 @@ double HelfrichForceImpl::calcForcesAndEnergy(ContextImpl& context, bool include
     if (kick == NULL && (groups & (1 << owner.getForceGroup())) == 0)
         return 0;
     double energy = execute(context, includeForces).getTotal();
-    return includeEnergy ? energy : 0;
+    if (!includeEnergy)
+        return 0;
+    // Not at each step of a simulation, but wherever an energy is looked at.
+    checkWhole(context, getBox(context));
+    return energy;
 }
 
 bool HelfrichForceImpl::canMakeTrajectory(ContextImpl& context) const {
