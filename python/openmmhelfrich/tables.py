@@ -67,6 +67,9 @@ class Table(dict[str, NDArray[np.float64]]):
             raise _noNumber(file, heads, rows) from None
         table = cls(zip(map(plainName, heads), columns))
         table.source = str(file)
+        steps = table.get("step", np.zeros(0))
+        for i in np.flatnonzero(~np.isfinite(steps))[:1]:
+            raise ValueError(f"{file}: step is {steps[i]} in line {i + 2}; it must be a finite number")
         return table
 
     def __repr__(self) -> str:
