@@ -197,6 +197,26 @@ def testNothingToResume(tmp_path):
         resume(tmp_path / "a")
 
 
+@pytest.mark.parametrize(
+    "old, new", [(b'"startTargets":', b'"starttargets":'), (b'"position":', b'"positiom":'), (b'"area"', b'"aarea"')]
+)
+def testCheckpointThatMakesNoSense(tmp_path, old, new):
+    """What is damaged in what a checkpoint says of the run is told with its name, before anything is written."""
+    run(configure(tmp_path / "a"), StopAt(50))
+    file = tmp_path / "a.checkpoint"
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    assert old in parts["run.json"]
+    parts["run.json"] = parts["run.json"].replace(old, new)
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.suffix in (".csv", ".dcd", ".vtkhdf")}
+    with pytest.raises(ValueError, match=r"a\.checkpoint"):
+        resume(tmp_path / "a")
+    assert before == {name: (tmp_path / name).read_bytes() for name in before}
+
+
 @pytest.mark.parametrize("ending", ["csv", "dcd", "vtkhdf"])
 def testFileThatWasCut(tmp_path, ending):
     run(configure(tmp_path / "a"), StopAt(50))

@@ -143,6 +143,19 @@ def verdictOf(file: PathLike) -> Verdict | None:
         return None
 
 
+@contextlib.contextmanager
+def understanding(file: PathLike) -> Iterator[None]:
+    """Name a checkpoint where what it says of a run makes no sense."""
+    try:
+        yield
+    except ValueError as error:
+        if str(Path(file).with_suffix("")) in str(error):
+            raise
+        raise ValueError(f"{file}: {error}") from None
+    except (LookupError, TypeError, AttributeError):
+        raise ValueError(f"{file} is damaged: what it says of the run makes no sense") from None
+
+
 def loadSimulation(
     file: PathLike, platform: mm.Platform, properties: dict[str, str]
 ) -> tuple[app.Simulation, HelfrichForce]:

@@ -31,7 +31,7 @@ from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
 from .additions import Setup, describe, requireSame
-from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint
+from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint, understanding
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
@@ -171,8 +171,9 @@ def resume(
         scene = createScene(config, currentMesh(simulation, force), setup)
         if setup is not None:
             requireSame(simulation.system, scene.createSystem(scene.createForce())[0], prefix)
-        study = Study(scene, outputs, simulation, force, state)
-        study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
+        with understanding(file):
+            study = Study(scene, outputs, simulation, force, state)
+            study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
         requireRoom(scene, outputs, state.step)
         requireMatplotlib()
         with following(progress, RunProgress) as shown:
