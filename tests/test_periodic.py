@@ -364,6 +364,14 @@ def test_sheets_do_not_tear():
         energyOf(context)
 
 
+def test_meshes_that_are_torn_are_refused():
+    mesh = mh.Mesh.sheet(5, 5, 1.0)
+    mesh.check()
+    mesh.vertices[0] += [2.5, 0, 0]
+    with pytest.raises(ValueError, match=r"triangle .* is torn: the nearest images of its vertices in the box of 5 x 5"):
+        mesh.check()
+
+
 def test_runs_of_sheets(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = {

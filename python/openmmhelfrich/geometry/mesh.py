@@ -424,6 +424,8 @@ class Mesh:
                 raise
             place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
             raise ValueError(f"{place}{error}{self._remedy()}") from None
+        if self.isPeriodic:
+            self._requireWhole()
 
     def _surfaceOf(self, vertex: int) -> str:
         """Return which of several surfaces a vertex belongs to, as the beginning of a sentence."""
@@ -599,6 +601,20 @@ class Mesh:
             result.box = None if self.box is None else self.box * factor
         _requireSizes(result.vertices)
         return result
+
+    def _requireWhole(self) -> None:
+        """Raise a ValueError if the nearest images of a triangle's vertices make no triangle."""
+        a, b, c = self.triangles.T
+        ends = ((a, b), (b, c), (c, a))
+        gaps = sum(connectivity.edgeVectors(self.vertices, start, end, self.images) for start, end in ends)
+        sides = np.diag(np.asarray(self.box))
+        torn = np.flatnonzero((np.abs(gaps) > sides / 2).any(axis=1))
+        if len(torn):
+            raise ValueError(
+                f"triangle {torn[0]} is torn: the nearest images of its vertices in the box of "
+                f"{' x '.join(f'{side:g}' for side in sides)} make no triangle; the box must be that of the mesh, and "
+                "edges shorter than half a side"
+            )
 
     def _speciesLeft(self, other: "Mesh") -> list[str]:
         """Return a note if another mesh, made of this one, has lost the species."""
