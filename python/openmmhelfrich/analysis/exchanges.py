@@ -7,7 +7,7 @@ import numpy as np
 from openmm import unit
 
 from ..geometry.mesh import Mesh
-from ..sampling.conditions import flatEnergy, moduliOf
+from ..sampling.conditions import boxOf, flatEnergy, moduliOf
 from ..sampling.replicaexchange import ReplicaExchange
 from .verdict import DRIFT, LEVELS, OF_EXCHANGES, OF_MOVES, OF_SHAPES, ROWS, Evidence, Finding, Verdict, judge, ratesOf
 
@@ -55,7 +55,7 @@ def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
         return Evidence(rows=exchange.observables(state), **rates)
     ofContext = simulation.context.getState(positions=True)
     positions = ofContext.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-    box = ofContext.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
+    box = boxOf(ofContext, force)
     triangles = force.getTrianglesInContext(simulation.context)
     species = force.getVertexSpeciesInContext(simulation.context)
     mesh = Mesh(positions[: triangles.max() + 1], triangles, box, species=species)

@@ -30,6 +30,7 @@ from ..analysis.verdict import Verdict, verdictOfStages
 from ..files import PathLike, replacing, requireStored
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
+from ..sampling.conditions import boxOf
 
 FORMAT = 2
 READ_FORMATS = (1, FORMAT)  # in the first, positions and velocities are in the State
@@ -165,7 +166,7 @@ def loadSimulation(
         force = next(HelfrichForce.cast(f) for f in system.getForces() if HelfrichForce.isinstance(f))
         triangles = force.getTriangles()
         numVertices = int(triangles.max()) + 1
-        box = state.getPeriodicBoxVectors() if force.usesPeriodicBoundaryConditions() else None
+        box = boxOf(state, force)
         mesh = Mesh(positions[:numVertices], triangles, box, positions[numVertices:])
         simulation = app.Simulation(
             mesh.topology(), system, HybridMonteCarloIntegrator.cast(integrator), platform, properties

@@ -26,6 +26,7 @@ from ..helfrich import (
     SpeciesExchangeIntegrator,
 )
 from ..messages import shortened
+from ..sampling.conditions import boxOf
 from ..sampling.targets import (
     listedTargets,
     numberedTargets,
@@ -380,7 +381,7 @@ def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: 
     """
     state = simulation.context.getState(positions=True)
     positions = state.getPositions(asNumpy=True)
-    box = state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
+    box = boxOf(state, force)
     triangles = force.getTrianglesInContext(simulation.context)
     numVertices = int(triangles.max()) + 1
     species = force.getVertexSpeciesInContext(simulation.context)

@@ -23,6 +23,7 @@ from ..geometry.quality import triangleAngles
 from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn
+from .conditions import boxOf
 from .moves import findMove, movesOf, trajectoriesOf
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
@@ -504,7 +505,7 @@ def _obstacle(simulation: app.Simulation, stepSize: float) -> str | None:
         triangles = force.getTrianglesInContext(context)
         vertices, corners = np.unique(triangles, return_inverse=True)
         masses = np.array([valueIn(system.getParticleMass(int(i)), unit.dalton) for i in vertices])
-        box = state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
+        box = boxOf(state, force)
         mesh = Mesh(positions[vertices], corners.reshape(triangles.shape), box)
         lengths = mesh.edgeLengths
         if not masses.any():

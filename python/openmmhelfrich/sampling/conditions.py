@@ -128,6 +128,11 @@ def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterab
             raise ValueError(f"'{name}' is that of a membrane without species; give that of one, as '{name}[0]'")
 
 
+def boxOf(state: mm.State, force: HelfrichForce) -> Any:
+    """Return the box vectors of a State if its membrane is periodic, otherwise None."""
+    return state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
+
+
 def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
     """Return the modulus of each term, in kJ/mol and powers of nm; tension and pressure as they are in a Context."""
     own = currentConditions(context, force, (name for name in TERMS if name not in _OF_PAIRS))

@@ -19,6 +19,7 @@ from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 from ..tables import readHeads
 from ..units import thermalEnergy, valueIn
+from .conditions import boxOf
 from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, keepingTerms, observe
 
 
@@ -224,7 +225,7 @@ class MeshReporter:
         triangles = self._numbers[self._force.getTrianglesInContext(simulation.context)]
         species = self._force.getVertexSpeciesInContext(simulation.context)
         beads = positions[self._beads]
-        box = state.getPeriodicBoxVectors(asNumpy=True) if self._force.usesPeriodicBoundaryConditions() else None
+        box = boxOf(state, self._force)
         mesh = Mesh(positions[self._vertices], triangles, box, beads, species, self._speciesNames)
         data = {
             "MeanCurvature": localMeanCurvatures(curvatures, areas),
