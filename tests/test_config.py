@@ -9,6 +9,7 @@ from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import energyOf, forcesOf
+from openmmhelfrich.geometry.measured import MeasuredMesh
 from openmmhelfrich.runs.config import parseConfig, readConfig, stagesOf, tomllib
 from openmmhelfrich.runs.configfile import defaultText, settingsText
 from openmmhelfrich.runs.scene import Scene, currentMesh, loadMesh, resolve
@@ -279,7 +280,7 @@ def testSettingsReadBack():
             {"kind": "anneal", "table": [[0, 300], [10, 30]]},
         ],
     )
-    resolved = resolve(config, loadMesh(config))
+    resolved = resolve(config, MeasuredMesh(loadMesh(config)))
     again = parseConfig(tomllib.loads(settingsText(resolved, ["a comment"])))
     assert again == resolved and resolved.membrane.target_area == loadMesh(config).area
 

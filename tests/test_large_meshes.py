@@ -57,6 +57,7 @@ def testBlocksChangeNoBit(monkeypatch, size):
             mesh.edgeLengths.tobytes(),
             mesh.triangleAreas.tobytes(),
             mesh.vertexMeanCurvatures.tobytes(),
+            mesh.volume,
             described.angles.tobytes(),
             described.aspectRatios.tobytes(),
             described.lines(),

@@ -1,6 +1,5 @@
 """Commands that look at meshes and at the results of runs."""
 
-import contextlib
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -50,8 +49,7 @@ def check(
     Example: openmm-helfrich check cell.stl --length-unit angstrom
     """
     from ..geometry.mesh import Mesh
-    from ..geometry.quality import assess
-    from ..runs.readiness import coarse, defaultScene, readinessOf
+    from ..runs.readiness import coarse, readinessOf
 
     section = _meshSection(mesh, scale, length_unit)
     surface = Mesh.read(mesh, unit=section.scale)
@@ -59,11 +57,11 @@ def check(
         readiness = readinessOf(surface, mesh, section.length_unit)
     except ValueError as error:
         raise ValueError(f"{mesh}: {error}") from None
-    with contextlib.suppress(ValueError):  # the reason says it
-        quality = assess(surface, isChecked=readiness.reason is None)
-        scene = readiness.scene or defaultScene(surface, section.length_unit)
-        show(quality.lines(section.length_unit) + _shapes(surface) + _suggestions(scene))
-        notes = (coarse(part, part.reducedVolume) for part in surface.components() if not part.isPeriodic)
+    quality, scene = readiness.quality, readiness.scene
+    if quality is not None and scene is not None:
+        show(quality.lines(section.length_unit) + _shapes(quality.surfaces) + _suggestions(scene))
+        volumes = zip(quality.surfaces, quality.reducedVolumes)
+        notes = (coarse(part, volume) for part, volume in volumes if volume is not None)
         show([("warning", str(note)) for note in notes if note])
     show([("note", note) for note in surface.notes])
     if readiness.reason is None:
@@ -308,13 +306,13 @@ def report(
     print(f"{page}, {page.stat().st_size / 1e6:.1f} MB")
 
 
-def _shapes(mesh: "Mesh") -> list[tuple[str, str]]:
+def _shapes(surfaces: list["Mesh"]) -> list[tuple[str, str]]:
     """Return the shapes of several surfaces."""
     from ..analysis.description import classifyShape
 
-    surfaces = mesh.components()
-    shapes = ", ".join(f"surface {k} {classifyShape(surface)}" for k, surface in enumerate(surfaces))
-    return [("shapes", shapes)] if len(surfaces) > 1 else []
+    if len(surfaces) == 1:
+        return []
+    return [("shapes", ", ".join(f"surface {k} {classifyShape(surface)}" for k, surface in enumerate(surfaces)))]
 
 
 def _meshSection(mesh: Path, scale: float, lengthUnit: str | None) -> "MeshSection":

@@ -445,8 +445,12 @@ def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
 def signedVolume(vertices: NDArray[np.float64], triangles: NDArray[np.integer]) -> float:
     """Return the volume that the triangles enclose, positive if they are counter-clockwise seen from outside."""
     # The center is subtracted so that a mesh far from the origin loses no digits.
-    x = vertices[triangles] - vertices[triangles[:, 0]].mean(axis=0)
-    return float(np.einsum("ti,ti->", x[:, 0], np.cross(x[:, 1], x[:, 2])) / 6)
+    center, total = vertices[triangles[:, 0]].mean(axis=0), 0.0
+    for block in blocks(len(triangles)):
+        x = vertices[triangles[block]] - center
+        parts = np.einsum("ti,ti->t", x[:, 0], np.cross(x[:, 1], x[:, 2]))
+        total = np.concatenate(([total], parts)).cumsum()[-1]  # one after the other, whatever the blocks
+    return float(total / 6)
 
 
 def _triangle(triangles: np.ndarray, t: int) -> str:

@@ -762,9 +762,8 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
         raise ValueError(f"the triangles have the shape {triangles.shape}; it must be (T, 3)")
     if triangles.dtype.kind not in "iu":
         raise ValueError(f"the triangles are of type {triangles.dtype}; they must be integers")
-    outside = np.argwhere((triangles < 0) | (triangles >= numVertices))
-    if len(outside):
-        t, corner = outside[0]
+    if triangles.size and not (triangles.min() >= 0 and triangles.max() < numVertices):
+        t, corner = np.argwhere((triangles < 0) | (triangles >= numVertices))[0]
         raise ValueError(
             f"triangle {t} has the vertex {triangles[t, corner]}; it must be from 0 to {numVertices - 1}, for "
             f"{numVertices} vertices"

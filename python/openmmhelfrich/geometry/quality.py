@@ -1,7 +1,7 @@
 """What a mesh is like: its topology, the shape of its triangles, whether it meets itself."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 
 from ..units import lengthUnit as lengthInNm
 from . import connectivity
+from .measured import MeasuredMesh
+from .measures import reducedVolume
 from .mesh import Mesh
 from .predicates import orientations
 
@@ -25,16 +27,13 @@ BLOCK = 1 << 17  # points that a search has at a time, which bounds the memory o
 SLACK = 1 + 1e-6  # for rounding, where a search is to miss nothing
 
 
-@dataclass
-class MeshQuality:
-    """The description of a closed mesh by :func:`assess`.
+class MeshQuality(MeasuredMesh):
+    """The description of a closed mesh: see :func:`assess`.
 
     Attributes
     ----------
-    mesh : Mesh
-        the mesh
-    surfaces : list of Mesh
-        each connected membrane, in the order of first triangles
+    edgeLengths : (E,) array
+        the length of each edge, in nm
     genera : list of int
         the genus of each: 0 for a sphere, 1 for a torus
     valences : (N,) array
@@ -52,20 +51,54 @@ class MeshQuality:
         the vertices of an edge and the number of a triangle through which it passes, for each such pair
     """
 
-    mesh: Mesh
-    surfaces: list[Mesh]
-    genera: list[int]
-    valences: np.ndarray
-    angles: np.ndarray
-    aspectRatios: np.ndarray
-    dihedrals: np.ndarray
-    closestPair: tuple[int, int, float] | None
-    crossings: np.ndarray
+    @cached_property
+    def edgeLengths(self) -> np.ndarray:
+        return self.mesh.edgeLengths
+
+    @cached_property
+    def meanEdgeLength(self) -> float:
+        return self.edgeLengths.mean()
+
+    @cached_property
+    def genera(self) -> list[int]:
+        return [connectivity.genus(surface.triangles, len(surface.vertices)) for surface in self.surfaces]
+
+    @cached_property
+    def valences(self) -> np.ndarray:
+        return np.bincount(self.mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
+
+    @cached_property
+    def _shapes(self) -> tuple[np.ndarray, np.ndarray]:
+        return _shapes(self.mesh)
+
+    @property
+    def angles(self) -> np.ndarray:
+        return self._shapes[0]
+
+    @property
+    def aspectRatios(self) -> np.ndarray:
+        return self._shapes[1]
+
+    @cached_property
+    def dihedrals(self) -> np.ndarray:
+        return dihedralAngles(self.mesh)
+
+    @cached_property
+    def closestPair(self) -> tuple[int, int, float] | None:
+        return closestPair(self.mesh)
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        return crossings(self.mesh)
+
+    @property
+    def reducedVolumes(self) -> list[float | None]:
+        """The reduced volume of each surface; None of one that is periodic."""
+        return [None if v is None else reducedVolume(a, v) for a, v in zip(self.areas, self.volumes)]
 
     def lines(self, lengthUnit: str = "nm") -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing."""
-        mesh, u = self.mesh, lengthUnit
-        lengths, mean = mesh.edgeLengths, mesh.edgeLengths.mean()
+        mesh, lengths, mean, u = self.mesh, self.edgeLengths, self.meanEdgeLength, lengthUnit
         return [
             ("membrane", f"{len(mesh.vertices)} vertices, {len(lengths)} edges, {len(mesh.triangles)} triangles"),
             ("surface", self._kind(u)),
@@ -80,7 +113,7 @@ class MeshQuality:
 
     def warnings(self, lengthUnit: str = "nm") -> list[str]:
         """Return a sentence for each thing that is likely to be a mistake."""
-        found, areas = [], [surface.area for surface in self.surfaces]
+        found, areas = [], self.areas
         for k, (surface, area) in enumerate(zip(self.surfaces, areas)):
             if area < _SPECK * max(areas):
                 found.append(
@@ -112,22 +145,19 @@ class MeshQuality:
 
     def _measures(self, u: str) -> list[tuple[str, str]]:
         """Return area, volume and reduced volume, of each surface in a column of its own if there are several."""
-        rows: list[tuple[str, Callable[[Mesh], str], str]] = [
-            ("area", lambda surface: f"{surface.area:.6g}", f" {u}^2"),
-            ("volume", lambda surface: f"{surface.volume:.6g}", f" {u}^3"),
-            ("reduced volume", lambda surface: f"{surface.reducedVolume:.4f}", ""),
-        ]
-        if self.mesh.isPeriodic:
-            del rows[1:]
+        rows = [("area", [f"{area:.6g}" for area in self.areas], f" {u}^2")]
+        if not self.mesh.isPeriodic:
+            rows.append(("volume", [f"{volume:.6g}" for volume in self.volumes], f" {u}^3"))
+            rows.append(("reduced volume", [f"{volume:.4f}" for volume in self.reducedVolumes], ""))
         if len(self.surfaces) == 1:
-            return [(label, text(self.mesh) + suffix) for label, text, suffix in rows]
+            return [(label, cells[0] + suffix) for label, cells, suffix in rows]
         shown = self.surfaces[:_COLUMNS]
         head = [
             ("surface", [str(k) for k in range(len(shown))]),
             ("vertices", [str(len(surface.vertices)) for surface in shown]),
             ("genus", [str(genus) for genus in self.genera[:_COLUMNS]]),
         ]
-        table = head + [(label + suffix.replace(" ", ", "), [text(s) for s in shown]) for label, text, suffix in rows]
+        table = head + [(label + suffix.replace(" ", ", "), cells[:_COLUMNS]) for label, cells, suffix in rows]
         more = len(self.surfaces) - len(shown)
         return [
             (
@@ -147,8 +177,8 @@ class MeshQuality:
         )
 
 
-def assess(mesh: Mesh, isChecked: bool = False) -> MeshQuality:
-    """Describe a closed mesh, which a large one is known to be without another look if it has been checked.
+def assess(mesh: Mesh) -> MeshQuality:
+    """Describe a closed mesh.
 
     Raises
     ------
@@ -159,22 +189,8 @@ def assess(mesh: Mesh, isChecked: bool = False) -> MeshQuality:
     -------
     MeshQuality
     """
-    if not isChecked:
-        mesh.check()
-    angles, aspectRatios = _shapes(mesh)
-    valences = np.bincount(mesh.triangles.ravel())  # as many as triangles around a vertex, for the mesh is closed
-    surfaces = mesh.components()
-    return MeshQuality(
-        mesh,
-        surfaces,
-        [connectivity.genus(surface.triangles, len(surface.vertices)) for surface in surfaces],
-        valences,
-        angles,
-        aspectRatios,
-        dihedralAngles(mesh),
-        closestPair(mesh),
-        crossings(mesh),
-    )
+    mesh.check()
+    return MeshQuality(mesh)
 
 
 def triangleAngles(mesh: Mesh) -> np.ndarray:
@@ -205,12 +221,12 @@ def closestPair(mesh: Mesh) -> tuple[int, int, float] | None:
     than two mean edge lengths.
     """
     edges, n = mesh.edges, len(mesh.vertices)
+    reach = connectivity.edgeLengthsOf(mesh.vertices, edges, mesh.images).mean()
     a, b = np.concatenate((edges, edges[:, ::-1])).T
     bonded = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)).tocsr()
     near = bonded + bonded @ bonded
     near.sort_indices()  # which makes a search of each look
-    closest, reach = None, mesh.edgeLengths.mean()
-    points, owner = mesh.vertices, np.arange(n)
+    closest, points, owner = None, mesh.vertices, np.arange(n)
     if mesh.isPeriodic:
         patch = connectivity.patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box), 2 * reach)
         points, owner = patch.vertices, patch.vertexOf

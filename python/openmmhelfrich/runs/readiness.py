@@ -12,7 +12,7 @@ from ..files import PathLike
 from ..geometry.connectivity import genus
 from ..geometry.measures import reducedVolume
 from ..geometry.mesh import Mesh
-from ..geometry.quality import dihedralAngles, triangleAngles
+from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
 from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
@@ -43,9 +43,9 @@ def obstacle(
     the mesh has already, so that nothing but the mesh decides; of the scene's step size, or another, in ps.
     """
     mesh = currentMesh(simulation, force)
-    if _isEven(scene, simulation, force, mesh) or _accepts(scene, simulation, mesh, stepSize or scene.stepSize):
+    if _isRelaxed(scene, simulation, force) and _isEven(MeshQuality(mesh)):
         return None
-    return f"trajectories from this mesh are not accepted: {evenness(scene, mesh)}"
+    return _refusal(scene, simulation, mesh, stepSize or scene.stepSize)
 
 
 def evenness(scene: Scene, mesh: Mesh) -> str:
@@ -148,39 +148,38 @@ class Readiness(NamedTuple):
     notes : sequence of str
         what the first of them would do
     scene : Scene or None
-        what a run would begin with; none if the mesh is not ready
+        what a run with this mesh has; none if the mesh is no membrane
+    quality : MeshQuality or None
+        the description of the mesh; none if it is no membrane
     """
 
     reason: str | None = None
     commands: Sequence[str] = ()
     notes: Sequence[str] = ()
     scene: Scene | None = None
+    quality: MeshQuality | None = None
 
 
 def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness:
     """Return the Readiness of a mesh that was read from a file, for a run with default settings."""
-    (reason, scene), repair = _obstacleOf(mesh, lengthUnit), []
-    if reason is None:
-        return Readiness(scene=scene)
+    found = _readinessAsItIs(mesh, lengthUnit)
+    if found.reason is None:
+        return found
     repaired, options = _repaired(mesh)
-    notes = repaired.notes[len(mesh.notes) :]
+    notes, repair, left = repaired.notes[len(mesh.notes) :], [], found
     if notes:
         target = _named(file, "repaired")
-        repair = [repairing(file, target, *options)]
+        repair, left = [repairing(file, target, *options)], _readinessAsItIs(repaired, lengthUnit)
         mesh, file = repaired, target
-    left, _ = _obstacleOf(mesh, lengthUnit)
-    if left is None:
-        return Readiness(reason, repair, notes)
-    try:
-        mesh.check()
-    except ValueError:
-        return Readiness(reason)
-    scene = defaultScene(mesh, lengthUnit)
+    if left.reason is None:
+        return found._replace(commands=repair, notes=notes)
+    if left.scene is None:
+        return found
     if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
-        failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(scene, mesh))
+        failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
         if failure is not None:
-            return Readiness(f"{reason}; and {failure}")
-    return Readiness(reason, [*repair, remeshing(file, scene, mesh)], notes)
+            return found._replace(reason=f"{found.reason}; and {failure}")
+    return found._replace(commands=[*repair, remeshing(file, left.scene, mesh)], notes=notes)
 
 
 def _repaired(mesh: Mesh) -> tuple[Mesh, list[str]]:
@@ -211,15 +210,19 @@ def _named(file: PathLike, word: str) -> Path:
     return path.with_name(f"{path.stem}_{word}.ply")
 
 
-def _obstacleOf(mesh: Mesh, lengthUnit: str) -> tuple[str | None, Scene | None]:
-    """Return what keeps a mesh from a run with default settings, and its Scene if it has one."""
+def _readinessAsItIs(mesh: Mesh, lengthUnit: str) -> Readiness:
+    """Return what keeps a mesh from a run with default settings, and what the mesh is like, without any remedy."""
     try:
         mesh.check()
     except ValueError as error:
-        return str(error), None
-    scene = defaultScene(mesh, lengthUnit)
+        return Readiness(str(error))
+    scene, quality = defaultScene(mesh, lengthUnit), MeshQuality(mesh)
+    isEven = _isEven(quality)  # before there is a Context, so that the memory for both is not needed at once
     force = scene.createForce()
-    return obstacle(scene, scene.createSimulation(force), force), scene
+    simulation = scene.createSimulation(force)
+    if isEven and _isRelaxed(scene, simulation, force):
+        return Readiness(scene=scene, quality=quality)
+    return Readiness(_refusal(scene, simulation, mesh, scene.stepSize), scene=scene, quality=quality)
 
 
 def defaultScene(mesh: Mesh, lengthUnit: str = "nm") -> Scene:
@@ -228,14 +231,21 @@ def defaultScene(mesh: Mesh, lengthUnit: str = "nm") -> Scene:
     return Scene.of(config, mesh)
 
 
-def _isEven(scene: Scene, simulation: app.Simulation, force: HelfrichForce, mesh: Mesh) -> bool:
+def _isRelaxed(scene: Scene, simulation: app.Simulation, force: HelfrichForce) -> bool:
     energies = force.getEnergyTermsInContext(simulation.context)
-    share = valueIn(energies["tether"], unit.kilojoules_per_mole) / (scene.kT * len(mesh.vertices))
-    return (
-        share <= _TETHER_SHARE
-        and triangleAngles(mesh).min() >= _LEAST_ANGLE
-        and np.abs(dihedralAngles(mesh)).max() <= _GREATEST_DIHEDRAL
-    )
+    share = valueIn(energies["tether"], unit.kilojoules_per_mole) / (scene.kT * len(scene.mesh.vertices))
+    return bool(share <= _TETHER_SHARE)
+
+
+def _isEven(quality: MeshQuality) -> bool:
+    return bool(quality.angles.min() >= _LEAST_ANGLE and np.abs(quality.dihedrals).max() <= _GREATEST_DIHEDRAL)
+
+
+def _refusal(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: float) -> str | None:
+    """Return that trajectories from a mesh are not accepted, if they are not."""
+    if _accepts(scene, simulation, mesh, stepSize):
+        return None
+    return f"trajectories from this mesh are not accepted: {evenness(scene, mesh)}"
 
 
 def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: float) -> bool:

@@ -6,7 +6,7 @@ import os
 import random
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from openmm import app
 
 from ..files import PathLike
+from ..geometry.measured import MeasuredMesh
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
 from ..helfrich import (
@@ -304,15 +305,15 @@ def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene
 
     Species of the Config may have places: those of a run that goes on say where they were at its start.
     """
+    measured = MeasuredMesh(mesh)
     with namingSource(config), _overflowsExplained(config):
-        config = resolve(config, mesh)
-        ownMeasures = measuresOf(mesh)
-        checkSizes(config, mesh, ownMeasures)
+        config = resolve(config, measured)
+        checkSizes(config, measured)
         vertexSpecies = speciesOf(config, mesh)
         platform, properties = platformOf(config)
     sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-    surfaces = _surfaces(config, mesh)
-    tether = tetherOf(config, mesh)
+    surfaces = _surfaces(config, measured)
+    tether = tetherOf(config, measured)
     adaptsStepSize, adaptsWaves = sampling.step_size == "auto", sampling.shear_wave_amplitude == "auto"
     return Scene(
         config=config,
@@ -322,11 +323,11 @@ def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene
         kT=kT,
         moduli=_moduliOf(config, kT),
         targets=_targets(surfaces),
-        ownMeasures=ownMeasures,
+        ownMeasures=measuresOf(measured),
         tether=tether,
         vertexSpecies=vertexSpecies,
         repulsionOnset=config.repulsion.onset or tether.minLength,
-        stepSize=defaultStepSize(config, mesh) if adaptsStepSize else sampling.step_size,
+        stepSize=defaultStepSize(config, measured) if adaptsStepSize else sampling.step_size,
         adaptsStepSize=adaptsStepSize,
         waveAmplitude=_defaultAmplitude(max(surface.area for surface in surfaces), mesh)
         if adaptsWaves
@@ -450,21 +451,21 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
         ) from None
 
 
-def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
-    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the mesh
-    and its own measures.
+def checkSizes(config: Config, measured: MeasuredMesh) -> None:
+    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the
+    mesh.
     """
-    targets = _targets(_surfaces(config, mesh))
-    for name, measure in own.items():
+    targets = _targets(_surfaces(config, measured))
+    for name, measure in measuresOf(measured).items():
         requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
-    length, tether, sampling = float(mesh.edgeLengths.mean()), config.tether, config.sampling
+    length, tether, sampling = measured.meanEdgeLength, config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
         ("[tether] max_length", tether.max_length),
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")
-    stepSize = defaultStepSize(config, mesh)
+    stepSize = defaultStepSize(config, measured)
     if not LEAST <= stepSize <= GREATEST:
         raise ValueError(
             f"[sampling] mass is {sampling.mass:g} Da and temperature {sampling.temperature:g} K; with the moduli they "
@@ -473,7 +474,7 @@ def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
     requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
     if sampling.step_size == "auto":
         requireTrajectories(sampling)
-    numEdges = 3 * len(mesh.triangles) // 2
+    numEdges = 3 * len(measured.mesh.triangles) // 2
     if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
         raise ValueError(
             f"[sampling] flip_fraction is {sampling.flip_fraction:g}; with the mesh's {numEdges} edges it must be at "
@@ -484,8 +485,8 @@ def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
             f"[sampling] exchange_fraction is {sampling.exchange_fraction:g}; with the mesh's {numEdges} edges it must "
             f"be at most {MOST_ATTEMPTS / numEdges:.4g}"
         )
-    radius = _radius(mesh.area)
     if sampling.shear_wave_probability > 0:
+        radius = _radius(measured.mesh.area)
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
 
 
@@ -499,14 +500,13 @@ def requireTrajectories(sampling: SamplingSection) -> None:
         )
 
 
-def measuresOf(mesh: Mesh) -> dict[str, float]:
+def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
     """Return what targets are compared with, of each surface.  Area differences may be of any size: far away, they pull
     evenly.
     """
-    surfaces = mesh.components()
-    volumes = [surface.volume for surface in surfaces if not surface.isPeriodic]
+    volumes = [volume for volume in measured.volumes if volume is not None]
     return {
-        **numberedTargets("area", [surface.area for surface in surfaces]),
+        **numberedTargets("area", measured.areas),
         **(numberedTargets("volume", volumes) if volumes else {}),
     }
 
@@ -516,11 +516,11 @@ def _held(config: Config) -> set[str]:
     return {total for total in _TARGET_KEYS if valueOf(config, MODULI[total]) > 0}
 
 
-def _measuresHeld(config: Config, mesh: Mesh) -> dict[str, float]:
+def _measuresHeld(config: Config, measured: MeasuredMesh) -> dict[str, float]:
     """Return what the mesh has of the targets whose terms are on at some time, by their names."""
     given = [stage.conditions() for stage in config.stages]
     on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
-    measures = measuresOf(mesh) | (_ownAreaDifferences(config, mesh) if "areaDifference" in on else {})
+    measures = measuresOf(measured) | (_ownAreaDifferences(config, measured) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}
 
 
@@ -575,7 +575,7 @@ def _requireEffectiveTargets(config: Config, scene: Scene) -> None:
         given = [key for key in keys if getattr(membrane, key) is not None]
         if not given or any(part.moduli[total] > 0 for part in parts):
             continue
-        own = _ownAreaDifferences(config, scene.mesh) if total == "areaDifference" else scene.ownMeasures
+        own = _ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.ownMeasures
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
         isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):
@@ -593,9 +593,9 @@ _TARGET_KEYS = {
 }
 
 
-def _ownAreaDifferences(config: Config, mesh: Mesh) -> dict[str, float]:
+def _ownAreaDifferences(config: Config, measured: MeasuredMesh) -> dict[str, float]:
     height = config.membrane.leaflet_separation
-    values = [2 * height * float(surface.vertexMeanCurvatures.sum()) for surface in mesh.components()]
+    values = [2 * height * float(curvature) for curvature in measured.meanCurvatures]
     return numberedTargets("areaDifference", values)
 
 
@@ -622,17 +622,17 @@ def changedIntervals(config: Config, scene: Scene) -> list[str]:
     return sentences
 
 
-def resolve(config: Config, mesh: Mesh) -> Config:
+def resolve(config: Config, measured: MeasuredMesh) -> Config:
     """Return a copy of a Config in which every default is a number, also those that follow from the mesh, and the
     stages are listed.
 
     Only an "auto" step size stays as it is: what it becomes is known after the burn-in.
     """
-    config = config.model_copy(deep=True)
+    config, mesh = config.model_copy(deep=True), measured.mesh
     if mesh.isPeriodic:
-        _leaveOutVolume(config, mesh)
+        _leaveOutVolume(config, measured)
     membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
-    surfaces = _surfaces(config, mesh)
+    surfaces = _surfaces(config, measured)
     for stage in stagesOf(config):
         for name in stage.targetNames():
             requireOnePerSurface(f"{stage.title}: {name}", getattr(stage, name), len(surfaces))
@@ -640,7 +640,7 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
         config.stages, targets = withApproaches(
-            config.stages, _measuresHeld(config, mesh), targets, len(mesh.vertices), _held(config)
+            config.stages, _measuresHeld(config, measured), targets, len(mesh.vertices), _held(config)
         )
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
@@ -650,14 +650,14 @@ def resolve(config: Config, mesh: Mesh) -> Config:
     )
     areaDifferences = listedTargets(targets, "areaDifference")
     membrane.target_area_difference = areaDifferences if np.all(areaDifferences) else None
-    tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, mesh)
+    tether.modulus, tether.min_length, tether.max_length, tether.length_scale = tetherOf(config, measured)
     if mesh.isPeriodic and tether.modulus > 0:
         _requireShortEdges(tether.max_length, mesh)
     repulsion.onset = repulsion.onset or tether.min_length
     sampling.seed = sampling.seed or random.SystemRandom().randrange(1, 2**31)
-    sampling.step_size = sampling.step_size or defaultStepSize(config, mesh)
+    sampling.step_size = sampling.step_size or defaultStepSize(config, measured)
     if sampling.multilevel_weight == "auto":
-        sampling.multilevel_weight = _multilevelWeight(config, mesh)
+        sampling.multilevel_weight = _multilevelWeight(config, measured)
     sampling.model_fields_set.discard("steps")
     # However short the run is, its end is there, and every window of a continuation.
     steps, output = sum(stage.totalSteps for stage in config.stages), config.output
@@ -677,12 +677,12 @@ def resolve(config: Config, mesh: Mesh) -> Config:
 _OF_VOLUME = ("volume_modulus", "pressure", "target_volume", "reduced_volume")
 
 
-def _leaveOutVolume(config: Config, mesh: Mesh) -> None:
+def _leaveOutVolume(config: Config, measured: MeasuredMesh) -> None:
     """Turn the volume of the Config of a periodic membrane off, and its area where that is not asked for; raise a
     ValueError if the Config gives what such a membrane has not.
     """
     membrane, sampling = config.membrane, config.sampling
-    if not all(surface.isPeriodic for surface in mesh.components()):
+    if not all(surface.isPeriodic for surface in measured.surfaces):
         raise ValueError("the mesh has surfaces that are periodic and others that are not; give all of one kind")
     for where, section in (("[membrane]", membrane), *((stage.title, stage) for stage in stagesOf(config))):
         given = [name for name in _OF_VOLUME if name in section.model_fields_set and getattr(section, name)]
@@ -713,7 +713,7 @@ def _requireShortEdges(maxLength: float, mesh: Mesh) -> None:
         )
 
 
-def tetherOf(config: Config, mesh: Mesh) -> Tether:
+def tetherOf(config: Config, measured: MeasuredMesh) -> Tether:
     """Return the Tether that a Config asks for.
 
     The defaults are soft where edges are short, so that steps are long, and their pull and push on the area of a fluid
@@ -722,7 +722,7 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     """
     tether = config.tether
     given = (tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
-    mean = mesh.edgeLengths.mean() if None in given else math.nan  # of a large mesh it takes a while
+    mean = measured.meanEdgeLength if None in given else math.nan
     minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
     if minLength >= maxLength:
         raise ValueError(
@@ -735,11 +735,11 @@ def tetherOf(config: Config, mesh: Mesh) -> Tether:
     return Tether(modulus, minLength, maxLength, lengthScale)
 
 
-def defaultStepSize(config: Config, mesh: Mesh) -> float:
+def defaultStepSize(config: Config, measured: MeasuredMesh) -> float:
     """Return the size of a leapfrog step, in ps, for a resolved Config that names none: that of the stiffest membrane
     that its stages make.
     """
-    return min(stepSizeOf(each, mesh) for each in _inForce(config))
+    return min(stepSizeOf(each, measured) for each in _inForce(config))
 
 
 def _inForce(config: Config) -> list[Config]:
@@ -750,7 +750,7 @@ def _inForce(config: Config) -> list[Config]:
     return [during(config, i) for i in (*gradual, *range(len(config.stages)))]
 
 
-def stepSizeOf(config: Config, mesh: Mesh) -> float:
+def stepSizeOf(config: Config, measured: MeasuredMesh) -> float:
     """Return the size of a leapfrog step, in ps, for the moduli of a Config.
 
     Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
@@ -759,17 +759,18 @@ def stepSizeOf(config: Config, mesh: Mesh) -> float:
     none of two thousand diverge.
     """
     sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
-    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, mesh) * kT)) / len(mesh.vertices) ** 0.25
+    numVertices = len(measured.mesh.vertices)
+    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, measured) * kT)) / numVertices**0.25
 
 
-def _stiffness(config: Config, mesh: Mesh) -> float:
+def _stiffness(config: Config, measured: MeasuredMesh) -> float:
     """Estimate the largest second derivative of the energy, in kT per squared length unit.
 
     The estimates are those for a vertex of a flat sheet of equilateral triangles (bending; tension; with thermal
     roughness: area), for all vertices moving along the normal (volume), for an edge so short that the tether's
     exponential branch holds 1 kT, and for a vertex some of whose edges are as much too long.
     """
-    membrane, length = config.membrane, mesh.edgeLengths.mean()
+    membrane, length = config.membrane, measured.meanEdgeLength
     bending, curvature = bendingModulusOf(config), spontaneousCurvatureOf(config)
     tension = abs(membrane.tension) + bending * curvature**2 / 2
     local = (100 * bending + 10 * gaussianStepOf(config)) / length**2 + 3.5 * tension
@@ -780,9 +781,9 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
             if surface.volume is not None
             else 0
         )
-        for surface in _surfaces(config, mesh)
+        for surface in _surfaces(config, measured)
     )
-    modulus, minLength, _, lengthScale = tetherOf(config, mesh)
+    modulus, minLength, _, lengthScale = tetherOf(config, measured)
     r = config.tether.exponent
     decades = math.log(max(modulus / (minLength / lengthScale) ** r, 1.0))
     spring = r * (r - 1) * (r ** (r + 1) * modulus) ** (2 / r) / lengthScale**2
@@ -793,15 +794,15 @@ def _stiffness(config: Config, mesh: Mesh) -> float:
 _MULTILEVEL_WEIGHT, _MULTILEVEL_SIZE = 2.0, 1000
 
 
-def _multilevelWeight(config: Config, mesh: Mesh) -> float:
+def _multilevelWeight(config: Config, measured: MeasuredMesh) -> float:
     """Return the weight that "auto" stands for: 0 where it is not known to pay.
 
     Coarser meshes let a surface swell and shrink faster, against the penalties of its area and volume, the softest of
     motions without them.  A step may take 1.5 radians of that; with 1.4 three trajectories in four were accepted.
     """
     sampling = config.sampling
-    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, mesh)
-    surfaces = _surfaces(config, mesh)
+    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, measured)
+    surfaces = _surfaces(config, measured)
     if max(surface.numVertices for surface in surfaces) < _MULTILEVEL_SIZE or sampling.tether_substeps > 1:
         return 0.0
     stiffness = max(_swelling(config.membrane, surface) for surface in surfaces)
@@ -832,27 +833,27 @@ class _Surface(NamedTuple):
     areaDifference: float
 
 
-def _surfaces(config: Config, mesh: Mesh) -> list[_Surface]:
+def _surfaces(config: Config, measured: MeasuredMesh) -> list[_Surface]:
     """Return the surfaces, in the order of their numbers, with the targets that each is held to by itself."""
-    components, membrane = mesh.components(), config.membrane
+    membrane, count = config.membrane, len(measured.surfaces)
     for name in membrane.targetNames():
-        requireOnePerSurface(f"[membrane] {name}", getattr(membrane, name), len(components))
-    return [_surface(membrane, component, k) for k, component in enumerate(components)]
+        requireOnePerSurface(f"[membrane] {name}", getattr(membrane, name), count)
+    return [_surface(membrane, measured, k) for k in range(count)]
 
 
-def _surface(membrane: MembraneSection, mesh: Mesh, number: int) -> _Surface:
+def _surface(membrane: MembraneSection, measured: MeasuredMesh, number: int) -> _Surface:
     def given(name: str) -> float | None:
         value = getattr(membrane, name)
         return value[number] if isinstance(value, list) else value
 
-    area = given("target_area") or mesh.area
-    volume = None if mesh.isPeriodic else given("target_volume") or mesh.volume
+    area = given("target_area") or measured.areas[number]
+    volume = None if measured.volumes[number] is None else given("target_volume") or measured.volumes[number]
     reduced, areaDifference = given("reduced_volume"), given("target_area_difference")
     if reduced is not None:
         volume = volumeOfReduced(reduced, area)
     if areaDifference is None:
-        areaDifference = 2 * membrane.leaflet_separation * mesh.vertexMeanCurvatures.sum()
-    return _Surface(len(mesh.vertices), area, volume, areaDifference)
+        areaDifference = 2 * membrane.leaflet_separation * measured.meanCurvatures[number]
+    return _Surface(len(measured.surfaces[number].vertices), area, volume, areaDifference)
 
 
 def _targets(surfaces: list[_Surface]) -> dict[str, float]:

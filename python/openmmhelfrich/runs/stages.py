@@ -21,6 +21,7 @@ from typing_extensions import NotRequired, TypedDict
 
 from ..analysis import verdict
 from ..analysis.verdict import Check, Evidence, Verdict, ratesOf
+from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..sampling.adaptation import (
@@ -199,7 +200,7 @@ class Stage(ABC):
             heat=self._heat(rows),
             **ratesOf(Counters(*counters.tolist()), integrator),
             stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
-            timeScale=stepSizeOf(scene.config, mesh),
+            timeScale=stepSizeOf(scene.config, MeasuredMesh(mesh)),
             isAdapted=self._adapter is not None,
             moved=self._moved(mesh),
         )

@@ -12,6 +12,7 @@ from openmm import unit
 
 from ..analysis.description import classifyShape, gyrationTensor
 from ..analysis.diffusion import vertexDiffusion
+from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..runs.config import Config
@@ -382,7 +383,7 @@ def _errorOfPrecision(config: Config, mesh: Mesh) -> np.ndarray:
     """Return what the precision of trajectories adds to the forces: where a leapfrog step leads tells, for it goes by
     (h^2/2m) F beside what the velocities do, which are the same.
     """
-    step, ends = 0.2 * defaultStepSize(config, mesh), []
+    step, ends = 0.2 * defaultStepSize(config, MeasuredMesh(mesh)), []
     for precision in (config.platform.precision, "double"):
         changed = apply(
             config,

@@ -14,6 +14,7 @@ from typing import Any
 import openmm as mm
 
 from ..files import PathLike, replacing
+from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..runs.config import Config, stagesOf
 from ..runs.scene import createScene, currentMesh, loadMesh, resolve
@@ -312,7 +313,7 @@ class Search:
         mesh = loadMesh(config)
         if mesh.isPeriodic:
             raise ValueError("tradeoff: the mesh is periodic; the errors that this measures are those of closed ones")
-        scene = resolve(config, mesh)
+        scene = resolve(config, MeasuredMesh(mesh))
         scene.sampling.seed = self._seed
         last, file = stagesOf(config)[-1], Path(f"{self._prefix}_{name}.ply")
         if not last.isSteady:

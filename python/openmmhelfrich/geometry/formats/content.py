@@ -87,17 +87,16 @@ class Content:
             if there are no triangles, or a corner is no point
         """
         numPoints, corners, sizes = len(self.points), self.corners.astype(np.int64), self.sizes.astype(np.int64)
-        face = np.repeat(np.arange(len(sizes)), sizes)
-        wrong = np.flatnonzero((corners < 0) | (corners >= numPoints))
-        if len(wrong):
-            kind = "triangle" if np.all(sizes == 3) else "face"
+        areTriangles = bool(np.all(sizes == 3))
+        if corners.size and not (corners.min() >= 0 and corners.max() < numPoints):
+            wrong = np.flatnonzero((corners < 0) | (corners >= numPoints))[0]
             raise ValueError(
-                f"{kind} {face[wrong[0]]} has the vertex {corners[wrong[0]]}; it must be from 0 to {numPoints - 1}, "
-                f"for {numPoints} vertices"
+                f"{'triangle' if areTriangles else 'face'} {np.searchsorted(np.cumsum(sizes), wrong, 'right')} has the "
+                f"vertex {corners[wrong]}; it must be from 0 to {numPoints - 1}, for {numPoints} vertices"
             )
         if not np.any(sizes > 2):
             raise ValueError("the mesh has no triangles")
-        if np.all(sizes == 3):
+        if areTriangles:
             return corners.reshape(-1, 3)
         self.noteLeftOut(int(np.sum(sizes < 3)), "faces of less than three corners")
         result = self._divided(corners, sizes)
