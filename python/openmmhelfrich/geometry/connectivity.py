@@ -27,10 +27,20 @@ def halfedges(triangles: ArrayLike) -> tuple[IndexArray, IndexArray]:
     return triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
 
 
+def endsOf(triangles: NDArray[np.integer], some: IndexArray) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return the origins and the targets of some halfedges."""
+    corners = triangles.ravel()
+    return corners[some], corners[some + np.where(some % 3 < 2, 1, -2)]
+
+
 def _edgeKeys(triangles: ArrayLike, numVertices: int) -> IndexArray:
     """Return a number for each halfedge, the same for those of an edge and in the order of edges."""
-    origin, target = halfedges(triangles)
-    return np.minimum(origin, target) * numVertices + np.maximum(origin, target)
+    triangles = np.asarray(triangles)
+    following = triangles[:, [1, 2, 0]]
+    keys = np.minimum(triangles, following).astype(np.int64)
+    keys *= numVertices
+    keys += np.maximum(triangles, following)
+    return keys.ravel()
 
 
 def groupHalfedges(triangles: ArrayLike, numVertices: int) -> tuple[IndexArray, IndexArray]:
@@ -314,7 +324,11 @@ def check(
     _checkTriangles(vertices, triangles, box)
     order, start = groupHalfedges(triangles, len(vertices))
     _checkEdges(triangles, order, start)
-    _checkVertices(triangles, len(vertices), order[0::2], order[1::2])
+    opposite = np.empty((len(triangles), 3), dtype=np.int32)
+    opposite.ravel()[order[0::2]], opposite.ravel()[order[1::2]] = order[1::2], order[0::2]
+    del order, start
+    _checkNeighbors(triangles, opposite)
+    _checkVertices(triangles, len(vertices), opposite)
     if box is None:
         _checkVolumes(vertices, triangles)
     else:
@@ -374,8 +388,7 @@ def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> 
             "must be closed",
             triangles.flat[order[start[wrong[0]]]],
         )
-    origin, _ = halfedges(triangles)
-    first, second = order[0::2], order[1::2]
+    origin, first, second = triangles.ravel(), order[0::2], order[1::2]
     same = np.flatnonzero(origin[first] == origin[second])
     if len(same):
         h = first[same[0]]
@@ -384,7 +397,13 @@ def _checkEdges(triangles: np.ndarray, order: np.ndarray, start: np.ndarray) -> 
             "all triangles must be counter-clockwise seen from outside",
             triangles.flat[h],
         )
-    _checkRepeatedTriangles(triangles)
+
+
+def _checkNeighbors(triangles: np.ndarray, opposite: np.ndarray) -> None:
+    """Check that no triangle has the same neighbor three times, which would have the same vertices."""
+    a, b, c = (opposite // 3).T
+    if np.any((a == b) & (b == c)):
+        _checkRepeatedTriangles(triangles)
 
 
 def _checkRepeatedTriangles(triangles: np.ndarray) -> None:
@@ -400,9 +419,9 @@ def _checkRepeatedTriangles(triangles: np.ndarray) -> None:
         )
 
 
-def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, second: np.ndarray) -> None:
+def _checkVertices(triangles: np.ndarray, numVertices: int, opposite: np.ndarray) -> None:
     """Check that the triangles around each vertex form one closed fan of at least three."""
-    origin, _ = halfedges(triangles)
+    origin = triangles.ravel()
     valence = np.bincount(origin, minlength=numVertices)
     few = np.flatnonzero(valence < 3)
     if len(few):
@@ -410,11 +429,9 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, first: np.ndarray, s
         if valence[v] == 0:
             raise ValueError(f"vertex {v} belongs to no triangle")
         raise Fault(f"vertex {v} has {valence[v]} neighbors; a vertex must have at least three", v)
-    opposite = np.empty((len(triangles), 3), dtype=np.int32)
-    opposite.ravel()[first], opposite.ravel()[second] = second, first
     following = opposite[:, [2, 0, 1]].ravel()  # around the vertex
     one, place = np.ones(len(origin), dtype=np.int8), np.arange(len(origin) + 1, dtype=np.int32)
-    fans, fan = connected_components(csr_array((one, following, place)), directed=False)
+    fans, fan = connected_components(csr_array((one, following, place)), connection="strong")
     if fans > numVertices:
         _, example = np.unique(fan, return_index=True)
         v = np.flatnonzero(np.bincount(origin[example], minlength=numVertices) > 1)[0]

@@ -123,9 +123,8 @@ def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | 
     and lead from some vertices among the lowest to some among the highest along an axis, unlike those of spikes and of
     long bodies with round ends; those of bodies with flat ends are all as long.
     """
-    origin, target = connectivity.halfedges(triangles)
-    steps = vertices[target] - vertices[origin]
     if box is not None:
+        steps = connectivity.edgeVectors(vertices, *connectivity.halfedges(triangles))
         count = int(np.sum(np.any(_images(steps, box) != 0, axis=1)) // 2)
         return (
             f"{count} edges are longer than half of the periodic box, into which the surface is folded"
@@ -134,10 +133,14 @@ def foldedEdges(vertices: Points, triangles: NDArray[np.integer], box: Points | 
         )
     if len(triangles) < 20:
         return None
-    extents, usual = np.ptp(vertices, axis=0), np.median(np.linalg.norm(steps, axis=1))
+    origin, target = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    lengths = connectivity.edgeLengthsOf(vertices, np.stack((origin, target), axis=1))
+    extents, usual = np.ptp(vertices, axis=0), np.median(lengths)
     for axis, name in enumerate("xyz"):
-        x, isLong = vertices[:, axis], steps[:, axis] > max(0.7 * extents[axis], 2 * usual)
-        long, low, high = steps[isLong, axis], np.unique(origin[isLong]), np.unique(target[isLong])
+        x = vertices[:, axis]
+        steps = x[target] - x[origin]
+        isLong = steps > max(0.7 * extents[axis], 2 * usual)
+        long, low, high = steps[isLong], np.unique(origin[isLong]), np.unique(target[isLong])
         if not (len(long) < 0.12 * len(steps) and min(len(low), len(high)) > 2):
             continue
         isOutermost = x[low].max() < x.min() + 2 * usual and x[high].min() > x.max() - 2 * usual

@@ -578,7 +578,7 @@ class Mesh:
         surface must be closed.  The dihedral angle beside a triangle without area is 0, as in the force.
         """
         first, second = connectivity.pairHalfedges(self.triangles, len(self.vertices))
-        origin, target = (end[first] for end in connectivity.halfedges(self.triangles))
+        origin, target = connectivity.endsOf(self.triangles, first)
         normals, curvature = np.empty(self.triangles.shape), np.empty(len(first))
         for block in connectivity.blocks(len(normals)):
             some = connectivity.triangleNormals(self.vertices, self.triangles[block], self.images)

@@ -203,13 +203,12 @@ def dihedralAngles(mesh: Mesh) -> np.ndarray:
     positive where it is convex, 180 where facets lie on each other; 0 beside a triangle without area, as in the force.
     """
     first, second = connectivity.pairHalfedges(mesh.triangles, len(mesh.vertices))
-    origin, target = (end[first] for end in connectivity.halfedges(mesh.triangles))
     normals, angles = np.empty(mesh.triangles.shape), np.empty(len(first))
     for block in connectivity.blocks(len(normals)):
         normals[block] = connectivity.triangleNormals(mesh.vertices, mesh.triangles[block], mesh.images)
     for block in connectivity.blocks(len(angles)):
         f, g = (normals[side[block] // 3] for side in (first, second))
-        edge = connectivity.edgeVectors(mesh.vertices, origin[block], target[block], mesh.images)
+        edge = connectivity.edgeVectors(mesh.vertices, *connectivity.endsOf(mesh.triangles, first[block]), mesh.images)
         length = np.linalg.norm(edge, axis=1)
         sine = _dot(np.cross(f, g), edge) / np.where(length > 0, length, 1)
         angles[block] = np.degrees(np.arctan2(sine, _dot(f, g)))
