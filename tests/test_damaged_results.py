@@ -86,8 +86,8 @@ def testCheckpointsThatAFileDisagreesWith(folder, place):
 
 
 def testATableOfOtherColumns(folder):
-    Path("run.csv").write_text(Path("run.csv").read_text().replace("reducedVolume", "noveltyVolume"))
-    with pytest.raises(ValueError, match=r"^run\.checkpoint: run\.csv has the column 'noveltyVolume'; .* has no such thing$"):
+    Path("run.csv").write_text(Path("run.csv").read_text().replace("reducedVolume", "longerVolume5"))
+    with pytest.raises(ValueError, match=r"^run\.checkpoint: run\.csv has the column 'longerVolume5'; .* no such"):
         mh.resume("run", steps=2)
 
 
