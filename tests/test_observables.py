@@ -95,7 +95,7 @@ def test_a_table_goes_on_with_the_columns_that_it_has(sphere, tmp_path):
         "\n".join([lines[0] + ",novelty (nm)", *(line + ",1" for line in lines[1:])]) + "\n"
     )
     reporter = mh.ObservablesReporter(tmp_path / "a.csv", 2, force, append=True)
-    with pytest.raises(ValueError, match=r"the table has the column 'novelty \(nm\)'; the simulation has step, energy"):
+    with pytest.raises(ValueError, match=r"a\.csv has the column 'novelty \(nm\)'; the simulation has no such thing"):
         reporter.report(simulation, None)
     reporter.close()
 

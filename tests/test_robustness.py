@@ -320,8 +320,8 @@ TABLES = {
     "": "is not a table of observables",
     "step,energy (kT),area (nm^2)\n1,2\n": "has 2 values in line 2; its first line names 3",
     "step,energy (kT),area (nm^2)\n1,x,3\n": "energy (kT) is 'x' in line 2; it must be a number",
-    "step,energy (kT),area (nm^2)\n1,2,3\ninf,3,4\n": "step is inf in line 3; it must be a finite number",
-    "step,energy (kT),area (nm^2)\nnan,2,3\n": "step is nan in line 2; it must be a finite number",
+    "step,energy (kT),area (nm^2)\n1,2,3\ninf,3,4\n": "step is inf in line 3; it must be a number from -1e15 to 1e15",
+    "step,energy (kT),area (nm^2)\nnan,2,3\n": "step is nan in line 2; it must be a number from -1e15 to 1e15",
 }
 
 

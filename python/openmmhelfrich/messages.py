@@ -13,12 +13,18 @@ def quoted(value: Any) -> str:
     return shortened(repr(value))
 
 
-def shortened(text: str) -> str:
+def shortened(text: str, most: int = MOST_CHARACTERS) -> str:
     """Return a text for a message, with the middle of what is long left out."""
-    if len(text) <= MOST_CHARACTERS:
+    if len(text) <= most:
         return text
-    half = MOST_CHARACTERS // 2
+    half = most // 2
     return f"{text[:half]} ... {text[-half:]} ({len(text)} characters)"
+
+
+def inLine(error: object) -> str:
+    """Return what a library says, which may hold bytes of a file, on one line that is not too long."""
+    words = " ".join(str(error).split())
+    return shortened("".join(c if c.isprintable() else "?" for c in words), 3 * MOST_CHARACTERS)
 
 
 def explain(error: BaseException) -> str | None:

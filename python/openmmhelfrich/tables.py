@@ -16,6 +16,12 @@ from .files import PathLike, replacing
 from .messages import quoted, shortened
 from .optional import dataFrame
 
+# Columns without which a run is not to be understood.  Others may hold what is no finite number, of which averages are
+# none either, without a warning.
+PLACES = ("step", "stage", "window", "equilibrated")
+LARGEST_PLACE = 1e15
+unwarned = np.errstate(over="ignore", invalid="ignore")
+
 
 class MissingColumn(ValueError, KeyError):
     """A table has no column of a name."""
@@ -67,9 +73,11 @@ class Table(dict[str, NDArray[np.float64]]):
             raise _noNumber(file, heads, rows) from None
         table = cls(zip(map(plainName, heads), columns))
         table.source = str(file)
-        steps = table.get("step", np.zeros(0))
-        for i in np.flatnonzero(~np.isfinite(steps))[:1]:
-            raise ValueError(f"{file}: step is {steps[i]} in line {i + 2}; it must be a finite number")
+        for name in filter(table.__contains__, PLACES):
+            for i in np.flatnonzero(~(np.abs(table[name]) <= LARGEST_PLACE))[:1]:
+                raise ValueError(
+                    f"{file}: {name} is {table[name][i]} in line {i + 2}; it must be a number from -1e15 to 1e15"
+                )
         return table
 
     def __repr__(self) -> str:

@@ -21,7 +21,7 @@ from ..sampling.averages import lateRows, sampledWindows
 from ..sampling.moves import Counters, makesFlips, makesTrajectories
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
-from ..tables import Table
+from ..tables import Table, unwarned
 
 GOOD, DOUBTFUL, FAILED = LEVELS = ("good", "doubtful", "failed")
 
@@ -299,6 +299,7 @@ class Check:
                     break
 
 
+@unwarned
 def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdict:
     """Return the Verdict of some checks, or all, on what is known."""
     found = [finding for check in (CHECKS if checks is None else checks) for finding in check.findings(evidence)]

@@ -31,9 +31,9 @@ def volumeOfReduced(reducedVolume: float, area: float) -> float:
 def reducedAreaDifference(area: float, meanCurvature: float) -> float:
     """Return the reduced area difference M/(4 pi R_A), with the integrated mean curvature M and R_A = sqrt(A/4 pi).
 
-    It is 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991).
+    It is 1 for a sphere (Seifert, Berndl and Lipowsky, Phys. Rev. A 44, 1182, 1991), and NaN without an area.
     """
-    return meanCurvature / math.sqrt(4 * math.pi * area)
+    return meanCurvature / math.sqrt(4 * math.pi * area) if area > 0 else math.nan
 
 
 def localMeanCurvatures(meanCurvatures: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:

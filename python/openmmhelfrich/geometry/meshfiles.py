@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..files import replacing
+from ..messages import inLine
 from .formats import WRITTEN, freedts, gltf, meshiofiles, obj, off, ply, stl, trimem, vtkfiles
 from .formats.content import Content
 
@@ -51,7 +52,7 @@ def read(path: Path) -> Content:
     except (ValueError, PermissionError):
         raise
     except Exception as error:  # what a library raises at a damaged file may be anything
-        raise ValueError(f"it cannot be read as {suffix[1:].upper()}: {type(error).__name__} {error}") from None
+        raise ValueError(f"it cannot be read as {suffix[1:].upper()}: {type(error).__name__} {inLine(error)}") from None
 
 
 def write(

@@ -32,7 +32,7 @@ from ..sampling.observables import (
     readObservables,
     shownValues,
 )
-from ..tables import Table, headOf
+from ..tables import Table, headOf, unwarned
 from ..version import __version__
 from .curvature import shownSurface, simplification
 from .look import BEAD_COLOR, LOOK, colorScale, speciesCount, speciesLegend, speciesPalette, speciesPlaces, unitText
@@ -44,6 +44,7 @@ MAX_ROWS = 2000  # of the table: more than a plot has pixels
 TEMPLATE = Path(__file__).with_name("report.html")
 
 
+@unwarned
 def writeReport(
     prefix: PathLike,
     file: PathLike | None = None,
@@ -108,7 +109,7 @@ def writeReport(
         else None,
         "panels": _panels(table, units) if table is not None else None,
     }
-    if table is not None and np.any(np.diff(table["step"]) <= 0):
+    if table is not None and np.any(table["step"][1:] <= table["step"][:-1]):
         warnings.append("The steps in the table do not ascend: rows of several runs may be mixed.")
     last = frames[len(frames) - 1].mesh if len(frames) else None
     verdict = verdict or _judge(table, last, warnings)

@@ -30,6 +30,7 @@ from ..analysis.verdict import Verdict, verdictOfStages
 from ..files import PathLike, replacing, requireStored
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
+from ..messages import inLine
 from ..sampling.conditions import boxOf
 
 FORMAT = 2
@@ -150,7 +151,7 @@ def understanding(file: PathLike) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        if str(Path(file).with_suffix("")) in str(error):
+        if str(file) in str(error):
             raise
         raise ValueError(f"{file}: {error}") from None
     except (LookupError, TypeError, AttributeError):
@@ -187,7 +188,7 @@ def naming(file: PathLike) -> Iterator[None]:
     except (FileNotFoundError, MemoryError):
         raise
     except mm.OpenMMException as error:
-        raise ValueError(f"the simulation in {file} cannot go on: {error}") from None
+        raise ValueError(f"the simulation in {file} cannot go on: {inLine(error)}") from None
     except Exception:  # of what is damaged the libraries make anything from a KeyError to an encrypted file
         raise ValueError(f"{file} is not a checkpoint of openmm-helfrich, or is damaged") from None
 

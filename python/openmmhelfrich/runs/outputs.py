@@ -188,32 +188,37 @@ class Recorder:
             os.truncate(outputs.table, sizes["table"])
         output = scene.config.output
         self._simulation, self._files = simulation, files
-        self.table = ObservablesReporter(
-            outputs.table,
-            output.observables_interval,
-            force,
-            scene.temperature,
-            scene.lengthUnit,
-            append=sizes.get("table", 0) > 0,
-            observables=observablesOf(scene.changing),
-            place=place,
-        )
-        self._trajectory = TrajectoryReporter(
-            outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0)
-        )
-        self._meshes = None
-        if outputs.meshTrajectory is not None:
-            frames = sizes.get("meshFrames", 0)
-            self._meshes = MeshReporter(
-                outputs.meshTrajectory,
-                output.trajectory_interval,
+        with contextlib.ExitStack() as opened:
+            self.table = ObservablesReporter(
+                outputs.table,
+                output.observables_interval,
                 force,
-                frames > 0,
-                frames or None,
-                lengthUnit=scene.lengthUnit,
-                beads=range(len(scene.mesh.vertices), simulation.system.getNumParticles()),
-                speciesNames=scene.speciesNames,
+                scene.temperature,
+                scene.lengthUnit,
+                append=sizes.get("table", 0) > 0,
+                observables=observablesOf(scene.changing),
+                place=place,
             )
+            opened.callback(self.table.close)
+            self.table.requireColumns(simulation)
+            self._trajectory = TrajectoryReporter(
+                outputs.trajectory, output.trajectory_interval, sizes.get("trajectory", 0)
+            )
+            opened.callback(self._trajectory.close)
+            self._meshes = None
+            if outputs.meshTrajectory is not None:
+                frames = sizes.get("meshFrames", 0)
+                self._meshes = MeshReporter(
+                    outputs.meshTrajectory,
+                    output.trajectory_interval,
+                    force,
+                    frames > 0,
+                    frames or None,
+                    lengthUnit=scene.lengthUnit,
+                    beads=range(len(scene.mesh.vertices), simulation.system.getNumParticles()),
+                    speciesNames=scene.speciesNames,
+                )
+            opened.pop_all()
         simulation.reporters += self._reporters()
 
     def __enter__(self) -> "Recorder":

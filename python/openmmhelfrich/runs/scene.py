@@ -26,7 +26,7 @@ from ..helfrich import (
     ShearWaveIntegrator,
     SpeciesExchangeIntegrator,
 )
-from ..messages import shortened
+from ..messages import quoted, shortened
 from ..sampling.conditions import boxOf
 from ..sampling.targets import (
     listedTargets,
@@ -397,7 +397,7 @@ def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
     if name == "CPU":
         _checkThreads(threads)
     if name not in names:
-        raise ValueError(f"[platform] name is '{name}'; it must be one of {', '.join(names)}")
+        raise ValueError(f"[platform] name is {quoted(name)}; it must be one of {', '.join(names)}")
     if threads is not None and name != "CPU":
         raise ValueError(f"[platform] threads is {threads}; only the CPU platform has threads, not {name}")
     if config.platform.precision != "double" and name != "CPU":

@@ -167,14 +167,15 @@ def resume(
         elif outputs.match(state.record):
             raise CompleteError(prefix, state)
         _changePlatform(config, state, platform, threads)
-        simulation, force = loadSimulation(file, *platformOf(config))
+        with understanding(file):
+            simulation, force = loadSimulation(file, *platformOf(config))
         scene = createScene(config, currentMesh(simulation, force), setup)
         if setup is not None:
             requireSame(simulation.system, scene.createSystem(scene.createForce())[0], prefix)
         with understanding(file):
             study = Study(scene, outputs, simulation, force, state)
             study.requireFinite(checkStages(scene, study.index, study.stage.startTargets))
-        requireRoom(scene, outputs, state.step)
+            requireRoom(scene, outputs, state.step)
         requireMatplotlib()
         with following(progress, RunProgress) as shown:
             return _told(study.finish(shown), progress)
@@ -261,14 +262,11 @@ class Study:
         """Do what is left to do, draw the pictures, and return a Summary."""
         start, firstStep = time.perf_counter(), self.simulation.currentStep
         with self._readable():
-            if self.outputs.topology is not None:
-                writePSF(self.outputs.topology, self.simulation.topology, self._masses(), self._types())
-            self._writeSettings()
-            with (
-                StopSignals() as stop,
-                Recorder(self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes) as recorder,
-            ):
+            with StopSignals() as stop, self._record() as recorder:
                 self._recorder = recorder
+                if self.outputs.topology is not None:
+                    writePSF(self.outputs.topology, self.simulation.topology, self._masses(), self._types())
+                self._writeSettings()
                 if not self._sizes:
                     recorder.table.report(self.simulation, None)  # the table begins with the start
                 self._advance(recorder, stop, progress)
@@ -280,6 +278,12 @@ class Study:
                 record = self.outputs.record(self._run, self.simulation.currentStep)
                 addRecord(self.outputs.checkpoint, record)
         return summary
+
+    def _record(self) -> Recorder:
+        """Open the files."""
+        isLater = bool(self._sizes)
+        with understanding(self.outputs.checkpoint) if isLater else contextlib.nullcontext():
+            return Recorder(self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes)
 
     def requireFinite(self, targets: list[dict[str, float]]) -> None:
         """Raise a ValueError or an OpenMMException unless the energy and the forces are finite with each of some

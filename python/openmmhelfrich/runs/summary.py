@@ -11,7 +11,7 @@ from ..display import htmlTable, lineText
 from ..pictures.plots import Picture, observablesPicture
 from ..sampling.averages import lateRows
 from ..sampling.observables import Observable, observablesIn
-from ..tables import Table
+from ..tables import Table, unwarned
 from .config import Config, during
 from .outputs import Outputs
 
@@ -85,6 +85,7 @@ class Summary:
         """Return a Picture of the observables against steps, which a notebook shows."""
         return observablesPicture(self.table, self.config.mesh.length_unit)
 
+    @unwarned
     def drift(self, name: str) -> float:
         """Return the largest relative deviation of "area", "volume" or "areaDifference", or of one of several surfaces'
         ("volume[0]"), from its target, while :meth:`mean` averages.
@@ -92,6 +93,7 @@ class Summary:
         target = next(observable.target for observable in observablesIn(self.table) if observable.name == name)
         return float(np.max(np.abs(self._late[name] / self._late[target] - 1)))
 
+    @unwarned
     def mean(self, name: str) -> float:
         """Return the average of a column of the table over the second half of the last stage, or over its last window,
         where these are equilibrated.

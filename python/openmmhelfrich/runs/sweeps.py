@@ -33,7 +33,7 @@ from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
 from ..sampling.observables import observablesIn, readObservables
-from ..tables import headOf
+from ..tables import headOf, unwarned
 from .additions import Setup
 from .checkpoint import loadRunState
 from .config import Config, during, readConfig
@@ -420,6 +420,7 @@ def _finished(config: Config) -> dict[str, Any] | None:
         return None
 
 
+@unwarned
 def observe(config: Config) -> dict[str, Any]:
     """Return what came of a run, by name: averages over the second half of its last stage, or its last window, where
     these are equilibrated, and the final shape.

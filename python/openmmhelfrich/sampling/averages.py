@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..tables import Table
+from ..tables import Table, unwarned
 from .observables import OBSERVABLES
 
 
@@ -42,6 +42,7 @@ def _equilibrated(table: Table) -> Table:
     return table.where(table["equilibrated"] == 1) if "equilibrated" in table else table
 
 
+@unwarned
 def averageWindows(table: Table, lambdas: NDArray[np.float64]) -> Table:
     """Return averages and standard deviations of a table's rows over each window, as a Table with a row for each."""
     labels = {observable.name for observable in OBSERVABLES if not observable.isAveraged}

@@ -27,6 +27,8 @@ from .targets import currentTargets, nameOf, totalOf
 # 0.1.0 and a run of today that goes on with it have the same columns.
 TERMS_OF_EVERY_TABLE = ("bending", "area", "volume", "areaDifference", "tether", "repulsion")
 
+MOST_DRAWN = 1e100  # what draws computes with squares
+
 
 class Place(NamedTuple):
     """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is
@@ -597,13 +599,16 @@ def curves(panel: Panel, table: Table) -> list[Observable]:
     ]
     if panel.isRate:
         found = [o for o in found if not _isIdle(o, table)]
-    isStill = panel.onlyChanges and all(np.ptp(table[o.name]) == 0 for o in found)
+    isStill = panel.onlyChanges and all(np.all(table[o.name] == table[o.name][0]) for o in found)
     return [] if isStill or all(map(isTarget, found)) else found
 
 
 def shownValues(panel: Panel, observable: Observable, table: Table) -> NDArray[np.float64]:
-    """Return the values of a curve of a panel: NaN for a rate until something has been accepted, unless nothing is."""
+    """Return the values of a curve of a panel: NaN for a rate until something has been accepted, unless nothing is, and
+    for what is too large to be drawn.
+    """
     values = table[observable.name]
+    values = np.where(np.abs(values) < MOST_DRAWN, values, np.nan)
     if not panel.isRate or not np.any(values > 0):
         return values
     return np.where(np.cumsum(values > 0) > 0, values, np.nan)

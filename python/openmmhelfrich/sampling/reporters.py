@@ -3,7 +3,7 @@
 import csv
 import os
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,7 +17,8 @@ from ..geometry.measures import localMeanCurvatures, smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
-from ..tables import readHeads
+from ..messages import quoted
+from ..tables import plainName, readHeads
 from ..units import thermalEnergy, valueIn
 from .conditions import boxOf
 from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, keepingTerms, observe
@@ -105,11 +106,21 @@ class ObservablesReporter:
         if self._needsHeads:
             self._writer.writerow(self._heads)
             self._needsHeads = False
-        for head in self._heads:
-            if head not in row:
-                raise ValueError(f"the table has the column '{head}'; the simulation has {', '.join(row)}")
+        self._requireHeads(row)
         self._writer.writerow([row[head] for head in self._heads])
         self._out.flush()
+
+    def requireColumns(self, simulation: app.Simulation) -> None:
+        """Raise a ValueError unless a Simulation has what the table that is there has columns of."""
+        if self._heads:
+            self._requireHeads(self.observe(simulation))
+
+    def _requireHeads(self, row: Mapping[str, float]) -> None:
+        for head in self._heads:
+            if head not in row:
+                name = getattr(self._out, "name", "the table")
+                others = [quoted(other) for other in row if plainName(other) == plainName(head)] or ["no such thing"]
+                raise ValueError(f"{name} has the column {quoted(head)}; the simulation has {others[0]}")
 
     def observe(self, simulation: app.Simulation) -> dict[str, float]:
         """Return the row that describes a Simulation now, as a dict from column names to numbers."""

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...messages import inLine
 from .content import Content
 
 
+@np.errstate(all="ignore")  # what is no number is told by Mesh
 def read(path: Path) -> Content:
     """Read all triangles of a file, each node where it stands in the scene."""
     import trimesh
@@ -18,7 +20,7 @@ def read(path: Path) -> Content:
     try:
         scene = trimesh.load_scene(path, process=False)
     except FileNotFoundError as error:
-        raise ValueError(f"it refers to another file, {error}, which is not there") from None
+        raise ValueError(f"it refers to another file, {inLine(error)}, which is not there") from None
     parts = [scene.geometry[name] for name in scene.geometry]
     others = [part for part in parts if not isinstance(part, trimesh.Trimesh)]
     if len(parts) == len(others):

@@ -11,6 +11,7 @@ from unittest import mock
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...messages import inLine
 from .content import Content
 
 _FORMAT = {".msh": "gmsh"}  # meshio would take it for an Ansys file first
@@ -69,16 +70,11 @@ def suffixes() -> set[str]:
 
 def _reason(error: BaseException, said: str) -> str:
     """Return why the library failed: what it printed or raised."""
-    lines = [_inWords(line) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
+    lines = [inLine(line) for line in said.splitlines() if line.strip() and "Couldn't read file" not in line]
     if isinstance(error, SystemExit) or not str(error):
         return lines[0] if lines else "it is damaged, or of another format"
-    words = _inWords(str(error))
+    words = inLine(error)
     return words if isinstance(error, (ValueError, OSError)) else f"{type(error).__name__} {words}"
-
-
-def _inWords(text: str) -> str:
-    """Return the beginning of a text that may hold bytes of a file, on one line."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split())[:300])
 
 
 def _content(mesh: Any) -> Content:
