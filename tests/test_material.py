@@ -4,6 +4,7 @@ import base64
 import itertools
 import signal
 
+import h5py
 import meshio
 import numpy as np
 import openmm as mm
@@ -623,6 +624,23 @@ def test_a_trajectory_brings_species_and_names_back(tmp_path):
     with mh.readMeshTrajectory(tmp_path / "a.vtkhdf") as frames:
         read = frames[0].mesh
     assert np.array_equal(read.species, mesh.species) and read.speciesNames == mesh.speciesNames
+
+
+def test_no_two_species_have_the_same_name(tmp_path):
+    """When names are assigned, and when a mesh is made of them; a file that has them so is read without."""
+    mesh = mh.Mesh(MESH.vertices, MESH.triangles, species=[0, 1] * 81, speciesNames=("a", "b"))
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", [mh.meshFrame(0, mesh)])
+    for assign in (
+        lambda: setattr(mesh, "speciesNames", ["a", "a"]),
+        lambda: mh.Mesh(MESH.vertices, MESH.triangles, speciesNames=("a", "b", "a")),
+    ):
+        with pytest.raises(ValueError, match="speciesNames has 'a' twice; each species must have a name of its own"):
+            assign()
+    assert mesh.speciesNames == ("a", "b")
+    with h5py.File(tmp_path / "a.vtkhdf", "a") as file:
+        file.attrs["speciesNames"] = "a, a"
+    with mh.readMeshTrajectory(tmp_path / "a.vtkhdf") as frames:
+        assert frames[0].mesh.speciesNames == () and np.array_equal(frames[0].mesh.species, mesh.species)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from ..geometry.mesh import Mesh
 from ..geometry.quality import triangleAngles
 from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
-from ..units import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .moves import findMove, movesOf, trajectoriesOf
 
@@ -476,7 +476,7 @@ def adaptStepSize(
     UserWarning
         if the acceptance is still far from the one aimed at, or what was tried after the search is too few to tell
     """
-    integrator = simulation.integrator
+    integrator, steps = simulation.integrator, wholeNumber(steps, "adaptStepSize: steps", 1)
     adapter = StepSizeAdapter.of(integrator, acceptance)
     others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
     adaptation = Adaptation(simulation, adapter, *others)

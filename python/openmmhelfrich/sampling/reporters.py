@@ -18,7 +18,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 from ..tables import readHeads
-from ..units import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, keepingTerms, observe
 
@@ -193,8 +193,7 @@ class MeshReporter:
         OSError
             if the file cannot be written
         """
-        if reportInterval < 1:
-            raise ValueError(f"reportInterval is {reportInterval}; it must be 1 or more")
+        reportInterval = wholeNumber(reportInterval, "reportInterval", 1)
         if numFrames is not None and not append:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
