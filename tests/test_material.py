@@ -222,6 +222,25 @@ def test_a_curvature_may_wait_for_its_modulus():
         checkStages(mh.Scene.of(configOf(membrane={"bending_modulus": 0.0}, stages=[stage], sampling=sampling)))
 
 
+@pytest.mark.parametrize("place", ["membrane", "species", "stage", "species of a stage"])
+def test_a_curvature_that_no_edge_can_follow_is_told(place):
+    """Of the membrane with its species, and of stages; what is a few edges' is taken."""
+    for curvature, isRight in ((1e9, False), (-100.0, False), (5.0, True)):
+        own, sections = {"spontaneous_curvature": curvature}, {"sampling": {"seed": 1}}
+        if "species" in place:
+            sections["species"] = [{"name": "a", "fraction": 0.5}, {"name": "b", **(own if place == "species" else {})}]
+        if place == "membrane":
+            sections["membrane"] = own
+        if "stage" in place:
+            change = own if place == "stage" else {"species": {"b": own}}
+            sections["stages"] = [{"kind": "sample", "steps": 10, **change}]
+        if isRight:
+            checkStages(mh.Scene.of(configOf(**sections)))
+            continue
+        with pytest.raises(ValueError, match=r"spontaneous_curvature.* is .*; it must be at most .*0\.1 of the mean"):
+            checkStages(mh.Scene.of(configOf(**sections)))
+
+
 def test_arrays_of_numpy_are_lists():
     species = [
         {"name": "a", "fraction": np.float32(0.25), "region": "cap", "direction": np.array([1, 0, 0])},

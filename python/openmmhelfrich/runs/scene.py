@@ -44,6 +44,7 @@ from .material import (
     gaussianStepOf,
     numbered,
     requireOnePlace,
+    requireResolved,
     setMaterial,
     speciesOf,
     spontaneousCurvatureOf,
@@ -464,6 +465,7 @@ def checkSizes(config: Config, mesh: Mesh, own: Mapping[str, float]) -> None:
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")
+    requireResolved("the spontaneous_curvature", spontaneousCurvatureOf(config), mesh)
     stepSize = defaultStepSize(config, mesh)
     if not LEAST <= stepSize <= GREATEST:
         raise ValueError(
