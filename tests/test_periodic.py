@@ -288,7 +288,7 @@ def test_files_keep_the_box(tmp_path, suffix):
     assert read.area == pytest.approx(mesh.area, rel=1e-6)
     with pytest.raises(ValueError, match=r"files of this format have no box; use one of .*, or \.vtkhdf"):
         mesh.write(tmp_path / "sheet.stl")
-    with pytest.raises(ValueError, match="no mesh format has the suffix '.gro'"):
+    with pytest.raises(ValueError, match=r"no mesh format has the suffix '\.gro'"):
         mesh.write(tmp_path / "sheet.gro")
     with pytest.raises(ValueError, match="periodic"):
         read.remeshed(100)

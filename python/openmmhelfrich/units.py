@@ -128,8 +128,8 @@ def wholeNumber(value: Any, name: str, least: int, most: int | None = None) -> i
     """Return a whole number as an int, also one of another type, as 3.0; raise a ValueError that names it if it is none
     or out of range.
     """
-    isNumber = isinstance(value, numbers.Real) and not isinstance(value, bool) and abs(value) < math.inf
-    if not isNumber or value != int(value) or value < least or (most is not None and value > most):
+    size: Any = abs(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.inf
+    if not size < math.inf or value != int(value) or value < least or (most is not None and value > most):
         given = quoted(value) if isinstance(value, str) else shortened(str(value))
         allowed = f", {least} or more" if most is None else f" from {least} to {most}"
         raise ValueError(f"{name} is {given}; it must be a whole number{allowed}")

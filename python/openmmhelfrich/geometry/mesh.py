@@ -245,7 +245,8 @@ class Mesh:
         )
         if all(mesh.species is not None for mesh in meshes):
             result.species = np.concatenate([mesh.species for mesh in meshes if mesh.species is not None])
-            result.speciesNames = max((mesh.speciesNames for mesh in meshes), key=len)
+            names = max((mesh.speciesNames for mesh in meshes), key=len)
+            result.speciesNames = names
         result.notes = [note for mesh in meshes for note in mesh.notes]
         return result
 
