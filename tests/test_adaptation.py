@@ -2,8 +2,10 @@
 temperatures that follow a schedule.
 """
 
+import itertools
 import json
 import math
+import re
 
 import numpy as np
 import openmm as mm
@@ -148,6 +150,34 @@ def test_too_short_a_burn_in_changes_nothing():
     with pytest.raises(ValueError, match="more trajectories are needed than the"):
         mh.adaptStepSize(simulation, 6)
     assert simulation.integrator.getStepSize() == 5 * unit.picosecond
+
+
+def adaptAt(monkeypatch, steps, probability):
+    """Adapt with trajectories alone, whose acceptance probability is a function of how many there were."""
+    count = itertools.count()
+    monkeypatch.setattr(mh.StepSizeAdapter, "lastProbability", staticmethod(lambda *_: probability(next(count))))
+    simulation = createSimulation(0.005, flipProbability=0)
+    return simulation, lambda: mh.adaptStepSize(simulation, steps)
+
+
+def test_a_step_size_at_which_next_to_nothing_was_accepted_is_an_error(monkeypatch):
+    """The search found an order of magnitude, but nothing was accepted since: it is told, and all is as before."""
+    simulation, adapt = adaptAt(monkeypatch, 6, lambda i: float(i < 3))
+    with pytest.raises(ValueError, match=r"came to .* ps with a mean acceptance of 0\.00 in the last 2 tries, where 0"):
+        adapt()
+    assert simulation.integrator.getStepSize() == 0.005 * unit.picosecond
+
+
+@pytest.mark.parametrize(
+    "steps, late, problem",
+    [(8, 0.75, "in the last 4 tries, .*too few to tell"), (60, 0.45, "of 0.45 in the last 30 tries"), (60, 0.7, None)],
+)
+def test_a_step_size_that_may_be_wrong_is_told(monkeypatch, recwarn, steps, late, problem):
+    _, adapt = adaptAt(monkeypatch, steps, lambda i: [1.0, 0.0][i] if i < 2 else late)
+    result = adapt()
+    messages = [str(warning.message) for warning in recwarn]
+    assert result.acceptance == pytest.approx(late) and len(messages) == (problem is not None)
+    assert all(re.search(problem, message) for message in messages)
 
 
 def test_a_step_size_that_moves_nothing_is_an_error():

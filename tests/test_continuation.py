@@ -135,7 +135,7 @@ def testThereAndBackInPython():
     )
     assert np.array_equal(result.windows["lambda"], [0, 0.5, 1, 0.5, 0])
     assert simulation.context.getParameter(force.getTargetVolumeParameter()) == mesh.volume
-    with pytest.raises(ValueError, match="steps and interval are 5, 2 and 3"):
+    with pytest.raises(ValueError, match="with this interval: steps is 2; it must be a whole number, 3 or"):
         mh.continueTo(simulation, force, {"volume": 3.0}, equilibration=5, steps=2, interval=3)
 
 

@@ -4,6 +4,7 @@ import base64
 import itertools
 import signal
 
+import h5py
 import meshio
 import numpy as np
 import openmm as mm
@@ -219,6 +220,25 @@ def test_a_curvature_may_wait_for_its_modulus():
         ValueError, match=r"stage 1 \(sample\): it has a spontaneous_curvature, and the bending_modulus is"
     ):
         checkStages(mh.Scene.of(configOf(membrane={"bending_modulus": 0.0}, stages=[stage], sampling=sampling)))
+
+
+@pytest.mark.parametrize("place", ["membrane", "species", "stage", "species of a stage"])
+def test_a_curvature_that_no_edge_can_follow_is_told(place):
+    """Of the membrane with its species, and of stages; what is a few edges' is taken."""
+    for curvature, isRight in ((1e9, False), (-100.0, False), (5.0, True)):
+        own, sections = {"spontaneous_curvature": curvature}, {"sampling": {"seed": 1}}
+        if "species" in place:
+            sections["species"] = [{"name": "a", "fraction": 0.5}, {"name": "b", **(own if place == "species" else {})}]
+        if place == "membrane":
+            sections["membrane"] = own
+        if "stage" in place:
+            change = own if place == "stage" else {"species": {"b": own}}
+            sections["stages"] = [{"kind": "sample", "steps": 10, **change}]
+        if isRight:
+            checkStages(mh.Scene.of(configOf(**sections)))
+            continue
+        with pytest.raises(ValueError, match=r"spontaneous_curvature.* is .*; it must be at most .*0\.1 of the mean"):
+            checkStages(mh.Scene.of(configOf(**sections)))
 
 
 def test_arrays_of_numpy_are_lists():
@@ -623,6 +643,23 @@ def test_a_trajectory_brings_species_and_names_back(tmp_path):
     with mh.readMeshTrajectory(tmp_path / "a.vtkhdf") as frames:
         read = frames[0].mesh
     assert np.array_equal(read.species, mesh.species) and read.speciesNames == mesh.speciesNames
+
+
+def test_no_two_species_have_the_same_name(tmp_path):
+    """When names are assigned, and when a mesh is made of them; a file that has them so is read without."""
+    mesh = mh.Mesh(MESH.vertices, MESH.triangles, species=[0, 1] * 81, speciesNames=("a", "b"))
+    mh.writeMeshTrajectory(tmp_path / "a.vtkhdf", [mh.meshFrame(0, mesh)])
+    for assign in (
+        lambda: setattr(mesh, "speciesNames", ["a", "a"]),
+        lambda: mh.Mesh(MESH.vertices, MESH.triangles, speciesNames=("a", "b", "a")),
+    ):
+        with pytest.raises(ValueError, match="speciesNames has 'a' twice; each species must have a name of its own"):
+            assign()
+    assert mesh.speciesNames == ("a", "b")
+    with h5py.File(tmp_path / "a.vtkhdf", "a") as file:
+        file.attrs["speciesNames"] = "a, a"
+    with mh.readMeshTrajectory(tmp_path / "a.vtkhdf") as frames:
+        assert frames[0].mesh.speciesNames == () and np.array_equal(frames[0].mesh.species, mesh.species)
 
 
 @pytest.mark.parametrize(

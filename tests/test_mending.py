@@ -239,6 +239,20 @@ def testHoles(sphere):
     assert len(triangle.triangles) == 320 and triangle.volume == pytest.approx(sphere.volume, rel=1e-12)
 
 
+def testAnOpenSurfaceThatCannotBeMendedIsToldOnce(sphere):
+    """What is wrong is said once, and what closing it leaves, if that is something else."""
+    corners = np.array([(x, y, 0.0) for x in range(3) for y in range(3)])
+    square = mh.Mesh(corners, [t for i in (0, 1, 3, 4) for t in ((i, i + 3, i + 1), (i + 1, i + 3, i + 4))])
+    fin = mh.Mesh(sphere.vertices, [*sphere.triangles[1:], (0, 50, 100)])
+    around = [(a, a + 2, a + 1) for a in range(0, 8, 2)] + [(a + 1, a + 2, a + 3) for a in range(0, 8, 2)]
+    twisted = np.array([(np.cos(t), np.sin(t), z) for t in range(5) for z in (-1, 1)])
+    moebius = mh.Mesh(twisted, [*around, (8, 1, 9), (9, 1, 0)])
+    for mesh, rest in ((square, "but not all: .*volume is 0"), (fin, "but not all: triangle"), (moebius, "does not")):
+        with pytest.raises(ValueError, match=rf"^the surface is open: .*'openmm-helfrich repair.*{rest}") as error:
+            mesh.check()
+        assert str(error.value).count("the surface is open") == 1
+
+
 @given(shift=st.tuples(*[st.floats(-50, 50)] * 3), seed=st.integers(0, 100))
 @settings(max_examples=25, deadline=None)
 def testUnfolding(shift, seed):

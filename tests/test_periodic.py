@@ -286,8 +286,10 @@ def test_files_keep_the_box(tmp_path, suffix):
     read = mh.Mesh.read(tmp_path / f"sheet.{suffix}")
     assert read.isPeriodic and np.allclose(read.box, mesh.box) and np.array_equal(read.triangles, mesh.triangles)
     assert read.area == pytest.approx(mesh.area, rel=1e-6)
-    with pytest.raises(ValueError, match="files of this format have no box"):
+    with pytest.raises(ValueError, match=r"files of this format have no box; use one of .*, or \.vtkhdf"):
         mesh.write(tmp_path / "sheet.stl")
+    with pytest.raises(ValueError, match=r"no mesh format has the suffix '\.gro'"):
+        mesh.write(tmp_path / "sheet.gro")
     with pytest.raises(ValueError, match="periodic"):
         read.remeshed(100)
 

@@ -6,7 +6,7 @@ import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich import units
-from openmmhelfrich.units import Scales, plainNumber, thermalEnergy
+from openmmhelfrich.units import Scales, plainNumber, thermalEnergy, wholeNumber
 
 PER_MOLECULE = u.AVOGADRO_CONSTANT_NA  # energies of a single membrane
 ENERGIES = {
@@ -149,3 +149,46 @@ def test_a_quantity_of_another_dimension_is_named():
 def test_temperatures_are_positive(temperature):
     with pytest.raises(ValueError, match="it must be positive"):
         thermalEnergy(temperature)
+
+
+@pytest.mark.parametrize("value", [3, 3.0, np.int32(3), np.float64(3)])
+def test_whole_numbers_of_any_type(value):
+    result = wholeNumber(value, "n", 3, 3)
+    assert result == 3 and type(result) is int
+
+
+@pytest.mark.parametrize("value", [2.5, 0, 6, True, None, "3", float("nan"), float("inf"), [3], 10**400])
+def test_what_is_no_whole_number_in_range(value):
+    with pytest.raises(ValueError, match=r"n is .*; it must be a whole number from 1 to 5$"):
+        wholeNumber(value, "n", 1, 5)
+
+
+@pytest.mark.parametrize("value", [2.5, "3", -1, np.nan])
+def test_functions_that_take_whole_numbers(value):
+    """They say so at once, whatever is given."""
+    mesh = mh.Mesh.icosphere(2)
+    mesh.species = (mesh.vertices[:, 2] > 0).astype(int)
+    frames = np.stack([mesh.vertices * (1 + n / 10) for n in range(8)])
+    spectrum = mh.fluctuationSpectrum(frames, 4)
+    reweighting = mh.reweight([np.linspace(100, 110, 20), np.linspace(101, 111, 20)], [300, 310])
+    outline = [[0, -1], [1, 0], [0, 1]]
+    calls = {
+        "compositionProfile: bins": lambda: mh.compositionProfile(mesh, bins=value),
+        "compositionSpectrum: maxDegree": lambda: mh.compositionSpectrum(mesh, maxDegree=value),
+        "fluctuationSpectrum: maxDegree": lambda: mh.fluctuationSpectrum(frames, value),
+        "fit: minDegree": lambda: spectrum.fit(value),
+        "fit: maxDegree": lambda: spectrum.fit(2, value),
+        "vertexDiffusion, of 8 frames: maxLag": lambda: mh.vertexDiffusion(frames, mesh.triangles, value),
+        "densityOfStates: bins": lambda: reweighting.densityOfStates(value),
+        "icosphere: subdivisions": lambda: mh.Mesh.icosphere(value),
+        "remesh: the number of vertices": lambda: mesh.remeshed(value),
+        "surfaceOfRevolution: numVertices": lambda: mh.surfaceOfRevolution(outline, value),
+        "surfaceOfRevolution: rounds": lambda: mh.surfaceOfRevolution(outline, 92, value),
+        "adaptStepSize: steps": lambda: mh.adaptStepSize(simulation, value),
+        "anneal: steps": lambda: mh.anneal(simulation, 300, value),
+    }
+    scene = mh.Scene.of({}, mesh)
+    simulation = scene.createSimulation(scene.createForce())
+    for name, call in calls.items():
+        with pytest.raises(ValueError, match=rf"^{name} is .*; it must be a whole number"):
+            call()

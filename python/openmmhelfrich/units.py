@@ -1,15 +1,16 @@
 """Units: kT, Quantities as numbers, and what a configuration may say instead of plain numbers, as in "80 kJ/mol", "0.5
-um" or "37 C".
+um" or "37 C"; and whole numbers.
 
 Nothing here imports OpenMM, unless it is given one of its Quantities: a configuration can be read without.
 """
 
 import math
+import numbers
 import re
 from dataclasses import dataclass
 from typing import Any
 
-from .messages import quoted
+from .messages import quoted, shortened
 
 GAS_CONSTANT = 8.31446261815324  # J/mol/K
 AVOGADRO_CONSTANT = 6.02214076e23  # 1/mol
@@ -121,6 +122,18 @@ def valueIn(value: Any, wanted: Any, name: str = "a number") -> Any:
             f"the unit of {name} is {value.unit.get_symbol()}; it must be of the dimension of {wanted.get_symbol()}"
         )
     return value.value_in_unit(wanted)
+
+
+def wholeNumber(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """Return a whole number as an int, also one of another type, as 3.0; raise a ValueError that names it if it is none
+    or out of range.
+    """
+    size: Any = abs(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.inf
+    if not size < math.inf or value != int(value) or value < least or (most is not None and value > most):
+        given = quoted(value) if isinstance(value, str) else shortened(str(value))
+        allowed = f", {least} or more" if most is None else f" from {least} to {most}"
+        raise ValueError(f"{name} is {given}; it must be a whole number{allowed}")
+    return int(value)
 
 
 def thermalEnergy(temperature: Any) -> float:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..display import Brief
 from ..optional import dataFrame
+from ..units import wholeNumber
 from .frames import checkedFrames, trianglesOfEach
 
 
@@ -51,8 +52,7 @@ def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None 
     """
     x = checkedFrames(frames)
     maxLag = max(1, len(x) // 4) if maxLag is None else maxLag
-    if not 1 <= maxLag < len(x):
-        raise ValueError(f"vertexDiffusion: maxLag is {maxLag}; it must be from 1 to {len(x) - 1}, for {len(x)} frames")
+    maxLag = wholeNumber(maxLag, f"vertexDiffusion, of {len(x)} frames: maxLag", 1, len(x) - 1)
     x = x - x.mean(axis=1, keepdims=True)
     normals = [_vertexNormals(frame, t) for frame, t in zip(x, trianglesOfEach(triangles, x))]
 

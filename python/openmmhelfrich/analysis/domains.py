@@ -15,6 +15,7 @@ from ..geometry.connectivity import cornersOf, imagesInBox
 from ..geometry.measures import smoothCurvatures
 from ..geometry.mesh import Mesh
 from ..optional import dataFrame
+from ..units import wholeNumber
 from .fluctuations import realHarmonics
 
 
@@ -136,15 +137,14 @@ def compositionProfile(
     Raises
     ------
     ValueError
-        if the mesh has no species, or not this one, the axis has no direction or bins is not positive
+        if the mesh has no species, or not this one, the axis has no direction, or bins is no whole number, 1 or more
     """
     direction = np.asarray(axis, dtype=float)
     if direction.shape != (3,) or not np.linalg.norm(direction) > 0:
         raise ValueError(
             f"compositionProfile: axis is {direction.tolist()}; it must be three numbers that are not all 0"
         )
-    if bins < 1:
-        raise ValueError(f"compositionProfile: bins is {bins}; it must be 1 or more")
+    bins = wholeNumber(bins, "compositionProfile: bins", 1)
     heights = imagesInBox(mesh.vertices, mesh.images) @ (direction / np.linalg.norm(direction))
     areas = mesh.vertexAreas
     isOf = _isOf(mesh, species)
@@ -198,10 +198,9 @@ def compositionSpectrum(mesh: Mesh, species: int | str = 0, maxDegree: int = 10)
     Raises
     ------
     ValueError
-        if the mesh has no species, or not this one, or maxDegree is not positive
+        if the mesh has no species, or not this one, or maxDegree is no whole number, 1 or more
     """
-    if maxDegree < 1:
-        raise ValueError(f"compositionSpectrum: maxDegree is {maxDegree}; it must be 1 or more")
+    maxDegree = wholeNumber(maxDegree, "compositionSpectrum: maxDegree", 1)
     if mesh.isPeriodic:
         raise ValueError("compositionSpectrum: the mesh is periodic; spherical harmonics are for vesicles")
     phi, weights = _isOf(mesh, species).astype(float), 4 * np.pi * mesh.vertexAreas / mesh.area

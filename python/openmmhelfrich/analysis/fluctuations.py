@@ -12,7 +12,7 @@ from scipy.special import j0
 
 from ..display import Brief
 from ..optional import dataFrame
-from ..units import valueIn
+from ..units import valueIn, wholeNumber
 from .correlation import meanErrorTime
 from .frames import checkedFrames
 
@@ -74,7 +74,8 @@ class FluctuationSpectrum(Brief):
         ValueError
             if an argument is out of range
         """
-        maxDegree = self.degrees[-1] if maxDegree is None else maxDegree
+        minDegree = wholeNumber(minDegree, "fit: minDegree", 0)
+        maxDegree = wholeNumber(self.degrees[-1] if maxDegree is None else maxDegree, "fit: maxDegree", 0)
         chosen = (self.degrees >= minDegree) & (self.degrees <= maxDegree)
         if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
             raise ValueError(
@@ -162,10 +163,11 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
         if an argument is out of range
     """
     frames = checkedFrames(frames)
-    if maxDegree < 2 or (maxDegree + 1) ** 2 >= frames.shape[1]:
+    maxDegree = wholeNumber(maxDegree, "fluctuationSpectrum: maxDegree", 2)
+    if (maxDegree + 1) ** 2 >= frames.shape[1]:
         raise ValueError(
-            f"fluctuationSpectrum: maxDegree is {maxDegree}; it must be at least 2, and its {(maxDegree + 1) ** 2} "
-            f"coefficients fewer than the {frames.shape[1]} vertices"
+            f"fluctuationSpectrum: maxDegree is {maxDegree}; its {(maxDegree + 1) ** 2} coefficients must "
+            f"be fewer than the {frames.shape[1]} vertices"
         )
     degrees = np.arange(2, maxDegree + 1)
     expansions = [_expand(x, maxDegree) for x in frames]

@@ -19,7 +19,7 @@ from scipy.special import expit, logsumexp
 
 from ..display import Brief
 from ..optional import dataFrame, require
-from ..units import thermalEnergy
+from ..units import thermalEnergy, wholeNumber
 from .correlation import autocorrelationTime
 
 # Fewer counts than these are pooled with others of their bin: chi square needs numbers that are nearly Gaussian.
@@ -98,7 +98,11 @@ class Reweighting(Brief):
         return float(np.exp(weights - logsumexp(weights)) @ np.concatenate(self.energies))
 
     def densityOfStates(self, bins: int = 40) -> DensityOfStates:
-        """Compare the histograms of all temperatures, reweighted to one density of states, in bins of equal width."""
+        """Compare the histograms of all temperatures, reweighted to one density of states, in bins of equal width.
+
+        Raises a ValueError if their number is no whole number, 1 or more.
+        """
+        bins = wholeNumber(bins, "densityOfStates: bins", 1)
         pooled = np.concatenate(self.energies)
         edges = np.linspace(pooled.min(), pooled.max(), bins + 1)
         place = np.clip(np.searchsorted(edges, pooled, side="right") - 1, 0, bins - 1)

@@ -13,7 +13,7 @@ from openmm import app, unit
 
 from ..display import drawing
 from ..files import PathLike
-from ..units import valueIn
+from ..units import valueIn, wholeNumber
 from . import connectivity, mending, meshfiles
 from .formats.content import Content
 from .measures import reducedVolume
@@ -56,7 +56,7 @@ class Mesh:
         the number of the species of each vertex, from 0.  An array of their names may be assigned, too; one that is
         neither of these is a ValueError
     speciesNames : tuple of str
-        what the species are called; empty if they have numbers only
+        what the species are called, each unlike the others; empty if they have numbers only
     notes : list of str
         what :meth:`read` left out or changed, and what :meth:`repaired` and :meth:`remeshed` did, each in a sentence
     """
@@ -90,17 +90,25 @@ class Mesh:
         Raises
         ------
         ValueError
-            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, or an index is out of range.
-            Whether the triangles form a closed surface is :meth:`check`'s question.
+            if a shape or type is wrong, a coordinate is no number from -1e60 to 1e60, an index is out of range, or two
+            species have the same name.  Whether the triangles form a closed surface is :meth:`check`'s question.
         """
         self.vertices = _floats(valueIn(vertices, unit.nanometer, "vertices"))
         self.triangles = _indices(triangles, len(self.vertices))
         self.box = None if box is None else _boxVectors(valueIn(box, unit.nanometer, "box"))
         self.isPeriodic = self.box is not None and mending.isPeriodic(self.vertices, self.triangles, self.box)
         self.beads = np.empty((0, 3)) if beads is None else _floats(valueIn(beads, unit.nanometer, "beads"))
-        self.speciesNames = tuple(speciesNames)
+        self._speciesNames = _namesOf(speciesNames)
         self._species = _speciesOf(species, len(self.vertices), self.speciesNames)
         self.notes: list[str] = []
+
+    @property
+    def speciesNames(self) -> tuple[str, ...]:
+        return self._speciesNames
+
+    @speciesNames.setter
+    def speciesNames(self, names: Iterable[str]) -> None:
+        self._speciesNames = _namesOf(names)
 
     @property
     def species(self) -> NDArray[np.intc] | None:
@@ -121,13 +129,12 @@ class Mesh:
         radius : float or Quantity
             its radius, in nm
         """
-        if subdivisions < 0 or subdivisions != int(subdivisions):
-            raise ValueError(f"icosphere: subdivisions is {subdivisions}; it must be a whole number, 0 or more")
+        subdivisions = wholeNumber(subdivisions, "icosphere: subdivisions", 0)
         radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         vertices, triangles = _icosahedron()
-        for _ in range(int(subdivisions)):
+        for _ in range(subdivisions):
             vertices, triangles = _subdivide(vertices, triangles)
             vertices /= np.linalg.norm(vertices, axis=1)[:, np.newaxis]
         return cls(radius * vertices, triangles)
@@ -238,7 +245,8 @@ class Mesh:
         )
         if all(mesh.species is not None for mesh in meshes):
             result.species = np.concatenate([mesh.species for mesh in meshes if mesh.species is not None])
-            result.speciesNames = max((mesh.speciesNames for mesh in meshes), key=len)
+            names = max((mesh.speciesNames for mesh in meshes), key=len)
+            result.speciesNames = names
         result.notes = [note for mesh in meshes for note in mesh.notes]
         return result
 
@@ -316,9 +324,11 @@ class Mesh:
         """
         length = _lengthOf(unit)
         if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
+            meshfiles.requireFormat(Path(file))
             raise ValueError(
                 f"{file}: the mesh is periodic, and files of this format have no box; use one of "
-                f"{', '.join(meshfiles.WITH_BOX)}, or write unwrapped() to look at it"
+                f"{', '.join(meshfiles.WITH_BOX)}, or .vtkhdf ('openmm-helfrich convert' or writeMeshTrajectory()); or "
+                "write unwrapped() to look at it"
             )
         box = None if self.box is None else self.box / length
         own = {} if self.species is None else {SPECIES_FIELD: self.species}
@@ -423,7 +433,7 @@ class Mesh:
             if self.isPeriodic:
                 raise
             place = self._surfaceOf(error.vertex) if isinstance(error, connectivity.Fault) else ""
-            raise ValueError(f"{place}{error}{self._remedy()}") from None
+            raise ValueError(f"{place}{error}{self._remedy(str(error))}") from None
         if self.isPeriodic:
             self._requireWhole()
 
@@ -433,26 +443,29 @@ class Mesh:
         mine = label[np.any(self.triangles == vertex, axis=1)][0]
         return f"surface {mine}, of {count}: " if count > 1 else ""
 
-    def _remedy(self) -> str:
-        """Return what to do about a fault, to go on a sentence."""
+    def _remedy(self, fault: str) -> str:
+        """Return what to do about a fault, to go on its sentence."""
         if not len(self.triangles):
             return ""
         left = self._leftBy()
         if left is None:
             return "; 'openmm-helfrich repair', Mesh.repaired() or repair = true in [mesh] mends this"
-        if self._leftBy(closeHoles=True) is None:
+        closed = self._leftBy(closeHoles=True)
+        if closed is None:
             return (
                 "; 'openmm-helfrich repair --close-holes' or Mesh.repaired(closeHoles=True) mends this, with flat lids"
             )
-        return f"; 'openmm-helfrich repair' mends what can be mended, but not all: {left}"
+        option = "" if closed == left else " --close-holes"
+        rest = "" if closed == fault else f" mends what can be mended, but not all: {closed}"
+        return f"; 'openmm-helfrich repair{option}'{rest or ' does not mend this'}"
 
-    def _leftBy(self, **arguments: Any) -> ValueError | None:
+    def _leftBy(self, **arguments: Any) -> str | None:
         """Return what is wrong still after :meth:`repaired` with some arguments, or None if nothing is."""
         try:
             mended = self.repaired(**arguments)
             connectivity.check(mended.vertices, mended.triangles)
         except ValueError as error:
-            return error
+            return str(error)
         return None
 
     def remeshed(self, numVertices: int | None = None, edgeLength: float | unit.Quantity | None = None) -> "Mesh":
@@ -659,6 +672,15 @@ class Mesh:
 def _sums(places: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the sums of the values at each of a number of places."""
     return np.bincount(places, values, count).astype(np.float64, copy=False)
+
+
+def _namesOf(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of species, each of which must be of one species only."""
+    result = tuple(names)
+    for i, name in enumerate(result):
+        if name in result[:i]:
+            raise ValueError(f"speciesNames has '{name}' twice; each species must have a name of its own")
+    return result
 
 
 def _speciesOf(species: Any, numVertices: int, names: tuple[str, ...]) -> NDArray[np.intc] | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..optional import require
+from ..units import wholeNumber
 from .connectivity import (
     areaOf,
     check,
@@ -143,9 +144,7 @@ class _TriangulatedSurface:
 def _numVertices(mesh: Triangulation, numVertices: int | None, edgeLength: float | None) -> int:
     """Return the number of vertices that is asked for, on a surface of area 1."""
     if numVertices is not None and edgeLength is None:
-        if numVertices < 12 or numVertices != int(numVertices):
-            raise ValueError(f"remesh: the number of vertices is {numVertices}; it must be a whole number, 12 or more")
-        return int(numVertices)
+        return wholeNumber(numVertices, "remesh: the number of vertices", 12)
     if numVertices is not None or edgeLength is None:
         raise ValueError("remesh: give the number of vertices or the edge length, and not both")
     if not (math.isfinite(edgeLength) and edgeLength > 0):

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
+from ..units import wholeNumber
 from .measures import reducedVolume
 from .mesh import Mesh
 from .relaxation import EdgeShortener
@@ -49,8 +50,8 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
         )
     if np.any(outline[1:-1, 0] <= 0) or np.any(np.abs(outline[[0, -1], 0]) > 1e-9 * outline[:, 0].max()):
         raise ValueError("surfaceOfRevolution: the outline must begin and end on the axis, and touch it nowhere else")
-    if numVertices < 12:
-        raise ValueError(f"surfaceOfRevolution: numVertices is {numVertices}; it must be at least 12")
+    numVertices = wholeNumber(numVertices, "surfaceOfRevolution: numVertices", 12)
+    rounds = wholeNumber(rounds, "surfaceOfRevolution: rounds", 0)
     outline[[0, -1], 0] = 0
     surface, flip = _Revolution(outline, numVertices), EdgeShortener(_goldenTriangles(numVertices), numVertices)
     triangles = flip(surface.points(), sweeps=20)

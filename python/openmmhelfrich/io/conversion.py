@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..geometry.meshfiles import requireFormat
+from ..units import wholeNumber
 from .dcdframes import DCDTrajectory
 from .locks import locked
 from .vtkhdf import MeshFrame, readMeshTrajectory, writeMeshTrajectory
@@ -53,9 +54,7 @@ def selectFrames(file: PathLike, frames: Sequence[MeshFrame], frame: int | None 
                 f"{file} has no frame {frame}; it has {len(frames)}: 0 to {len(frames) - 1}, or -1 for the last"
             )
         return [frame % len(frames)]
-    if every < 1:
-        raise ValueError(f"every is {every}; it must be 1 or more")
-    return list(range(0, len(frames), every))
+    return list(range(0, len(frames), wholeNumber(every, "every", 1)))
 
 
 class ChosenFrames(Sequence[MeshFrame]):

@@ -391,6 +391,8 @@ class MeshTrajectory(Frames):
         data = {name: self._rows(f"PointData/{name}", start, numVertices) for name, start in starts.items()}
         species = np.nan_to_num(data["Species"]).astype(np.intc) if "Species" in data else None
         names = tuple(filter(None, (_textOf(self._file.attrs, "speciesNames") or "").split(", ")))
+        if len(set(names)) < len(names):  # which a Mesh does not have, and files of earlier versions may
+            names = ()
         box = self._file.attrs.get("periodicBox")
         mesh = Mesh(points[:numVertices], triangles, box, points[numVertices:], species, names)
         return MeshFrame(self._number("Steps/Values", i), mesh, data)

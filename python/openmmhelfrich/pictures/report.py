@@ -33,6 +33,7 @@ from ..sampling.observables import (
     shownValues,
 )
 from ..tables import Table, headOf, unwarned
+from ..units import wholeNumber
 from ..version import __version__
 from .curvature import shownSurface, simplification
 from .look import BEAD_COLOR, LOOK, colorScale, speciesCount, speciesLegend, speciesPalette, speciesPlaces, unitText
@@ -88,8 +89,7 @@ def writeReport(
     ValueError
         if a file is damaged, or plotly is not there
     """
-    if maxFrames < 1:
-        raise ValueError(f"the number of frames is {maxFrames}; it must be 1 or more")
+    maxFrames = wholeNumber(maxFrames, "the number of frames", 1)
     prefix = prefixOf(prefix)
     file = beside(prefix, "_report.html") if file is None else Path(file)
     plotly = require("plotly.offline", "writing a report").get_plotlyjs()

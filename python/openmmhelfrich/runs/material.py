@@ -14,6 +14,9 @@ from ..sampling.conditions import LINE_TENSION
 from .config import Config, conditionParts
 from .sections import SpeciesSection, checkShares
 
+# In mean edge lengths.
+SMALLEST_RADIUS = 0.1
+
 
 def speciesOf(config: Config, mesh: Mesh) -> NDArray[np.intc]:
     """Return the number of the species of each vertex that a resolved Config asks for, none if there are none.
@@ -149,6 +152,16 @@ def spontaneousCurvatureOf(config: Config) -> float:
     """Return the spontaneous curvature that is greatest in size, without sign."""
     own = config.membrane.spontaneous_curvature
     return max((abs(own + each.spontaneous_curvature) for each in config.species), default=abs(own))
+
+
+def requireResolved(what: str, curvature: float, length: float) -> None:
+    """Raise a ValueError if a spontaneous curvature asks for much smaller spheres than the mean edge is long."""
+    most = 2 / (SMALLEST_RADIUS * length)
+    if abs(curvature) > most:
+        raise ValueError(
+            f"{what} is {curvature:g} 1/nm; it must be at most {most:.3g}, where spheres of the radius 2/C_0 are "
+            f"{SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} nm: one may be in another unit of length"
+        )
 
 
 def gaussianStepOf(config: Config) -> float:

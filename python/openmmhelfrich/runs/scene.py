@@ -45,6 +45,7 @@ from .material import (
     gaussianStepOf,
     numbered,
     requireOnePlace,
+    requireResolved,
     setMaterial,
     speciesOf,
     spontaneousCurvatureOf,
@@ -465,6 +466,7 @@ def checkSizes(config: Config, measured: MeasuredMesh) -> None:
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")
+    requireResolved("the spontaneous_curvature", spontaneousCurvatureOf(config), length)
     stepSize = defaultStepSize(config, measured)
     if not LEAST <= stepSize <= GREATEST:
         raise ValueError(

@@ -44,7 +44,7 @@ from ..tables import Table
 from ..units import valueIn
 from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
 from .config import conditionOf, conditionParts, namingSource
-from .material import lineTensionsOf, numbered, requireKnown
+from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
@@ -615,6 +615,8 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
         modulus = f"bending_modulus[{inside}]"
         if key == CURVATURE and inside and not given.get(modulus, conditionOf(before.config, modulus)):
             raise ValueError(f"it has a spontaneous_curvature of '{inside}', whose bending_modulus is 0; give it one")
+        if key == CURVATURE:
+            requireResolved(f"its {name}", given[name], float(before.mesh.edgeLengths.mean()))
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):

@@ -10,6 +10,7 @@ sample.
 """
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -22,7 +23,7 @@ from ..geometry.mesh import Mesh
 from ..geometry.quality import triangleAngles
 from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
-from ..units import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .moves import findMove, movesOf, trajectoriesOf
 
@@ -33,6 +34,9 @@ DEFAULT_ACCEPTANCE = 0.75
 # The part of the mean edge length that a vertex at the thermal velocity must go in a step: of the default step size it
 # goes 7e-4 to 5e-3, on spheres of 42 to 2,562 vertices with moduli of 20 to 200 and 1e6 to 1e7 kT.
 LEAST_MOTION = 2e-5
+# After a burn-in the mean acceptance probability is an error below this part of the one aimed at, and told where it is
+# off by more than that: with at least so many tries, whose means scatter by 0.1.
+LEAST_PART, FAR_OFF, LEAST_TRIES = 0.25, 0.25, 10
 
 
 # Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to
@@ -365,7 +369,8 @@ class AdaptationResult(Brief):
     stepSize : float
         the step size that the simulation has now, in ps
     acceptance : float
-        mean acceptance probability over the second half of the trajectories, while the step size still changed
+        mean acceptance probability over the second half of the trajectories, while the step size still changed, without
+        those that searched for its order of magnitude
     stepSizes, probabilities : arrays of float
         the step size, in ps, and the acceptance probability of each trajectory
     amplitude : float or None
@@ -462,38 +467,92 @@ def adaptStepSize(
     Raises
     ------
     ValueError
-        if the steps were too few to find the order of magnitude, or the step size that is accepted moves no vertex, as
-        on an uneven mesh, in which cases step size and amplitude are as they were before; or if an argument is out of
-        range, or no move makes trajectories of Hybrid Monte Carlo
+        if the steps were too few to find the order of magnitude, next to nothing was accepted with what was found, or
+        the step size that is accepted moves no vertex, as on an uneven mesh, in which cases step size and amplitude are
+        as they were before; or if an argument is out of range, or no move makes trajectories of Hybrid Monte Carlo
+
+    Warns
+    -----
+    UserWarning
+        if the acceptance is still far from the one aimed at, or what was tried after the search is too few to tell
     """
-    integrator = simulation.integrator
+    integrator, steps = simulation.integrator, wholeNumber(steps, "adaptStepSize: steps", 1)
     adapter = StepSizeAdapter.of(integrator, acceptance)
     others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
     adaptation = Adaptation(simulation, adapter, *others)
-    stepSizes, probabilities = [], []
+    found = [_Found(each) for each in (adapter, *others)]
+    stepSizes = []
     for step in range(steps):
-        stepSize = adapter.stepSize
-        probability, *_ = adaptation.step()
-        if probability is not None:
+        stepSize, searching = adapter.stepSize, [each.isSearching for each in (adapter, *others)]
+        probabilities = adaptation.step()
+        for each, probability, isSearching in zip(found, probabilities, searching):
+            each.add(probability, isSearching)
+        if probabilities[0] is not None:
             stepSizes.append(stepSize)
-            probabilities.append(probability)
         if progress is not None:
             progress(step + 1, adapter.stepSize)
     try:
         adaptation.freeze()
     except ValueError as error:
-        raise ValueError(f"{error} than the {len(probabilities)} of {steps} steps") from None
-    obstacle = _obstacle(simulation, adapter.stepSize)
+        raise ValueError(f"{error} than the {len(stepSizes)} of {steps} steps") from None
+    obstacle = _obstacle(simulation, adapter.stepSize) or next(filter(None, (each.failure() for each in found)), None)
     if obstacle is not None:
         adaptation.restore()
         raise ValueError(f"adaptStepSize: {obstacle}")
+    for each in found:
+        if shortcoming := each.shortcoming():
+            warnings.warn(f"adaptStepSize: {shortcoming}", stacklevel=2)
     return AdaptationResult(
         adapter.stepSize,
-        float(np.mean(probabilities[len(probabilities) // 2 :])),
+        found[0].acceptance,
         np.array(stepSizes),
-        np.array(probabilities),
+        np.array(found[0].probabilities),
         next((each.amplitude for each in others if isinstance(each, AmplitudeAdapter)), None),
     )
+
+
+class _Found:
+    """What a burn-in tells of one adapter: the acceptance probabilities, and whether they are what was aimed at."""
+
+    def __init__(self, adapter: StepSizeAdapter):
+        self._adapter, self._searched, self.probabilities = adapter, 0, list[float]()
+
+    def add(self, probability: float | None, isSearching: bool) -> None:
+        """Take the acceptance probability of a step, if it was of the adapter's move."""
+        if probability is not None:
+            self.probabilities.append(probability)
+            self._searched += isSearching
+
+    @property
+    def acceptance(self) -> float:
+        """The mean acceptance probability over the second half, without what was search."""
+        return float(np.mean(self._late))
+
+    def failure(self) -> str | None:
+        """Return why what was found is of no use, or None."""
+        if self.acceptance < LEAST_PART * self._adapter.acceptance:
+            return f"{self._says()}: more steps are needed, or a mesh that is nearer to its targets"
+        return None
+
+    def shortcoming(self) -> str | None:
+        """Return why what was found may be wrong, or None."""
+        if len(self._late) < LEAST_TRIES:
+            return f"{self._says()}, too few to tell whether it is right: more steps are needed"
+        if abs(self.acceptance - self._adapter.acceptance) > FAR_OFF:
+            return f"{self._says()}: more steps bring it nearer"
+        return None
+
+    @property
+    def _late(self) -> list[float]:
+        return self.probabilities[max(len(self.probabilities) // 2, self._searched) :]
+
+    def _says(self) -> str:
+        count, adapter = len(self._late), self._adapter
+        return (
+            f"the {adapter.QUANTITY} came to {adapter.stepSize:.3g} {adapter.UNIT.get_symbol()} with a mean acceptance "
+            f"of {self.acceptance:.2f} in the last {count} {'try' if count == 1 else 'tries'}, where "
+            f"{adapter.acceptance:g} is aimed at"
+        )
 
 
 def _obstacle(simulation: app.Simulation, stepSize: float) -> str | None:

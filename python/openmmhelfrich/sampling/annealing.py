@@ -9,6 +9,7 @@ from openmm import app
 
 from ..display import Brief
 from ..optional import dataFrame
+from ..units import wholeNumber
 from .adaptation import Adaptation, StepSizeTracker
 from .schedules import createSchedule
 
@@ -83,6 +84,7 @@ def anneal(
         Monte Carlo
     """
     integrator, schedule = simulation.integrator, createSchedule(schedule)
+    steps = wholeNumber(steps, "anneal: steps", 0)
     tracker = tracker or StepSizeTracker.of(integrator)
     tracker.write(tracker.findMove(integrator), tracker.stepSize)
     adaptation = Adaptation(simulation, tracker)

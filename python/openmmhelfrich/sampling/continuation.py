@@ -18,6 +18,7 @@ from openmm import app, unit
 from ..display import Brief, drawing
 from ..helfrich import HelfrichForce
 from ..tables import Table
+from ..units import wholeNumber
 from .averages import averageWindows
 from .conditions import moduliOf
 from .reporters import ObservablesReporter
@@ -77,8 +78,7 @@ class ContinuationPath:
             if a target is not one that `end` names, is not positive or 0 where it must not be, or a number of values is
             wrong
         """
-        if windows != int(windows) or windows < 1:
-            raise ValueError(f"continuation: windows is {windows}; it must be a whole number, 1 or more")
+        windows = wholeNumber(windows, "continuation: windows", 1)
         self.lambdas, uniform = windowLambdas(windows, thereAndBack), windowLambdas(windows, False)
         self._values = {}
         for name, value in end.items():
@@ -209,11 +209,9 @@ def continueTo(
     for name in ends.keys() & measured.keys():
         requireComparableTarget(f"continueTo: the target {name}", name, ends[name], measured[name])
     line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
-    if interval < 1 or steps < interval or equilibration < 0:
-        raise ValueError(
-            f"continueTo: equilibration, steps and interval are {equilibration}, {steps} and {interval}; they must be "
-            "0, the interval and 1, or more"
-        )
+    interval = wholeNumber(interval, "continueTo: interval", 1)
+    steps = wholeNumber(steps, "continueTo, with this interval: steps", interval)
+    equilibration = wholeNumber(equilibration, "continueTo: equilibration", 0)
     observer, rows = ObservablesReporter(io.StringIO(), interval, force, temperature), []
     for window in range(len(line.lambdas)):
         setTargets(simulation.context, force, line.targets(window))

@@ -15,7 +15,7 @@ from ..display import Brief
 from ..geometry.connectivity import nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
-from ..units import valueIn
+from ..units import valueIn, wholeNumber
 from .coarsemeshes import CoarseMeshes, makeCoarseMeshes
 from .conditions import moduliOf
 from .moves import findMove
@@ -248,8 +248,7 @@ class _Descent:
         )
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
-        if maxIterations < 0 or maxIterations != int(maxIterations):
-            raise ValueError(f"maxIterations is {maxIterations}; it must be a whole number, 0 or more")
+        wholeNumber(maxIterations, "maxIterations", 0)
         if not (math.isfinite(multilevelWeight) and multilevelWeight >= 0):
             raise ValueError(f"the multilevel weight is {multilevelWeight}; it must be finite, 0 or more")
         self.multilevelWeight = multilevelWeight

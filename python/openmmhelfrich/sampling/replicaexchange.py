@@ -25,7 +25,7 @@ from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
 from ..helfrich import HelfrichForce
 from ..tables import Table, plainName
-from ..units import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import conditionNames, putConditions
 from .marks import displacement, markedPositions
 from .moves import Counters, countersOf, movesOf, trajectoriesOf
@@ -247,8 +247,7 @@ class ReplicaExchange:
             if an argument is out of range, or the energy of a replica is not a number
         """
         for name, value, least in (("rounds", rounds, 0), ("steps", steps, 1), ("interval", interval, 1)):
-            if value != int(value) or value < least:
-                raise ValueError(f"ReplicaExchange.run: {name} is {value}; it must be a whole number, {least} or more")
+            wholeNumber(value, f"ReplicaExchange.run: {name}", least)
         for n in range(1, int(rounds) + 1):
             self._propagate(int(steps))
             energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
@@ -274,6 +273,10 @@ class ReplicaExchange:
         (states, states*n) array, (states,) array of int
             the reduced energy in each state of n samples from state 0, n from state 1 ..., and n for each state
         """
+        discard, stride = (
+            wholeNumber(value, f"ReplicaExchange: {name}", least)
+            for name, value, least in (("discard", discard, 0), ("stride", stride, 1))
+        )
         history, energies = self.history[discard::stride], self.reducedEnergies[discard::stride]
         # (rounds, state sampled, state evaluated)
         ofState = np.take_along_axis(energies, np.argsort(history, axis=1)[:, :, np.newaxis], axis=1)
@@ -505,8 +508,7 @@ class ReplicaExchange:
                 "two or more, and as many of the one as of the other"
             )
         for name, value, least in (("seed", self.seed, 0), ("workers", self._workers, 1)):
-            if value != int(value) or value < least:
-                raise ValueError(f"ReplicaExchange: {name} is {value}; it must be a whole number, {least} or more")
+            wholeNumber(value, f"ReplicaExchange: {name}", least)
         if len({id(simulation.context) for simulation in simulations}) < len(simulations):
             raise ValueError("ReplicaExchange: a simulation is given twice; each replica must have one of its own")
         for k, (simulation, state) in enumerate(zip(simulations, states)):

@@ -19,7 +19,7 @@ from ..helfrich import HelfrichForce
 from ..io.vtkhdf import MeshFrame, MeshTrajectoryWriter, readMeshTrajectory
 from ..messages import quoted
 from ..tables import plainName, readHeads
-from ..units import thermalEnergy, valueIn
+from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .observables import DEFAULT_OBSERVABLES, Moment, Observable, Place, keepingTerms, observe
 
@@ -204,8 +204,7 @@ class MeshReporter:
         OSError
             if the file cannot be written
         """
-        if reportInterval < 1:
-            raise ValueError(f"reportInterval is {reportInterval}; it must be 1 or more")
+        reportInterval = wholeNumber(reportInterval, "reportInterval", 1)
         if numFrames is not None and not append:
             raise ValueError(f"numFrames is {numFrames} and append False; numFrames is for appending")
         self._reportInterval, self._force = reportInterval, force
