@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import faulthandler
 import functools
+import importlib
 import io
 import json
 import math
@@ -17,6 +18,7 @@ import re
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import traceback
@@ -25,6 +27,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -35,6 +38,7 @@ from matplotlib.figure import Figure
 
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
+from openmmhelfrich.geometry.formats import _vtkreader, vtkfiles
 from openmmhelfrich.runs.checkpoint import loadSimulation
 from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.grids import readGrid
@@ -388,6 +392,30 @@ def _readInChild(name, seed, numbers):
         return found, "" if code == 0 and len(found) == len(numbers) else f"exit code {code}: {errors.read()[:1500]}"
 
 
+def readInFork(command: list[str], env: dict[str, str], timeout: float, **_: bool) -> subprocess.CompletedProcess:
+    """Do what the program that reads with VTK does, in a child that has VTK already: ten times as fast."""
+    with tempfile.TemporaryFile() as errors:
+
+        def read():
+            os.dup2(errors.fileno(), 2)
+            os.environ.update(env)
+            faulthandler.disable()
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            signal.alarm(round(timeout))
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            try:
+                _vtkreader.main(*command[-2:])
+            except SystemExit as end:
+                print(end, file=sys.stderr, flush=True)
+                return 1
+
+        code = waitFor(fork(read))
+        if code == -signal.SIGALRM:
+            raise subprocess.TimeoutExpired(command, timeout)
+        errors.seek(0)
+        return subprocess.CompletedProcess(command, code, b"", errors.read())
+
+
 def _addressSpace():
     return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
@@ -403,11 +431,15 @@ def main() -> None:
     # Pictures are not what this is about.
     mock.patch.object(Figure, "savefig", lambda _, file, **__: Path(file).write_bytes(b"")).start()
     mock.patch.object(Figure, "set_layout_engine").start()
+    quicker = SimpleNamespace(run=readInFork, TimeoutExpired=subprocess.TimeoutExpired)
+    mock.patch.object(vtkfiles, "subprocess", quicker).start()
     warnings.simplefilter("always")
     hasFault = False
     with temporaryFolder() as place:
         os.chdir(place)
         importEverything()
+        for name in ("vtkIOLegacy", "vtkIOXML", "util.numpy_support"):
+            importlib.import_module(f"vtkmodules.{name}")
         if waitFor(fork(prepare)):
             sys.exit("the good files cannot be made")
         for name in options.kinds or KINDS:
