@@ -29,7 +29,7 @@ def findFaults(script, *arguments):
     return [line for line in done.stdout.splitlines() if ", 0 faults" not in line] if done.returncode else []
 
 
-MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
+MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn", "short")]
 
 
 @needsCompiler

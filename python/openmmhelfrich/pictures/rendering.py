@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, replacingAtOnce
 from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
@@ -251,8 +251,8 @@ def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray,
 def _save(image: np.ndarray, file: PathLike, dpi: float) -> None:
     from PIL import Image
 
-    with replacing(file) as part:
-        Image.fromarray(image).save(part, dpi=(dpi, dpi))
+    with replacingAtOnce(file) as content:
+        Image.fromarray(image).save(content, Image.registered_extensions()[Path(file).suffix.lower()], dpi=(dpi, dpi))
 
 
 def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
@@ -261,8 +261,8 @@ def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: flo
     first, *others = [Image.fromarray(image) for image in images]
     first = first.quantize(256)
     others = [image.quantize(palette=first) for image in others]
-    with replacing(file) as part:
-        first.save(part, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
+    with replacingAtOnce(file) as content:
+        first.save(content, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
 
 
 def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
