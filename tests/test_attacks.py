@@ -43,7 +43,7 @@ def testErrorsAndKillsOfRuns(scene, every):
 
 @needsCompiler
 def testErrorsAndKillsOfWhatLooks():
-    scenes = ("xyz", "pvd", "ply", "vtkhdf", "plot", "report", "render", "film")
+    scenes = ("xyz", "pvd", "ply", "vtkhdf", "plot", "report", "render", "film", "mp4")
     assert not findFaults("attacks.py", *scenes, *MODES, "--every", 17)
 
 

@@ -216,6 +216,7 @@ SCENES = {
     "report": _look("report", "run"),
     "render": _look("render", "run.ply", "-o", "out.png"),
     "film": _look("render", "run.vtkhdf", "-o", "out.gif", "--every", "3"),
+    "mp4": _look("render", "run.vtkhdf", "-o", "out.mp4", "--every", "3"),
 }
 
 

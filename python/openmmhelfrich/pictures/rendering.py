@@ -1,5 +1,6 @@
 """Pictures and films of membranes in 3D, off screen, with pyvista where there is one."""
 
+import contextlib
 import ctypes
 import os
 import sys
@@ -266,11 +267,18 @@ def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: flo
 
 
 def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
+    """Write a film by ffmpeg, whose errors the library does not tell: the frames of the film are counted."""
     imageio = require("imageio.v2", "writing MP4 films")
-    require("imageio_ffmpeg", "writing MP4 films")
-    with (
-        replacing(file) as part,
-        imageio.get_writer(str(part), fps=framesPerSecond, macro_block_size=2, quality=8) as film,
-    ):
-        for image in images:
-            film.append_data(image)
+    ffmpeg = require("imageio_ffmpeg", "writing MP4 films")
+    options = {"macro_block_size": 2, "quality": 8, "ffmpeg_log_level": "quiet"}
+    count, written = 0, 0
+    with replacing(file) as part:
+        with imageio.get_writer(str(part), fps=framesPerSecond, **options) as film:
+            for image in images:
+                count += 1
+                with contextlib.suppress(OSError):  # ffmpeg has ended
+                    film.append_data(image)
+        with contextlib.suppress(OSError, RuntimeError):
+            written, _ = ffmpeg.count_frames_and_secs(str(part))
+        if written != count:
+            raise OSError(f"{file}: of {count} frames ffmpeg wrote {written}; the disk may be full")
