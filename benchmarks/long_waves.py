@@ -32,10 +32,12 @@ def createScene(arguments):
     force.setTargetArea(mesh.area)
     force.setVolumeModulus(1e6 * KT)
     force.setTargetVolume(arguments.volume * mesh.volume)
-    force.setTether(100 * KT, 0.85, 1.35, 2)
+    modulus, shortest, longest = arguments.tether
+    force.setTether(modulus * KT, shortest, longest, 2)
     integrator = mh.HybridMonteCarloIntegrator(300, arguments.step, arguments.steps, arguments.flips, 0)
     integrator.setMultilevelWeight(arguments.weight)
     integrator.setTrajectoryJitter(arguments.jitter)
+    integrator.setMomentumRefreshment(arguments.refreshment)
     integrator.setForcePrecision(arguments.precision)
     integrator.setRandomNumberSeed(arguments.seed)
     system = mesh.createSystem(mass=1.0)
@@ -55,6 +57,12 @@ def autocorrelationTime(series):
         if k > 5 * total:
             break
     return total
+
+
+def squaredChanges(series, evaluations):
+    """Return the mean squared change after some numbers of computations, of which a sample takes some."""
+    lags = {lag: round(lag / evaluations) for lag in (100, 200, 400, 800, 1600, 3200)}
+    return {lag: float(np.mean((series[k:] - series[:-k]) ** 2)) for lag, k in lags.items() if 0 < k < len(series) / 3}
 
 
 def modesOf(x, triangles):
@@ -79,13 +87,17 @@ def measure(arguments):
         for _ in range(3):
             trajectories.step(1)
             flips.step(1)
+    for _ in range(arguments.settle):
+        trajectories.step(1)
+        flips.step(1)
     rows, changes, evaluations, used = [], [], 0, 0.0
     accepted, attempted = trajectories.getNumAccepted(), trajectories.getNumAttempted()
     while used < arguments.seconds:
         begin = time.process_time()
         trajectories.step(1)
         evaluations += trajectories.getLastNumSteps()
-        flips.step(1)
+        if not arguments.frozen:
+            flips.step(1)
         used += time.process_time() - begin
         changes.append(trajectories.getLastEnergyChange()._value / KT)
         if len(changes) % arguments.every != 0:
@@ -101,6 +113,7 @@ def measure(arguments):
         "vertices": len(mesh.vertices),
         "trajectories": n,
         "accepted": rate,
+        "flipsAccepted": flips.getNumAccepted() / max(1, flips.getNumAttempted()),
         "meanExp": float(np.mean(np.exp(-np.array(changes)))),
     }
     first = 0
@@ -113,6 +126,7 @@ def measure(arguments):
             "seconds": tau * used / n,
             "samples": arguments.every * len(rows) / tau * (2 * l + 1),
             "power": float(np.mean(columns**2)),
+            "squaredChanges": squaredChanges(columns, arguments.every * evaluations / n),
         }
     tau = arguments.every * autocorrelationTime(rows[:, -1:])
     result["bending"] = {
@@ -135,7 +149,12 @@ if __name__ == "__main__":
     parser.add_argument("--flips", type=float, default=0.3)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jitter", type=float, default=0.2)
+    parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
+    tether = {"metavar": ("MODULUS", "SHORTEST", "LONGEST"), "help": "in kT and mean edges"}
+    parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], **tether)
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--settle", type=int, default=0, help="trajectories, with flips, before the run")
+    parser.add_argument("--frozen", action="store_true", help="no flips in the run: the mesh is elastic")
     parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")
     print(json.dumps(measure(parser.parse_args()), default=float), flush=True)

@@ -1,4 +1,8 @@
-"""Plot the runs of benchmarks/long_waves.py that a file has: python benchmarks/long_waves_plot.py RUNS.jsonl OUT.png"""
+"""Plot the runs of benchmarks/long_waves.py that a file has: python benchmarks/long_waves_plot.py RUNS.jsonl OUT.png
+
+On the left what an independent sample costs, on the right the share of a mode's mean square that a mesh without flips
+has, with what a mesh whose elastic energy grows with the number of vertices would have.
+"""
 
 import json
 import sys
@@ -8,30 +12,64 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 DEGREES = {"l2": "tab:blue", "l3": "tab:orange", "l4": "tab:green"}
+TETHER = [100, 0.85, 1.35]
+LARGE = {"l2": 800, "l3": 2800, "l4": 7000}  # vertices at which bending and the mesh are equally stiff
+LAG = "800"  # computations in which an elastic mesh forgets
 
 
 def plot(runs, out):
-    figure, axes = plt.subplots(figsize=(6.4, 4.4))
-    for degree, color in DEGREES.items():
-        for isPlain, marker in ((True, "x"), (False, "o")):
-            chosen = [run for run in runs if run["volume"] == 0.99 and (run["weight"] == 0) == isPlain]
-            if not isPlain:  # earlier runs, with sweeps of 0.3, had coarsest meshes of a few vertices
-                chosen = [run for run in chosen if run["flips"] >= 1]
-            sizes = np.array([run["vertices"] for run in chosen], float)
-            costs = np.array([run[degree]["evaluations"] for run in chosen])
-            # Independent samples of a vector of 2l+1 components
-            errors = costs * np.sqrt([4 * 2.5 / run[degree]["samples"] for run in chosen])
-            label = f"degree {degree[1:]}" + (", plain" if isPlain else "")
-            axes.errorbar(sizes, costs, errors, fmt=marker, color=color, alpha=0.8, label=label)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("vertices")
-    axes.set_ylabel("computations of forces an independent sample")
-    sizes = np.array([500, 14000])
-    axes.plot(sizes, 1100 * (sizes / 642) ** 0.5, "k--", lw=0.8, label="$N^{1/2}$")
-    axes.legend(fontsize=8, ncol=2)
+    runs = [run for run in runs if run["volume"] == 0.99 and run.get("tether", TETHER) == TETHER]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.4))
+    for degree in DEGREES:
+        plotCosts(left, [run for run in runs if not run.get("frozen")], degree)
+        plotShares(right, runs, degree)
+    left.set_ylabel("computations of forces an independent sample")
+    right.set_ylabel("share of the mean square, without flips")
+    left.set_yscale("log")
+    right.set_ylim(0, 1.05)
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.set_xlabel("vertices")
+        axes.legend(fontsize=8)
     figure.tight_layout()
     figure.savefig(out, dpi=110)
+
+
+def plotCosts(axes, runs, degree):
+    kept = [run for run in runs if run.get("refreshment", 1) < 1 and run["vertices"] < 40000]
+    drawn = [run for run in runs if run.get("refreshment", 1) == 1 and run["weight"] > 0 and run["flips"] >= 1]
+    plain = [run for run in runs if run["weight"] == 0]
+    color = DEGREES[degree]
+    for chosen, marker, what in ((plain, "x", "plain"), (drawn, "s", "momenta drawn anew"), (kept, "o", "kept")):
+        sizes = [run["vertices"] for run in chosen]
+        costs = np.array([run[degree]["evaluations"] for run in chosen])
+        # Independent samples of a vector of 2l+1 components
+        errors = costs * np.sqrt([10 / run[degree]["samples"] for run in chosen])
+        label = f"degree {degree[1:]}, {what}" if degree == "l2" or marker == "o" else None
+        fill = color if marker == "o" else "none"
+        axes.errorbar(sizes, costs, errors, fmt=marker, color=color, markerfacecolor=fill, alpha=0.8, label=label)
+    sizes = np.geomspace(500, 14000)
+    first = np.mean([run[degree]["evaluations"] for run in kept if run["vertices"] == 642])
+    axes.plot(
+        sizes, first * sizes / 642, "--", color=color, lw=0.8, label="in proportion to N" if degree == "l4" else None
+    )
+
+
+def plotShares(axes, runs, degree):
+    sizes, shares = [], []
+    for run in runs:
+        if run.get("frozen"):
+            powers = [
+                other[degree]["power"]
+                for other in runs
+                if other["vertices"] == run["vertices"] and not other.get("frozen") and other["weight"] > 0
+            ]
+            sizes.append(run["vertices"])
+            shares.append(run[degree]["squaredChanges"][LAG] / (2 * np.mean(powers)))
+    axes.plot(sizes, shares, "o", color=DEGREES[degree], label=f"degree {degree[1:]}")
+    law = np.geomspace(500, 14000)
+    label = f"1/(1+N/{LARGE[degree]})"
+    axes.plot(law, 1 / (1 + law / LARGE[degree]), "--", color=DEGREES[degree], lw=0.8, label=label)
 
 
 if __name__ == "__main__":

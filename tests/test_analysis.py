@@ -241,7 +241,7 @@ def test_frames_of_a_dcd_file(tmp_path):
             lambda: analysis.fluctuationSpectrum(np.full((2, 9, 3), np.nan)),
             "frame 0 has a coordinate that is not finite",
         ),
-        (lambda: analysis.fluctuationSpectrum(np.ones((2, 9, 3)), 2), "9 coefficients fewer than the 9 vertices"),
+        (lambda: analysis.fluctuationSpectrum(np.ones((2, 9, 3)), 2), "coefficients must be fewer than the 9 vertices"),
         (lambda: analysis.meshStiffness([2, 9], 0.5), "radius is 0.5; it must be from 0 to 0.405"),
         (lambda: analysis.meshStiffness([2], -1), "is -1; it must be from 0 to 1.9"),
         (lambda: analysis.meshStiffness([2], math.nan), "is nan"),
@@ -249,7 +249,7 @@ def test_frames_of_a_dcd_file(tmp_path):
         (lambda: analysis.autocorrelationTime([1, math.nan]), "finite"),
         (
             lambda: analysis.vertexDiffusion(np.ones((4, 9, 3)), np.zeros((1, 3), int), 4),
-            "maxLag is 4; it must be from 1 to 3",
+            "maxLag is 4; it must be a whole number from 1 to 3",
         ),
     ],
 )

@@ -106,6 +106,25 @@ def testMemory(tmp_path):
     assert result.stdout == "163842\n", result.stderr
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def testASceneMeasuresAMeshOnce(monkeypatch, count):
+    """Each of its surfaces, and all edges."""
+    meshes = [mh.Mesh.icosphere(1) for _ in range(count)]
+    for i, mesh in enumerate(meshes):
+        mesh.vertices[:, 0] += 3 * i
+    mesh, calls = together(*meshes), []
+
+    def counted(name):
+        compute = getattr(connectivity, name)
+        return lambda *arguments: (calls.append(name), compute(*arguments))[1]
+
+    expected = {"signedVolume": count, "triangleAreas": count, "pairHalfedges": count, "edgeLengthsOf": 1}
+    for name in expected:
+        monkeypatch.setattr(connectivity, name, counted(name))
+    mh.Scene.of({"sampling": {"step_size": "auto"}, "membrane": {"area_difference_modulus": 1.0}}, mesh)
+    assert {name: calls.count(name) for name in expected} == expected
+
+
 # --- pictures
 
 

@@ -178,7 +178,7 @@ def test_functions_that_take_whole_numbers(value):
         "fluctuationSpectrum: maxDegree": lambda: mh.fluctuationSpectrum(frames, value),
         "fit: minDegree": lambda: spectrum.fit(value),
         "fit: maxDegree": lambda: spectrum.fit(2, value),
-        "vertexDiffusion, of 8 frames: maxLag": lambda: mh.vertexDiffusion(frames, mesh.triangles, value),
+        "vertexDiffusion: of 8 frames maxLag": lambda: mh.vertexDiffusion(frames, mesh.triangles, value),
         "densityOfStates: bins": lambda: reweighting.densityOfStates(value),
         "icosphere: subdivisions": lambda: mh.Mesh.icosphere(value),
         "remesh: the number of vertices": lambda: mesh.remeshed(value),

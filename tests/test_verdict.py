@@ -187,6 +187,16 @@ def testWhatAnAdviceIs():
         assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
 
 
+def testARepulsionThatIsThereIsToReachFurther():
+    """What keeps a surface from passing through itself: a repulsion, or if it has one a larger onset."""
+    for modulus, words in ((0.0, "a repulsion prevents this"), (100.0, "a larger onset of the repulsion")):
+        pierced = replace(
+            GOOD, mesh=moved(MESH, 0, -1.2 * MESH.vertices[0]), moduli=GOOD.moduli | {"repulsion": modulus}
+        )
+        (finding,) = (finding for finding in judge(pierced).findings if finding.check == "self-intersections")
+        assert finding.advice.startswith(words)
+
+
 def testTheRunsVerdictIsThatOfItsLastStage():
     failed, doubtful = (judge(replace(GOOD, acceptance=rate)) for rate in (0.0, 0.1))
     assert (failed.level, doubtful.level) == ("failed", "doubtful")

@@ -57,7 +57,7 @@ simulation = scene.createSimulation(force)
 # `adaptStepSize` finds a step size while the vesicle comes to equilibrium. What moves until then does not count.
 
 # %%
-mh.adaptStepSize(simulation, max(10, steps // 8))
+mh.adaptStepSize(simulation, max(100, steps // 8))
 simulation.step(steps // 8)
 frames = []
 for _ in range(steps):

@@ -97,6 +97,8 @@ for tension, spectrum, color in zip(tensions, spectra, ("C0", "C1")):
     axes.errorbar(spectrum.waveNumbers, spectrum.powers, spectrum.errors, fmt="o", color=color)
     axes.plot(smooth, theory, color=color, label=f"κ = {bendingModulus} kT, σ = {tension:g} kT/nm²")
 axes.set(xlabel="wave number q (1/nm)", ylabel="mean |h|² (nm²)", xscale="log", yscale="log")
+axes.set_xticks([0.4, 0.5, 0.6, 0.8, 1.0, 1.2], labels=["0.4", "0.5", "0.6", "0.8", "1", "1.2"])
+axes.xaxis.set_minor_formatter("")
 axes.legend(title="lines: theory")
 axes.figure.savefig("heights.png", dpi=110)
 

@@ -135,7 +135,8 @@ public:
     /**
      * Set the weight of momenta on coarser meshes: 0 (the default) for none, or a positive number, 2 to begin with.
      * With them long waves of a membrane move nearly as fast as short ones: the number of steps for an independent
-     * shape is a fraction of that without, and grows about as the square root of the number of vertices.
+     * shape is a fraction of that without.  It grows with the number of vertices, since a mesh is elastic until flips
+     * have changed it.
      *
      * The coarser meshes are made of the live connectivity, each of a quarter of the vertices of the next finer one,
      * and made anew when it has changed.  Their vertices have momenta of their own.  A vertex of a membrane moves by

@@ -52,7 +52,7 @@ def vertexDiffusion(frames: ArrayLike, triangles: ArrayLike, maxLag: int | None 
     """
     x = checkedFrames(frames)
     maxLag = max(1, len(x) // 4) if maxLag is None else maxLag
-    maxLag = wholeNumber(maxLag, f"vertexDiffusion, of {len(x)} frames: maxLag", 1, len(x) - 1)
+    maxLag = wholeNumber(maxLag, f"vertexDiffusion: of {len(x)} frames maxLag", 1, len(x) - 1)
     x = x - x.mean(axis=1, keepdims=True)
     normals = [_vertexNormals(frame, t) for frame, t in zip(x, trianglesOfEach(triangles, x))]
 

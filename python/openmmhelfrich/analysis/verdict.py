@@ -504,7 +504,9 @@ def _intersections(e: Evidence) -> Iterator[Measured]:
     if e.mesh is not None:
         count = len(crossings(e.mesh))
         what = f"the surface passes through itself {count} times at the end"
-        advice = "a stronger or longer repulsion" if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
+        # Of edges that cross in the middle.
+        longer = "a larger onset of the repulsion, 0.7 times the longest edges,"
+        advice = longer if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
         yield Measured(count / (3 * len(e.mesh.triangles) // 2), what, f"{advice} prevents this")  # of the edges
 
 

@@ -451,7 +451,9 @@ def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
         parts = np.split(triangles[order], np.cumsum(sizes)[:-1])
     for part in parts:
         v = signedVolume(vertices, part)
-        if v <= 0:
+        if v == 0:
+            raise Fault(f"the membrane of vertex {part.min()} is flat: it encloses no volume", part.min())
+        if v < 0:
             raise Fault(
                 f"the membrane of vertex {part.min()} is inside out: its volume is {v:.6g}; reverse its triangles, "
                 "which must be counter-clockwise seen from outside",
