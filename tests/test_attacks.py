@@ -29,7 +29,7 @@ def findFaults(script, *arguments):
     return [line for line in done.stdout.splitlines() if ", 0 faults" not in line] if done.returncode else []
 
 
-MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn")]
+MODES = [f"--mode={mode}" for mode in ("fail", "full", "kill", "torn", "short")]
 
 
 @needsCompiler
@@ -43,7 +43,7 @@ def testErrorsAndKillsOfRuns(scene, every):
 
 @needsCompiler
 def testErrorsAndKillsOfWhatLooks():
-    scenes = ("xyz", "pvd", "ply", "vtkhdf", "plot", "report", "render", "film")
+    scenes = ("xyz", "pvd", "ply", "vtkhdf", "plot", "report", "render", "film", "mp4")
     assert not findFaults("attacks.py", *scenes, *MODES, "--every", 17)
 
 

@@ -311,7 +311,7 @@ def testPictureThatFails(tmp_path):
 
     class Broken(Figure):
         def savefig(self, file, **options):
-            Path(file).write_bytes(b"half of a pict")
+            file.write(b"half of a pict")
             raise OSError(28, "No space left on device")
 
     saveFigure(Figure(), tmp_path / "a.png")

@@ -1,5 +1,8 @@
 """Pictures: what can be asked of them, and what they show."""
 
+import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -124,6 +127,25 @@ def test_films(tmp_path, suffix):
     import imageio.v3 as imageio
 
     assert imageio.imread(tmp_path / f"a{suffix}").shape[:3] == (3, 150, 200)
+
+
+LIMITED = """
+import resource
+import numpy as np
+from openmmhelfrich.pictures.rendering import _writeMP4
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+noise = np.random.default_rng(1)
+_writeMP4((noise.integers(0, 256, (96, 128, 3), dtype=np.uint8) for _ in range(30)), "a.mp4", 10)
+"""
+
+
+def test_films_that_ffmpeg_cannot_write(tmp_path):
+    """ffmpeg fails, the library says nothing, and the old film stays."""
+    pytest.importorskip("imageio_ffmpeg")
+    (tmp_path / "a.mp4").write_bytes(b"old")
+    done = subprocess.run([sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True)
+    assert re.search(r"OSError: a\.mp4: of 30 frames ffmpeg wrote \d+; the disk may be full$", done.stderr.strip())
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a.mp4", b"old")]
 
 
 @pytest.mark.parametrize(

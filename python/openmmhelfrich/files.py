@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +36,18 @@ def replacing(file: PathLike) -> Iterator[Path]:
             error.filename = str(path)  # an error of a write does not know it
         raise
     syncFolder(path.parent)
+
+
+@contextlib.contextmanager
+def replacingAtOnce(file: PathLike) -> Iterator[io.BytesIO]:
+    """Give memory to write to, whose content takes the place of a file in a single step.
+
+    For libraries that do not notice when a disk takes a part of what they write.
+    """
+    content = io.BytesIO()
+    yield content
+    with replacing(file) as part:
+        part.write_bytes(content.getbuffer())
 
 
 def sync(file: PathLike) -> None:

@@ -22,7 +22,8 @@ enum Mode {
     Fail,  // the operation fails with EIO, once
     Full,  // the write is done in part, and from then on nothing that takes room is possible: ENOSPC
     Kill,  // the program is killed before the operation
-    Torn   // the write is done in part, and the program is killed
+    Torn,  // the write is done in part, and the program is killed
+    Short  // the write is done in part, once, as it may be where a disk is full and has room again
 };
 enum Needs { Nothing, Room };
 
@@ -64,7 +65,8 @@ std::string pathOf(int descriptor) {
 enum Fate { Passes, Fails, IsHalved };
 
 Fate fateOf(const char* name, const std::string& path, Needs needs, size_t size = 0) {
-    if (!isWatched(path) || (mode == Full && needs != Room) || (mode == Torn && size < 2))
+    bool isOfWrites = mode == Torn || mode == Short;
+    if (!isWatched(path) || (mode == Full && needs != Room) || (isOfWrites && size < 2))
         return Passes;
     long n = ++count;
     if (mode == Watch || n == target)

@@ -216,6 +216,7 @@ SCENES = {
     "report": _look("report", "run"),
     "render": _look("render", "run.ply", "-o", "out.png"),
     "film": _look("render", "run.vtkhdf", "-o", "out.gif", "--every", "3"),
+    "mp4": _look("render", "run.vtkhdf", "-o", "out.mp4", "--every", "3"),
 }
 
 
@@ -238,6 +239,7 @@ class Attacked:
         names = self._names
         counts = {
             "torn": names.count("write"),
+            "short": names.count("write"),
             "full": sum(map(names.count, ROOMY)),
             "filled": min(TIMES_FILLED, 10 * len(names)),
         }
@@ -426,7 +428,7 @@ def _drawFast(shown, file, *_):
     parts = (shown.vertices, shown.triangles) if isinstance(shown, mh.Mesh) else (shown[name] for name in shown)
     noise = hashlib.shake_256(b"".join(part.tobytes() for part in parts)).digest(64 * 64)
     picture = Image.frombytes("L", (64, 64), noise)
-    saveFigure(SimpleNamespace(savefig=lambda part, **_: picture.save(part)), file)
+    saveFigure(SimpleNamespace(savefig=lambda part, **_: picture.save(part, "PNG")), file)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 
 # What FailingDisk does, in its order; and an attack of other processes.
-ON_OPERATIONS = ("watch", "fail", "full", "kill", "torn")
+ON_OPERATIONS = ("watch", "fail", "full", "kill", "torn", "short")
 MODES = (*ON_OPERATIONS, "filled")
 SECONDS = 600  # that a command may take
 

@@ -431,7 +431,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     # Pictures are not what this is about.
-    mock.patch.object(Figure, "savefig", lambda _, file, **__: Path(file).write_bytes(b"")).start()
+    mock.patch.object(Figure, "savefig", lambda *_, **__: None).start()
     mock.patch.object(Figure, "set_layout_engine").start()
     quicker = SimpleNamespace(run=readInFork, TimeoutExpired=subprocess.TimeoutExpired)
     mock.patch.object(vtkfiles, "subprocess", quicker).start()

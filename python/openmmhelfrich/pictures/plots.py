@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import PathLike, replacing
+from ..files import PathLike, replacingAtOnce
 from ..geometry.mesh import Mesh
 from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn, shownValues
 from ..sampling.targets import totalOf
@@ -307,8 +307,8 @@ def requireMatplotlib() -> None:
 
 def saveFigure(figure: Any, file: PathLike, dpi: float = 120, transparent: bool = False) -> None:
     """Write a matplotlib Figure to a picture, replacing one that exists in a single step."""
-    with _drawing, replacing(file) as part:
-        figure.savefig(part, dpi=dpi, format=Path(file).suffix[1:] or "png", transparent=transparent)
+    with _drawing, replacingAtOnce(file) as content:
+        figure.savefig(content, dpi=dpi, format=Path(file).suffix[1:] or "png", transparent=transparent)
 
 
 def _frame(axes: Any, points: np.ndarray, look: Look, lengthUnit: str, remark: str | None) -> None:

@@ -1,5 +1,6 @@
 """Pictures and films of membranes in 3D, off screen, with pyvista where there is one."""
 
+import contextlib
 import ctypes
 import os
 import sys
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import PathLike, replacing
+from ..files import PathLike, replacing, replacingAtOnce
 from ..geometry.mesh import Mesh
 from ..io.vtkhdf import MeshFrame
 from ..optional import require
@@ -251,8 +252,8 @@ def _aim(plotter: Any, middle: np.ndarray, radius: float, direction: np.ndarray,
 def _save(image: np.ndarray, file: PathLike, dpi: float) -> None:
     from PIL import Image
 
-    with replacing(file) as part:
-        Image.fromarray(image).save(part, dpi=(dpi, dpi))
+    with replacingAtOnce(file) as content:
+        Image.fromarray(image).save(content, Image.registered_extensions()[Path(file).suffix.lower()], dpi=(dpi, dpi))
 
 
 def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
@@ -261,16 +262,23 @@ def _writeGIF(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: flo
     first, *others = [Image.fromarray(image) for image in images]
     first = first.quantize(256)
     others = [image.quantize(palette=first) for image in others]
-    with replacing(file) as part:
-        first.save(part, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
+    with replacingAtOnce(file) as content:
+        first.save(content, "GIF", save_all=True, append_images=others, duration=round(1000 / framesPerSecond), loop=0)
 
 
 def _writeMP4(images: Iterable[np.ndarray], file: PathLike, framesPerSecond: float) -> None:
+    """Write a film by ffmpeg, whose errors the library does not tell: the frames of the film are counted."""
     imageio = require("imageio.v2", "writing MP4 films")
-    require("imageio_ffmpeg", "writing MP4 films")
-    with (
-        replacing(file) as part,
-        imageio.get_writer(str(part), fps=framesPerSecond, macro_block_size=2, quality=8) as film,
-    ):
-        for image in images:
-            film.append_data(image)
+    ffmpeg = require("imageio_ffmpeg", "writing MP4 films")
+    options = {"macro_block_size": 2, "quality": 8, "ffmpeg_log_level": "quiet"}
+    count, written = 0, 0
+    with replacing(file) as part:
+        with imageio.get_writer(str(part), fps=framesPerSecond, **options) as film:
+            for image in images:
+                count += 1
+                with contextlib.suppress(OSError):  # ffmpeg has ended
+                    film.append_data(image)
+        with contextlib.suppress(OSError, RuntimeError):
+            written, _ = ffmpeg.count_frames_and_secs(str(part))
+        if written != count:
+            raise OSError(f"{file}: of {count} frames ffmpeg wrote {written}; the disk may be full")
