@@ -160,7 +160,7 @@ def testPicturesOfFlatTriangles(inFolder):
         assert np.all(np.isfinite(mh.meshFrame(0, mesh).data["MeanCurvature"]))
         mesh.write("a.ply")
         assert invoke("render", "a.ply", "--overwrite").exit_code == 0
-        with pytest.raises(ValueError, match=r"has no area|inside out|same vertex"):
+        with pytest.raises(ValueError, match=r"has no area|inside out|is flat|same vertex"):
             mesh.check()
 
 
