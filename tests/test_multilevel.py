@@ -16,7 +16,7 @@ import openmmhelfrich as mh
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.scene import Scene
-from openmmhelfrich.sampling.coarsemeshes import makeCoarseMeshes
+from coarsemeshes import makeCoarseMeshes
 from openmmhelfrich.tables import Table
 from test_flips import flipped, octahedron, stateOf
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf

@@ -2,24 +2,25 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import openmm as mm
 from openmm import app, unit
-from scipy import optimize
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from ..display import Brief
 from ..geometry.connectivity import nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn, wholeNumber
-from .coarsemeshes import CoarseMeshes, makeCoarseMeshes
 from .conditions import moduliOf
 from .moves import findMove
-from .targets import currentTargets, setTargets, totalOf
+from .targets import currentTargets, nameOf, setTargets, totalOf
+from .waves import WaveStiffness, descend
 
 _ENERGY, _FORCE = unit.kilojoules_per_mole, unit.kilojoules_per_mole / unit.nanometer
 _PENALTIES = ("area", "volume", "areaDifference")
@@ -29,10 +30,9 @@ _TETHER_SHARE = 1e-3
 # A firm tether's bounds are nearer to each other by this part at either end, in logarithms, and its modulus is so many
 # bending moduli at least.
 _MARGIN, _FIRMNESS = 0.1, 1e3
-# The energy, in kJ/mol, where there is none, for SciPy; and its number of iterations where there is no limit.
-_VERY_HIGH, _UNLIMITED = 1e300, 10**9
-# The number of iterations for which the directions along which penalties act are taken as they were.
-_ROUND_OF_LEVELS = 50
+# The iterations in which edges are first brought well within the tether's bounds, and the part by which these are then
+# nearer to each other at either end, in logarithms.
+_EVENING, _EVEN_MARGIN = 50, 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,7 +131,7 @@ def minimize(
     """
     descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force):
-        reason = descent.run()
+        reason = descent.even() or descent.run()
         return descent.result(reason, 0, 0)
 
 
@@ -255,9 +255,28 @@ class _Descent:
         self.history: list[float] = []
         self.isOver = False
 
+    def even(self) -> str | None:
+        """Bring edges well within the tether's bounds, if the energy is then lower, and return the reason if this is
+        the end.
+
+        Long waves strain many edges, which would meet these bounds over and over.
+        """
+        context, modulus = self.simulation.context, self.force.getTether()[0]
+        energy, rmsForce = self._measure()
+        if self.multilevelWeight == 0 or valueIn(modulus, _ENERGY) == 0 or rmsForce <= self.tolerance:
+            return None
+        before = context.getState(positions=True).getPositions(asNumpy=True)
+        scale = self.force.getTetherLengthScale()
+        with _narrowTether(self.simulation, self.force, _EVEN_MARGIN, modulus, scale):
+            reason = self.run(_EVENING)
+        if not self._evaluate()[0] < energy:
+            context.setPositions(before)
+        return reason if self.isOver else None
+
     def run(self, iterations: int = 0, looseness: float = 1) -> str:
         """Make a number of iterations, or as many as it takes, and return the reason for the end."""
         tolerance, first = looseness * self.tolerance, len(self.history)
+        byWaves = self.multilevelWeight > 0
         while True:
             energy, rmsForce = self._measure()
             if rmsForce <= tolerance:
@@ -270,13 +289,16 @@ class _Descent:
                 )
                 if n
             ]
-            recorder = self._descend(tolerance, min(left, default=0))
+            recorder = self._descend(tolerance, min(left, default=0), byWaves)
             if recorder.isStopped or (self.maxIterations and len(self.history) >= self.maxIterations):
                 self.isOver = True
                 return _STOPPED if recorder.isStopped else _LIMIT
             if iterations and len(self.history) - first >= iterations:
                 return _CONVERGED if self._measure()[1] <= tolerance else _ROUND
             if energy - self._measure()[0] <= 1e-9 * abs(energy):
+                if byWaves and self._measure()[1] > tolerance:
+                    byWaves = False  # one by one, vertices may find a way yet
+                    continue
                 return _CONVERGED if self._measure()[1] <= tolerance else _STALLED
 
     def result(self, reason: str, flips: int, rounds: int) -> MinimizationResult:
@@ -295,7 +317,7 @@ class _Descent:
             tuple(_warnings(energies)),
         )
 
-    def _descend(self, tolerance: float, iterations: int) -> "_Recorder":
+    def _descend(self, tolerance: float, iterations: int, byWaves: bool) -> "_Recorder":
         """Run L-BFGS once.
 
         The Context may be left at a step that the line search has tried: the best positions are the last reported.
@@ -303,8 +325,8 @@ class _Descent:
         context, recorder = self.simulation.context, _Recorder(self, tolerance)
         start = context.getState(positions=True).getPositions(asNumpy=True)
         try:
-            if self.multilevelWeight > 0:
-                self._descendByLevels(iterations, recorder)
+            if byWaves:
+                self._descendByWaves(iterations, recorder)
             else:
                 mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
         except mm.OpenMMException:
@@ -316,74 +338,50 @@ class _Descent:
         context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
         return recorder
 
-    def _descendByLevels(self, iterations: int, recorder: "_Recorder") -> None:
-        """Run the L-BFGS of SciPy on the vectors of coarser meshes and those of the particles themselves."""
+    def _descendByWaves(self, iterations: int, recorder: "_Recorder") -> None:
+        """Run L-BFGS with the stiffness of the membrane's waves."""
         context = self.simulation.context
         start = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-        isFixed = np.ones(len(start), bool)
-        isFixed[self._free()] = False
-        triangles = self.force.getTrianglesInContext(context)
-        meshes = makeCoarseMeshes(triangles, len(start), self.multilevelWeight, isFixed)
-        stiff = self._stiffDirections(meshes, isFixed)
-        mostIterations = _ROUND_OF_LEVELS if stiff.size else _UNLIMITED
+        isFixed = self._isFixed()
 
-        last: tuple = (None, 0.0, start)  # vectors, and their energy and forces
-
-        def positionsAt(y: np.ndarray) -> np.ndarray:
-            own, motion = y.reshape(-1, 3)[: len(start)], meshes.move(y)
-            motion = own + _without(stiff, motion - own)
-            motion[isFixed] = 0
-            return start + motion
-
-        def evaluate(y: np.ndarray) -> tuple[float, np.ndarray]:
-            nonlocal last
-            context.setPositions(positionsAt(y))
+        def evaluate(positions: np.ndarray) -> tuple[float, np.ndarray]:
+            context.setPositions(positions)
             try:
                 energy, forces = self._evaluate()
             except mm.OpenMMException:
-                # A step of the line search led where there is no finite energy; a shorter one may not.
-                if recorder.positions is None and not np.any(y):
-                    raise
-                return _VERY_HIGH, np.zeros(y.size)
+                return math.inf, np.zeros(positions.shape)
             forces[isFixed] = 0
-            last = (y.copy(), energy, forces)
-            slopes = meshes.gather(_without(stiff, forces))
-            slopes[: len(start)] = forces
-            return energy, -slopes.ravel()
+            return energy if np.all(np.isfinite(forces)) else math.inf, -forces
 
-        def report(y: np.ndarray) -> None:
-            if not np.array_equal(last[0], y):
-                evaluate(y)
-            _, energy, forces = last
-            if recorder.report(0, positionsAt(y), -forces[~isFixed], {"system energy": energy}):
-                raise _Ended
+        def report(positions: np.ndarray, energy: float, slopes: np.ndarray) -> bool:
+            return recorder.report(0, positions, slopes[~isFixed], {"system energy": energy})
 
-        options = {
-            "maxiter": min(iterations or _UNLIMITED, mostIterations),
-            "maxfun": _UNLIMITED,
-            "ftol": 0,
-            "gtol": 0,
-            "maxls": 40,
-            "maxcor": 20,
-        }
-        with suppress(_Ended):
-            optimize.minimize(
-                evaluate, np.zeros(3 * meshes.size), jac=True, method="L-BFGS-B", callback=report, options=options
-            )
+        def stiffnessAt(positions: np.ndarray) -> WaveStiffness:
+            context.setPositions(positions)
+            return self._stiffness(isFixed)
 
-    def _stiffDirections(self, meshes: CoarseMeshes, isFixed: np.ndarray) -> np.ndarray:
-        """Return orthonormal columns, each of (N, 3) vectors one after the other: the directions along which penalties
-        act now, as far as coarser meshes would make these the stiffest of all.
+        length = float(np.linalg.norm(currentSides(self.simulation, self.force), axis=2).mean())
+        descend(evaluate, start, stiffnessAt, length, report, iterations)
 
-        Forces change along them with the targets.
+    def _stiffness(self, isFixed: np.ndarray) -> WaveStiffness:
+        """Return the inverse of an approximate second derivative at the positions of the Context."""
+        context, force = self.simulation.context, self.force
+        triangles, bending = force.getTrianglesInContext(context), valueIn(force.getBendingModulus(), _ENERGY)
+        sides, penalties = currentSides(self.simulation, force), self._penalties(triangles, isFixed)
+        return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties)
+
+    def _penalties(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
+        """Return slopes whose products with themselves are the second derivatives of the penalties.
+
+        The forces of a penalty k (X/X0 - 1)^2 change with its target.
         """
         context, force, part = self.simulation.context, self.force, 1e-3
-        targets, moduli, surfaces = currentTargets(context, force), moduliOf(context, force), meshes.surfaces
-        forces, typical = self._evaluate()[1], self._typicalStiffness(isFixed)
-        columns = []
+        targets, moduli = currentTargets(context, force), moduliOf(context, force)
+        surfaces = _surfaces(triangles, len(isFixed))
+        forces, found = self._evaluate()[1], []
         for name, target in targets.items():
             modulus = moduli[totalOf(name)]
-            if modulus == 0:
+            if modulus == 0 or target == 0:
                 continue
             setTargets(context, force, {name: (1 + part) * target})
             try:
@@ -393,22 +391,29 @@ class _Descent:
             change[isFixed] = 0
             for surface in np.unique(surfaces[np.any(change != 0, axis=1)]):
                 own = np.where((surfaces == surface)[:, np.newaxis], change, 0)
-                if np.sum(meshes.gather(own) ** 2) > typical * 2 * modulus * part**2:
-                    columns.append(own.ravel())
-        return np.linalg.qr(np.transpose(columns))[0] if columns else np.zeros((forces.size, 0))
+                found.append(own / (part * math.sqrt(2 * modulus)))
+        return found
 
-    def _typicalStiffness(self, isFixed: np.ndarray) -> float:
-        """Return the second derivative of the energy along a random direction, which short waves dominate."""
-        context = self.simulation.context
-        start = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-        shift = 1e-4 * float(currentEdgeLengths(self.simulation, self.force).mean())
-        direction = np.random.default_rng(1).choice([-shift, shift], start.shape)
-        direction[isFixed] = 0
-        forces = self._evaluate()[1]
-        context.setPositions(start + direction)
-        change = self._evaluate()[1] - forces
-        context.setPositions(start)
-        return abs(float(np.sum(change * direction) / np.sum(direction**2)))
+    def _tension(self) -> float:
+        """Return the greatest derivative of the energy with respect to the area of a surface, or 0 if it is less."""
+        context, force = self.simulation.context, self.force
+        modulus = moduliOf(context, force)["area"]
+        targets = {name: v for name, v in currentTargets(context, force).items() if totalOf(name) == "area"}
+        own = context.getParameter(force.getTensionParameter())
+        if modulus == 0:
+            return max(own, 0.0)
+        greatest = 0.0
+        for number, surface in enumerate(force.getGeometryInContext(context).surfaces):
+            target = targets.get(nameOf("area", number), targets.get("area"))
+            if target:
+                strain = valueIn(surface.area, unit.nanometer**2) / target - 1
+                greatest = max(greatest, own + 2 * modulus * strain / target)
+        return greatest
+
+    def _isFixed(self) -> np.ndarray:
+        isFixed = np.ones(self.simulation.system.getNumParticles(), bool)
+        isFixed[self._free()] = False
+        return isFixed
 
     def _free(self) -> list[int]:
         system = self.simulation.system
@@ -433,14 +438,11 @@ class _Descent:
         return energy, rmsForce
 
 
-def _without(directions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return (N, 3) vectors less their parts along orthonormal columns."""
-    flat = vectors.ravel()
-    return (flat - directions @ (directions.T @ flat)).reshape(-1, 3)
-
-
-class _Ended(Exception):
-    """Ends SciPy's minimization."""
+def _surfaces(triangles: np.ndarray, numVertices: int) -> np.ndarray:
+    """Return for each vertex the number of the connected surface that it is on."""
+    ends = np.roll(triangles, -1, axis=1).ravel()
+    bonds = sparse.coo_matrix((np.ones(triangles.size), (triangles.ravel(), ends)), (numVertices, numVertices))
+    return connected_components(bonds, directed=False)[1]
 
 
 class _Recorder(mm.MinimizationReporter):
@@ -523,31 +525,47 @@ def firmTether(simulation: app.Simulation, force: HelfrichForce) -> Iterator[Non
     so small, that others push edges across.  For a while the bounds are nearer to each other by a fifth, as ratios,
     lengths are in mean edge lengths, and the modulus is a thousand bending moduli at least.
     """
-    (modulus, low, high, exponent), scale = force.getTether(), force.getTetherLengthScale()
-    mean = float(currentEdgeLengths(simulation, force).mean())
+    modulus = max(force.getTether()[0], _FIRMNESS * force.getBendingModulus())
+    with _narrowTether(simulation, force, _MARGIN, modulus, float(currentEdgeLengths(simulation, force).mean())):
+        yield
+
+
+@contextmanager
+def _narrowTether(
+    simulation: app.Simulation, force: HelfrichForce, margin: float, modulus: Any, scale: Any
+) -> Iterator[None]:
+    """Give the tether another modulus and scale of length for a while, and bounds that are nearer to each other by a
+    part at either end, in logarithms.
+    """
+    (before, low, high, exponent), scaleBefore = force.getTether(), force.getTetherLengthScale()
 
     def put(modulus: Any, low: Any, high: Any, scale: Any) -> None:
         force.setTether(modulus, low, high, exponent)
         force.setTetherLengthScale(scale)
         force.updateParametersInContext(simulation.context)
 
-    margin = (high / low) ** _MARGIN
-    put(max(modulus, _FIRMNESS * force.getBendingModulus()), low * margin, high / margin, mean)
+    factor = (high / low) ** margin
+    put(modulus, low * factor, high / factor, scale)
     try:
         yield
     finally:
-        put(modulus, low, high, scale)
+        put(before, low, high, scaleBefore)
 
 
 def currentEdgeLengths(simulation: app.Simulation, force: HelfrichForce) -> np.ndarray:
     """Return the present lengths of the sides of the triangles, in nm: a (T, 3) array."""
+    return np.linalg.norm(currentSides(simulation, force), axis=2)
+
+
+def currentSides(simulation: app.Simulation, force: HelfrichForce) -> np.ndarray:
+    """Return the vectors along the sides of the triangles, from each corner to the next, in nm: a (T, 3, 3) array."""
     positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     triangles = force.getTrianglesInContext(simulation.context)
-    sides = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
+    sides = positions[np.roll(triangles, -1, axis=1)] - positions[triangles]
     if force.usesPeriodicBoundaryConditions():
         box = simulation.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         sides = nearestImages(sides, box)
-    return np.linalg.norm(sides, axis=2)
+    return sides
 
 
 @contextmanager
