@@ -32,7 +32,7 @@ _TETHER_SHARE = 1e-3
 _MARGIN, _FIRMNESS = 0.1, 1e3
 # The most iterations in which edges are first brought well within the tether's bounds, how many times the tolerance is
 # near enough, and the part by which the bounds are then nearer to each other at either end, in logarithms.
-_EVENING, _LOOSE, _EVEN_MARGIN = 150, 300.0, 0.2
+_EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
