@@ -1,4 +1,4 @@
-"""How many iterations a minimization takes, with coarser meshes and without.
+"""How many iterations a minimization takes, with a multilevel weight and without.
 
     python benchmarks/long_waves_minimization.py VERTICES WEIGHT [--noise 0.08] [--stiffness 1e6] [--fluid]
 
@@ -55,7 +55,8 @@ if __name__ == "__main__":
     begin = time.process_time()
     search = mh.minimizeFluid if arguments.fluid else mh.minimize
     result = search(simulation, force, maxIterations=10000, multilevelWeight=arguments.weight)
-    near = np.flatnonzero(result.history <= result.history[-1] * (1 + 1e-6))[0]
+    far = np.flatnonzero(np.abs(result.history - result.history[-1]) > 1e-6 * result.history[-1])
+    near = far[-1] + 1 if len(far) else 0
     ratio = result.energies["bending"]._value / (8 * np.pi)
     print(vars(arguments), f"{result.iterations} iterations, {ratio:.5f}, within 1e-6 after {near}: {result.reason};")
     print(f"{time.process_time() - begin:.2f} s", flush=True)

@@ -3,6 +3,7 @@ way.
 """
 
 import csv
+import functools
 import math
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
 from openmmhelfrich.geometry.shapes import invaginatedSphere
+from openmmhelfrich.sampling.waves import WaveStiffness
 
 KAPPA = 50.0
 KJ = unit.kilojoules_per_mole
@@ -168,6 +170,79 @@ def test_flips_lower_the_energy_and_leave_the_integrator_as_it_was():
     assert simulation.currentStep == 7
 
 
+@functools.cache
+def smoothSpheroid(numVertices):
+    return mh.spheroid(numVertices, mh.spheroidAspectRatio(0.9, "prolate"))
+
+
+def roughSpheroid(numVertices, noise=0.08, isFixed=None):
+    """Vertices moved at random by parts of an edge, with stiff targets of the smooth shape."""
+    smooth = smoothSpheroid(numVertices)
+    length, random = smooth.edgeLengths.mean(), np.random.default_rng(3)
+    mesh = mh.Mesh(smooth.vertices + noise * length * random.normal(size=smooth.vertices.shape), smooth.triangles)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setBendingModulus(1)
+    force.setAreaModulus(1e6)
+    force.setTargetArea(smooth.area)
+    force.setVolumeModulus(1e6)
+    force.setTargetVolume(smooth.volume)
+    force.setTether(100, 0.8 * length, 1.25 * length, 2)
+    force.setTetherLengthScale(length)
+    system = mesh.createSystem()
+    system.addForce(force)
+    for i in np.flatnonzero(isFixed) if isFixed is not None else ():
+        system.setParticleMass(int(i), 0)
+    simulation = app.Simulation(
+        mesh.topology(), system, mm.VerletIntegrator(0.001), mm.Platform.getPlatform("CPU"), {"Threads": "1"}
+    )
+    simulation.context.setPositions(mesh.vertices)
+    return force, simulation
+
+
+def test_iterations_hardly_grow_with_the_mesh():
+    results = {}
+    for numVertices in (162, 642, 2562):
+        force, simulation = roughSpheroid(numVertices)
+        results[numVertices] = mh.minimize(simulation, force, multilevelWeight=2)
+        assert results[numVertices].converged
+    assert results[2562].iterations < 2 * results[162].iterations
+    for numVertices in (162, 642):
+        plain = mh.minimize(*roughSpheroid(numVertices)[::-1])
+        assert plain.energy / results[numVertices].energy == pytest.approx(1, abs=1e-3)
+    force, simulation = roughSpheroid(642)
+    again = mh.minimize(simulation, force, multilevelWeight=2)
+    assert np.array_equal(again.history, results[642].history)
+    assert mh.minimize(simulation, force, multilevelWeight=2).iterations == 0
+    assert force.getTether()[1] / force.getTetherLengthScale() == pytest.approx(0.8)
+
+
+def test_fixed_vertices_stay_when_waves_move():
+    isFixed = np.arange(162) % 11 == 0
+    force, simulation = roughSpheroid(162, 0.03, isFixed)
+    before = positionsOf(simulation.context)
+    start = simulation.context.getState(energy=True).getPotentialEnergy()
+    result = mh.minimize(simulation, force, maxIterations=200, multilevelWeight=2)
+    moved = np.any(positionsOf(simulation.context) != before, axis=1)
+    assert result.energy < start and np.array_equal(moved, ~isFixed)
+
+
+def test_second_derivatives_of_waves():
+    """The motion for slopes that are those of a smooth wave along normals goes as 1/q^4, and a penalty forbids it."""
+    mesh = mh.Mesh.icosphere(3)
+    sides = mesh.vertices[np.roll(mesh.triangles, -1, axis=1)] - mesh.vertices[mesh.triangles]
+    x, y, z = mesh.vertices.T
+    stiffness = WaveStiffness(sides, mesh.triangles, np.zeros(len(x), bool), 7, 0, [])
+    for wave, degree in ((x * y, 2), (x * y * z, 3), (z**4 - 6 / 7 * z**2 + 3 / 35, 4)):
+        slopes = wave[:, np.newaxis] * mesh.vertices
+        motion = stiffness(slopes)
+        area = 4 * np.pi / len(x)
+        expected = np.sum(slopes**2) / (7 * area * (degree * (degree + 1) + 1) ** 2)
+        assert np.vdot(slopes, motion) == pytest.approx(expected, rel=0.1)
+        hindered = WaveStiffness(sides, mesh.triangles, np.zeros(len(x), bool), 7, 0, [1e6 * slopes])(slopes)
+        assert np.abs(hindered).max() < 1e-6 * np.abs(motion).max()
+
+
 def test_limits_and_the_callers_wish():
     for function in (mh.minimize, mh.minimizeFluid):
         force, simulation = createSimulation(mh.spheroid(162, 1.5), 0.9)
@@ -225,6 +300,7 @@ def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
         (lambda s, f: mh.minimize(s, f, tolerance=0), "tolerance is 0.0 kJ/mol/nm; it must be positive"),
         (lambda s, f: mh.minimize(s, f, tolerance=math.nan), "tolerance is nan"),
         (lambda s, f: mh.minimize(s, f, maxIterations=-1), "maxIterations is -1"),
+        (lambda s, f: mh.minimize(s, f, multilevelWeight=-1), "multilevel weight is -1; it must be finite, 0 or more"),
         (
             lambda s, f: mh.minimizeFluid(s, f, maxIterations=0),
             "maxIterations is 0 and iterationsPerRound 50; both must be at least 1",

@@ -13,10 +13,10 @@ import pytest
 from openmm import app
 
 import openmmhelfrich as mh
+from coarsemeshes import makeCoarseMeshes
 from membranes import PLATFORMS, createBlob, createContext, createForce, energyOf, forcesOf, kelvin, positionsOf
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.scene import Scene
-from coarsemeshes import makeCoarseMeshes
 from openmmhelfrich.tables import Table
 from test_flips import flipped, octahedron, stateOf
 from test_hmc import KT, assertMean, energyChangeOf, softForce, velocitiesOf

@@ -30,9 +30,9 @@ _TETHER_SHARE = 1e-3
 # A firm tether's bounds are nearer to each other by this part at either end, in logarithms, and its modulus is so many
 # bending moduli at least.
 _MARGIN, _FIRMNESS = 0.1, 1e3
-# The iterations in which edges are first brought well within the tether's bounds, and the part by which these are then
-# nearer to each other at either end, in logarithms.
-_EVENING, _EVEN_MARGIN = 50, 0.2
+# The most iterations in which edges are first brought well within the tether's bounds, how many times the tolerance is
+# near enough, and the part by which the bounds are then nearer to each other at either end, in logarithms.
+_EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,8 +91,8 @@ def minimize(
 ) -> MinimizationResult:
     """Move the vertices of a Simulation to a minimum of its energy, with the triangles as they are, by L-BFGS.
 
-    It is that of OpenMM's LocalEnergyMinimizer, or, with a multilevel weight, that of SciPy, which then moves vertices
-    of coarser meshes too.
+    It is that of OpenMM's LocalEnergyMinimizer, or, with a multilevel weight, one that knows the stiffness of the
+    membrane's waves.
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
 
@@ -117,9 +117,9 @@ def minimize(
         called after each iteration with their number so far and the energy in kJ/mol; if it returns True the
         minimization ends
     multilevelWeight : float
-        0 to move vertices one by one, or the weight of coarser meshes that move them together, 1 to 2: long waves,
-        which take the more iterations the more vertices there are, then take as few as short ones.  See
-        HamiltonianTrajectoryIntegrator.setMultilevelWeight().
+        0 to move vertices one by one; with any other weight they move together: long waves, which take the more
+        iterations the more vertices there are, then take about as few as short ones.  Edges are first brought well
+        within the tether's bounds, by narrower bounds for a while; iterations of that are counted, too
 
     Raises
     ------
@@ -268,7 +268,7 @@ class _Descent:
         before = context.getState(positions=True).getPositions(asNumpy=True)
         scale = self.force.getTetherLengthScale()
         with _narrowTether(self.simulation, self.force, _EVEN_MARGIN, modulus, scale):
-            reason = self.run(_EVENING)
+            reason = self.run(_EVENING, _LOOSE)
         if not self._evaluate()[0] < energy:
             context.setPositions(before)
         return reason if self.isOver else None

@@ -63,10 +63,9 @@ class WaveStiffness:
         self._bending = _factors(bendingModulus * laplacian @ sparse.diags(1 / areas) @ laplacian + tension * laplacian)
         length = np.linalg.norm(sides, axis=2).mean()
         self._inPlane = _factors(_IN_PLANE * bendingModulus / length**2 * laplacian)
-        columns = [(slopes, self._alone(slopes)) for slopes in penalties]
-        self._columns = np.reshape([moved.ravel() for _, moved in columns], (len(columns), -1)).T
-        slopes = np.reshape([slope.ravel() for slope in penalties], (len(columns), -1)).T
-        self._inner = np.linalg.inv(np.identity(len(columns)) + slopes.T @ self._columns)
+        columns, shape = [self._alone(slopes) for slopes in penalties], (len(penalties), 3 * n)
+        self._columns, slopes = np.reshape(columns, shape).T, np.reshape(penalties, shape).T
+        self._inner = np.linalg.inv(np.identity(len(penalties)) + slopes.T @ self._columns)
 
     def __call__(self, slopes: np.ndarray) -> np.ndarray:
         """Return the motion, an (N, 3) array, that (N, 3) slopes ask for."""
