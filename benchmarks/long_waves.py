@@ -150,8 +150,8 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jitter", type=float, default=0.2)
     parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
-    tether = {"metavar": ("MODULUS", "SHORTEST", "LONGEST"), "help": "in kT and mean edges"}
-    parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], **tether)
+    what = "modulus in kT, shortest and longest in mean edges"
+    parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], help=what)
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--settle", type=int, default=0, help="trajectories, with flips, before the run")
