@@ -18,6 +18,7 @@ from matplotlib.image import imread
 from scipy.interpolate import PchipInterpolator
 
 import openmmhelfrich as mh
+from openmmhelfrich.pictures.look import Look
 from openmmhelfrich.pictures.rendering import render
 
 BRANCHES = {"prolate": "C0", "oblate": "C1", "stomatocyte": "C2"}
@@ -105,7 +106,8 @@ def picture(folder, row):
     isStomatocyte = row.shapeClass == "stomatocyte"
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "shape.png"
-        render([mh.meshFrame(0, mesh)], file, elevation=0 if isStomatocyte else 60, azimuth=-90, cut=isStomatocyte)
+        look = Look(elevation=0 if isStomatocyte else 60, azimuth=-90, cut=isStomatocyte)
+        render([mh.meshFrame(0, mesh)], file, look=look)
         return imread(file)[:640, 110:-110]  # without the scale of colors
 
 
@@ -132,10 +134,10 @@ if kind == "volume":
     compareBranches(table)
     printCrossings(table)
     plotEnergies(table, f"{folder.name}_energies.png")
-    shown = table[table.reduced_volume.isin([0.3, 0.45, 0.55, 0.62, 0.7, 0.8, 0.95])]
+    isShown = table.reduced_volume.isin([0.3, 0.45, 0.55, 0.62, 0.7, 0.8, 0.95])
     gallery(
         folder,
-        shown,
+        table[isShown] if isShown.any() else table,
         "variant",
         "reduced_volume",
         lambda row: f"{row.variant}, v = {row.reduced_volume}\n{row.shapeClass}, {row[ENERGY]:.3f}",

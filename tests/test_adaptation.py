@@ -147,7 +147,7 @@ def test_diverged_trajectories_have_probability_0():
 
 def test_too_short_a_burn_in_changes_nothing():
     simulation = createSimulation(5)
-    with pytest.raises(ValueError, match="more trajectories are needed than the"):
+    with pytest.raises(ValueError, match="more trajectories are needed than in 6 steps, of which 3 had a trajectory"):
         mh.adaptStepSize(simulation, 6)
     assert simulation.integrator.getStepSize() == 5 * unit.picosecond
 

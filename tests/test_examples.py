@@ -201,3 +201,23 @@ def testLooking(tmp_path, examples):
         mh.Mesh.read(tmp_path / "looking.ply").triangles,
         mh.readMeshTrajectory(tmp_path / "looking.vtkhdf")[-1].mesh.triangles,
     )
+
+
+@needsPictures
+@pytest.mark.parametrize("kind", ["volume", "area-difference"])
+def testPhaseDiagrams(tmp_path, examples, kind):
+    """The results of a sweep of two points are drawn, whatever their volumes, one of them cut open."""
+    names = "variant,reduced_volume,target_area_difference,status,verdict,steps,shapeClass,E_bending/8 pi kappa"
+    rows = [
+        "oblate,0.6,1.1,done,good,10,oblate,1.9,0.6,1.04,a",
+        "stomatocyte,0.6,0.5,done,good,10,stomatocyte,2,0.6,0.5,b",
+    ]
+    (tmp_path / "grid").mkdir()
+    (tmp_path / "grid/summary.csv").write_text(
+        "\n".join([f"{names},reducedVolume,reducedAreaDifference,folder", *rows])
+    )
+    for folder in "ab":
+        (tmp_path / "grid" / folder).mkdir()
+        mh.spheroid(162, 0.5).write(tmp_path / "grid" / folder / "run.ply")
+    execute(tmp_path, examples / "phase_diagrams.py", kind, "grid")
+    assert (tmp_path / "grid_shapes.png").stat().st_size > 5000

@@ -494,7 +494,8 @@ def adaptStepSize(
     try:
         adaptation.freeze()
     except ValueError as error:
-        raise ValueError(f"{error} than the {len(stepSizes)} of {steps} steps") from None
+        made = f"{steps} step{'s' if steps > 1 else ''}, of which {len(stepSizes)} had a trajectory"
+        raise ValueError(f"{error} than in {made}") from None
     obstacle = _obstacle(simulation, adapter.stepSize) or next(filter(None, (each.failure() for each in found)), None)
     if obstacle is not None:
         adaptation.restore()
