@@ -91,6 +91,17 @@ def testATableOfOtherColumns(folder):
         mh.resume("run", steps=2)
 
 
+def testATableThatAnotherProgramSaved(folder):
+    """It is longer than it was, with other ends of lines: what is at the place where it ended is no end of a row."""
+    content = Path("run.csv").read_bytes().replace(b"\n", b"\r\n")
+    Path("run.csv").write_bytes(content)
+    with pytest.raises(
+        ValueError, match=r"^run\.checkpoint: run\.csv has no end of a line at byte \d+, where it ended"
+    ):
+        mh.resume("run", steps=2)
+    assert Path("run.csv").read_bytes() == content
+
+
 def testWhatLibrariesSayIsOneLine():
     assert inLine(ValueError("a\n\tb \x00\x1b")) == "a b ??"
     assert len(inLine("b" * 10**6)) < 400

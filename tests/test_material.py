@@ -2,6 +2,7 @@
 
 import base64
 import itertools
+import re
 import signal
 
 import h5py
@@ -227,6 +228,7 @@ def test_a_curvature_that_no_edge_can_follow_is_told(place):
     """Of the membrane with its species, and of stages; what is a few edges' is taken."""
     for curvature, isRight in ((1e9, False), (-100.0, False), (5.0, True)):
         own, sections = {"spontaneous_curvature": curvature}, {"sampling": {"seed": 1}}
+        sections["mesh"] = {"icosphere": 2, "length_unit": "um"}
         if "species" in place:
             sections["species"] = [{"name": "a", "fraction": 0.5}, {"name": "b", **(own if place == "species" else {})}]
         if place == "membrane":
@@ -237,7 +239,8 @@ def test_a_curvature_that_no_edge_can_follow_is_told(place):
         if isRight:
             checkStages(mh.Scene.of(configOf(**sections)))
             continue
-        with pytest.raises(ValueError, match=r"spontaneous_curvature.* is .*; it must be at most .*0\.1 of the mean"):
+        value = re.escape(f"{curvature:g} 1/um")
+        with pytest.raises(ValueError, match=rf"curvature.* is {value}; its size must be at most .*0\.1 of .* um"):
             checkStages(mh.Scene.of(configOf(**sections)))
 
 

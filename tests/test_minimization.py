@@ -303,7 +303,7 @@ def test_an_energy_that_is_not_finite_leaves_everything_as_it_was(function):
         (lambda s, f: mh.minimize(s, f, multilevelWeight=-1), "multilevel weight is -1; it must be finite, 0 or more"),
         (
             lambda s, f: mh.minimizeFluid(s, f, maxIterations=0),
-            "maxIterations is 0 and iterationsPerRound 50; both must be at least 1",
+            "minimizeFluid: maxIterations is 0; it must be a whole number, 1 or more",
         ),
         (lambda s, f: mh.minimizeFluid(s, f), "has a VerletIntegrator, which flips no edges"),
     ],

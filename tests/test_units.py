@@ -1,5 +1,7 @@
 """Units: those that a configuration takes against OpenMM's own, of which they know nothing."""
 
+import io
+
 import numpy as np
 import openmm.unit as u
 import pytest
@@ -186,9 +188,15 @@ def test_functions_that_take_whole_numbers(value):
         "surfaceOfRevolution: rounds": lambda: mh.surfaceOfRevolution(outline, 92, value),
         "adaptStepSize: steps": lambda: mh.adaptStepSize(simulation, value),
         "anneal: steps": lambda: mh.anneal(simulation, 300, value),
+        "minimizeFluid: maxIterations": lambda: mh.minimizeFluid(simulation, force, maxIterations=value),
+        "minimizeFluid: iterationsPerRound": lambda: mh.minimizeFluid(simulation, force, iterationsPerRound=value),
+        "reportInterval": lambda: mh.ObservablesReporter(io.StringIO(), value, force),
+        "ReplicaExchange: seed": lambda: mh.ReplicaExchange([], [], seed=value),
+        "ReplicaExchange: workers": lambda: mh.ReplicaExchange([], [], workers=value),
     }
     scene = mh.Scene.of({}, mesh)
-    simulation = scene.createSimulation(scene.createForce())
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
     for name, call in calls.items():
         with pytest.raises(ValueError, match=rf"^{name} is .*; it must be a whole number"):
             call()

@@ -149,18 +149,19 @@ def bendingModulusOf(config: Config) -> float:
 
 
 def spontaneousCurvatureOf(config: Config) -> float:
-    """Return the spontaneous curvature that is greatest in size, without sign."""
+    """Return the spontaneous curvature that is greatest in size."""
     own = config.membrane.spontaneous_curvature
-    return max((abs(own + each.spontaneous_curvature) for each in config.species), default=abs(own))
+    return max((own + each.spontaneous_curvature for each in config.species), key=abs, default=own)
 
 
-def requireResolved(what: str, curvature: float, length: float) -> None:
+def requireResolved(what: str, curvature: float, length: float, lengthUnit: str) -> None:
     """Raise a ValueError if a spontaneous curvature asks for much smaller spheres than the mean edge is long."""
     most = 2 / (SMALLEST_RADIUS * length)
     if abs(curvature) > most:
         raise ValueError(
-            f"{what} is {curvature:g} 1/nm; it must be at most {most:.3g}, where spheres of the radius 2/C_0 are "
-            f"{SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} nm: one may be in another unit of length"
+            f"{what} is {curvature:g} 1/{lengthUnit}; its size must be at most {most:.3g}, where spheres of the radius "
+            f"2/C_0 are {SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} {lengthUnit}: one may be in another "
+            "unit of length"
         )
 
 

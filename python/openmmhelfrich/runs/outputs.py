@@ -179,12 +179,13 @@ class Recorder:
         Raises
         ------
         ValueError
-            if a file is no longer there, or has become shorter since the checkpoint
+            if a file is no longer there, or has become another since the checkpoint
         """
         files = {"table": outputs.table, "trajectory": outputs.trajectory}
         for name, file in files.items():
             _checkLength(file, sizes.get(name, 0))
         if sizes.get("table", 0) > 0:
+            _checkLine(outputs.table, sizes["table"])
             os.truncate(outputs.table, sizes["table"])
         output = scene.config.output
         self._simulation, self._files = simulation, files
@@ -279,3 +280,14 @@ def _checkLength(file: Path, size: int) -> None:
             f"{file} has {length} bytes, and had {size} at the last checkpoint; it was replaced or cut since, so that "
             "the run cannot go on"
         )
+
+
+def _checkLine(file: Path, size: int) -> None:
+    """Raise a ValueError unless a line of a table ends where the table ended at the checkpoint."""
+    with open(file, "rb") as content:
+        content.seek(size - 1)
+        if content.read(1) != b"\n":
+            raise ValueError(
+                f"{file} has no end of a line at byte {size}, where it ended at the last checkpoint; it was replaced "
+                "or changed since, so that the run cannot go on"
+            )

@@ -616,7 +616,7 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
         if key == CURVATURE and inside and not given.get(modulus, conditionOf(before.config, modulus)):
             raise ValueError(f"it has a spontaneous_curvature of '{inside}', whose bending_modulus is 0; give it one")
         if key == CURVATURE:
-            requireResolved(f"its {name}", given[name], float(before.mesh.edgeLengths.mean()))
+            requireResolved(f"its {name}", given[name], float(before.mesh.edgeLengths.mean()), before.lengthUnit)
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):

@@ -35,8 +35,10 @@ DEFAULT_ACCEPTANCE = 0.75
 # goes 7e-4 to 5e-3, on spheres of 42 to 2,562 vertices with moduli of 20 to 200 and 1e6 to 1e7 kT.
 LEAST_MOTION = 2e-5
 # After a burn-in the mean acceptance probability is an error below this part of the one aimed at, and told where it is
-# off by more than that: with at least so many tries, whose means scatter by 0.1.
+# off by more than that: with at least so many tries, whose means scatter by 0.1.  Fewer may all be of the first step
+# sizes after the search, at which little is accepted: they tell only if nothing is.
 LEAST_PART, FAR_OFF, LEAST_TRIES = 0.25, 0.25, 10
+LEAST_PART_OF_FEW = 1e-3
 
 
 # Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to
@@ -531,7 +533,8 @@ class _Found:
 
     def failure(self) -> str | None:
         """Return why what was found is of no use, or None."""
-        if self.acceptance < LEAST_PART * self._adapter.acceptance:
+        least = LEAST_PART if len(self._late) >= LEAST_TRIES else LEAST_PART_OF_FEW
+        if self.acceptance < least * self._adapter.acceptance:
             return f"{self._says()}: more steps are needed, or a mesh that is nearer to its targets"
         return None
 

@@ -182,11 +182,8 @@ def minimizeFluid(
     openmm.OpenMMException
         as for :func:`minimize`; positions, triangles and moduli are then those at the start
     """
-    if maxIterations < 1 or iterationsPerRound < 1:
-        raise ValueError(
-            f"minimizeFluid: maxIterations is {maxIterations} and iterationsPerRound {iterationsPerRound}; both must "
-            "be at least 1"
-        )
+    maxIterations = wholeNumber(maxIterations, "minimizeFluid: maxIterations", 1)
+    iterationsPerRound = wholeNumber(iterationsPerRound, "minimizeFluid: iterationsPerRound", 1)
     descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
@@ -242,13 +239,13 @@ class _Descent:
         progress: Callable[[int, float], Any] | None,
         multilevelWeight: float,
     ) -> None:
-        self.simulation, self.force, self.maxIterations, self.progress = simulation, force, maxIterations, progress
+        self.simulation, self.force, self.progress = simulation, force, progress
         self.tolerance = (
             defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE, "tolerance"))
         )
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
-        wholeNumber(maxIterations, "maxIterations", 0)
+        self.maxIterations = wholeNumber(maxIterations, "maxIterations", 0)
         if not (math.isfinite(multilevelWeight) and multilevelWeight >= 0):
             raise ValueError(f"the multilevel weight is {multilevelWeight}; it must be finite, 0 or more")
         self.multilevelWeight = multilevelWeight

@@ -95,7 +95,9 @@ class ReplicaExchange:
         ValueError
             if an argument is out of range or does not fit to the others
         """
-        self.simulations, self.seed, self._workers = list(simulations), seed, workers
+        self.simulations = list(simulations)
+        self.seed = wholeNumber(seed, "ReplicaExchange: seed", 0)
+        self._workers = wholeNumber(workers, "ReplicaExchange: workers", 1)
         self._check(self.simulations, list(states))
         self._membranes = [_membraneOf(simulation) for simulation in self.simulations]
         self._checkParameters(states)
@@ -507,8 +509,6 @@ class ReplicaExchange:
                 f"ReplicaExchange: there are {len(simulations)} simulations and {len(states)} states; there must be "
                 "two or more, and as many of the one as of the other"
             )
-        for name, value, least in (("seed", self.seed, 0), ("workers", self._workers, 1)):
-            wholeNumber(value, f"ReplicaExchange: {name}", least)
         if len({id(simulation.context) for simulation in simulations}) < len(simulations):
             raise ValueError("ReplicaExchange: a simulation is given twice; each replica must have one of its own")
         for k, (simulation, state) in enumerate(zip(simulations, states)):

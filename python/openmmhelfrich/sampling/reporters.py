@@ -72,8 +72,14 @@ class ObservablesReporter:
             the other columns
         place : callable
             returns the :class:`Place` in a run
+
+        Raises
+        ------
+        ValueError
+            if reportInterval is no whole number, 1 or more
         """
-        self._reportInterval, self._force, self._lengthUnit = reportInterval, force, lengthUnit
+        self._reportInterval = wholeNumber(reportInterval, "reportInterval", 1)
+        self._force, self._lengthUnit = force, lengthUnit
         self._energyUnitName, self._energyUnit = "kJ/mol", 1.0
         if temperature is not None:
             self._energyUnitName, self._energyUnit = "kT", thermalEnergy(temperature)
