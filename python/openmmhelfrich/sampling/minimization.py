@@ -191,7 +191,10 @@ def minimizeFluid(
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
         for scale in _softening(simulation, force) if soften else [1.0]:
+            descent.forget()
             with _scaledPenalties(simulation, force, scale):
+                if rounds == 0:
+                    descent.even()
                 reason, newRounds, newFlips = _settle(descent, flip, iterationsPerRound, 1 if scale == 1 else 10)
             rounds, flips = rounds + newRounds, flips + newFlips
             if descent.isOver:
@@ -254,6 +257,11 @@ class _Descent:
         self.multilevelWeight = multilevelWeight
         self.history: list[float] = []
         self.isOver = False
+        self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def forget(self) -> None:
+        """Forget the second derivatives that were met, since others follow."""
+        self._pairs.clear()
 
     def even(self) -> str | None:
         """Bring edges well within the tether's bounds, if the energy is then lower, and return the reason if this is
@@ -269,6 +277,7 @@ class _Descent:
         scale = self.force.getTetherLengthScale()
         with _narrowTether(self.simulation, self.force, _EVEN_MARGIN, modulus, scale):
             reason = self.run(_EVENING, _LOOSE)
+        self.forget()
         if not self._evaluate()[0] < energy:
             context.setPositions(before)
         return reason if self.isOver else None
@@ -361,7 +370,7 @@ class _Descent:
             return self._stiffness(isFixed)
 
         length = float(np.linalg.norm(currentSides(self.simulation, self.force), axis=2).mean())
-        descend(evaluate, start, stiffnessAt, length, report, iterations)
+        descend(evaluate, start, stiffnessAt, length, report, iterations, self._pairs)
 
     def _stiffness(self, isFixed: np.ndarray) -> WaveStiffness:
         """Return the inverse of an approximate second derivative at the positions of the Context."""

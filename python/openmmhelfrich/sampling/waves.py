@@ -11,7 +11,7 @@ from scipy.sparse.linalg import SuperLU, splu
 _IN_PLANE, _LEAST_COTANGENT = 10.0, 0.05
 # The number of pairs of steps and changes of slopes that are kept, the iterations between two stiffnesses, the
 # farthest step of a vertex in mean edge lengths, and the most trials of a line search.
-_MEMORY, _RENEWAL, _FARTHEST, _TRIALS = 20, 25, 0.3, 30
+_MEMORY, _RENEWAL, _FARTHEST, _TRIALS = 40, 25, 0.3, 30
 # A step lowers the energy by this part of what the slope promises, and leaves no more than that part of the slope.
 _DECREASE, _SLOPE = 1e-4, 0.9
 
@@ -104,6 +104,7 @@ def descend(
     length: float,
     report: Callable[[np.ndarray, float, np.ndarray], bool],
     iterations: int = 0,
+    pairs: list[tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> None:
     """Minimize by L-BFGS (Nocedal, Math. Comp. 35, 773, 1980), until it is told to end or finds no lower energy.
 
@@ -121,9 +122,11 @@ def descend(
         called after each iteration with positions, energy and slopes; returns whether to end
     iterations : int
         the number at which to end, or 0 for no limit
+    pairs : list, optional
+        the steps and changes of slopes of a descent before this one, to which those of this one are added
     """
     x, (energy, slopes) = start, evaluate(start)
-    pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    pairs = [] if pairs is None else pairs
     count, age = 0, 0
     stiffness = stiffnessAt(x)
     while not iterations or count < iterations:
@@ -139,7 +142,8 @@ def descend(
         step, energy, after = found
         change, x, slopes = after - slopes, x + step, after
         if np.vdot(step, change) > 1e-10 * np.linalg.norm(step) * np.linalg.norm(change):
-            pairs = [*pairs, (step, change)][-_MEMORY:]
+            pairs.append((step, change))
+            del pairs[:-_MEMORY]
         count, age = count + 1, age + 1
         if report(x, energy, slopes):
             return
