@@ -340,8 +340,8 @@ class _Descent:
                 mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
         except mm.OpenMMException:
             # A step of the line search led where there is no finite energy.  From the best positions it may find
-            # another way.
-            if recorder.positions is None:
+            # another way; after a round of flips, others may.
+            if recorder.positions is None and not self.history:
                 context.setPositions(start)
                 raise
         context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
