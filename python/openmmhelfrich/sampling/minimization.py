@@ -33,6 +33,8 @@ _MARGIN, _FIRMNESS = 0.1, 1e3
 # The most iterations in which edges are first brought well within the tether's bounds, how many times the tolerance is
 # near enough, and the part by which the bounds are then nearer to each other at either end, in logarithms.
 _EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
+# Other forces push or turn a surface if this part of the forces on it does.
+_PUSH = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -377,7 +379,29 @@ class _Descent:
         context, force = self.simulation.context, self.force
         triangles, bending = force.getTrianglesInContext(context), valueIn(force.getBendingModulus(), _ENERGY)
         sides, penalties = currentSides(self.simulation, force), self._penalties(triangles, isFixed)
-        return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties)
+        rigid = [motion / math.sqrt(bending or 1.0) for motion in self._rigidMotions(triangles, isFixed)]
+        return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties, rigid)
+
+    def _rigidMotions(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
+        """Return shifts by the size of a surface, and rotations by a radian, of surfaces that other forces push or
+        turn.
+        """
+        if self.force.usesPeriodicBoundaryConditions():
+            return []
+        context, forces, found = self.simulation.context, self._evaluate()[1], []
+        positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        surfaces = _surfaces(triangles, len(isFixed))
+        for surface in np.unique(surfaces[triangles[:, 0]]):
+            own = surfaces == surface
+            if np.any(isFixed[own]):
+                continue
+            arms = np.where(own[:, np.newaxis], positions - positions[own].mean(axis=0), 0)
+            size = math.sqrt(np.mean(arms[own] ** 2))
+            shifts = [np.where(own[:, np.newaxis], size * axis, 0) for axis in np.identity(3)]
+            for motion in (*shifts, *(np.cross(axis, arms) for axis in np.identity(3))):
+                if abs(np.vdot(motion, forces)) > _PUSH * np.linalg.norm(motion) * np.linalg.norm(forces[own]):
+                    found.append(motion)
+        return found
 
     def _penalties(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
         """Return slopes whose products with themselves are the second derivatives of the penalties.
