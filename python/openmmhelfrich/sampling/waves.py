@@ -11,7 +11,7 @@ from scipy.sparse.linalg import SuperLU, splu
 _IN_PLANE, _LEAST_COTANGENT = 10.0, 0.05
 # The number of pairs of steps and changes of slopes that are kept, the iterations between two stiffnesses, the
 # farthest step of a vertex in mean edge lengths, and the most trials of a line search.
-_MEMORY, _RENEWAL, _FARTHEST, _TRIALS = 40, 25, 0.3, 30
+_MEMORY, _RENEWAL, _FARTHEST, _TRIALS = 20, 25, 0.3, 30
 # A step lowers the energy by this part of what the slope promises, and leaves no more than that part of the slope.
 _DECREASE, _SLOPE = 1e-4, 0.9
 
