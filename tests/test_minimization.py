@@ -241,6 +241,34 @@ def test_second_derivatives_of_waves():
         assert np.vdot(slopes, motion) == pytest.approx(expected, rel=0.1)
         hindered = WaveStiffness(sides, mesh.triangles, np.zeros(len(x), bool), 7, 0, [1e6 * slopes])(slopes)
         assert np.abs(hindered).max() < 1e-6 * np.abs(motion).max()
+    turn = np.cross([0, 0, 1], mesh.vertices)
+    turned = WaveStiffness(sides, mesh.triangles, np.zeros(len(x), bool), 7, 0, [], [turn])
+    slopes = turn + np.cross([1, 0, 0], mesh.vertices)
+    assert turned(slopes) - stiffness(slopes) == pytest.approx(np.vdot(turn, slopes) * turn)
+
+
+def test_waves_serve_fluid_membranes():
+    """Fluid or not, a rough spheroid comes down in about as few iterations."""
+    force, simulation = roughSpheroid(642)
+    alone = mh.minimize(simulation, force, multilevelWeight=2)
+    smooth = smoothSpheroid(642)
+    noise = 0.08 * smooth.edgeLengths.mean() * np.random.default_rng(3).normal(size=smooth.vertices.shape)
+    rough = mh.Mesh(smooth.vertices + noise, smooth.triangles)
+    force, simulation = createSimulation(rough, 0.9, 1e6, (100, 0.75, 1.3))
+    fluid = mh.minimizeFluid(simulation, force, maxIterations=500, multilevelWeight=2)
+    assert fluid.converged and fluid.iterations < 2 * alone.iterations
+
+
+def test_a_field_turns_a_membrane():
+    """Turned as a whole, a prolate in a trough comes to lie along it."""
+    field = mm.CustomExternalForce("0.5*z^2")
+    for i in range(162):
+        field.addParticle(i)
+    mesh = mh.spheroid(162, mh.spheroidAspectRatio(0.8, "prolate"))
+    force, simulation = createSimulation(mesh, 0.8, 1e4, extra=(field,))
+    result = mh.minimize(simulation, force, maxIterations=1000, multilevelWeight=2)
+    extent = np.ptp(positionsOf(simulation.context), axis=0)
+    assert extent[2] < 0.9 * extent[:2].max(), (extent, result.reason)
 
 
 def test_limits_and_the_callers_wish():

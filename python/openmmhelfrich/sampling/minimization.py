@@ -33,6 +33,8 @@ _MARGIN, _FIRMNESS = 0.1, 1e3
 # The most iterations in which edges are first brought well within the tether's bounds, how many times the tolerance is
 # near enough, and the part by which the bounds are then nearer to each other at either end, in logarithms.
 _EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
+# Other forces push or turn a surface if this part of the forces on it does.
+_PUSH = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,7 +190,10 @@ def minimizeFluid(
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
         for scale in _softening(simulation, force) if soften else [1.0]:
+            descent.forget()
             with _scaledPenalties(simulation, force, scale):
+                if rounds == 0:
+                    descent.even()
                 reason, newRounds, newFlips = _settle(descent, flip, iterationsPerRound, 1 if scale == 1 else 10)
             rounds, flips = rounds + newRounds, flips + newFlips
             if descent.isOver:
@@ -251,6 +256,11 @@ class _Descent:
         self.multilevelWeight = multilevelWeight
         self.history: list[float] = []
         self.isOver = False
+        self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def forget(self) -> None:
+        """Forget the second derivatives that were met, since others follow."""
+        self._pairs.clear()
 
     def even(self) -> str | None:
         """Bring edges well within the tether's bounds, if the energy is then lower, and return the reason if this is
@@ -266,6 +276,7 @@ class _Descent:
         scale = self.force.getTetherLengthScale()
         with _narrowTether(self.simulation, self.force, _EVEN_MARGIN, modulus, scale):
             reason = self.run(_EVENING, _LOOSE)
+        self.forget()
         if not self._evaluate()[0] < energy:
             context.setPositions(before)
         return reason if self.isOver else None
@@ -328,8 +339,8 @@ class _Descent:
                 mm.LocalEnergyMinimizer.minimize(context, tolerance, iterations, recorder)
         except mm.OpenMMException:
             # A step of the line search led where there is no finite energy.  From the best positions it may find
-            # another way.
-            if recorder.positions is None:
+            # another way; after a round of flips, others may.
+            if recorder.positions is None and not self.history:
                 context.setPositions(start)
                 raise
         context.setPositions(start if recorder.positions is None else np.reshape(recorder.positions, (-1, 3)))
@@ -358,14 +369,36 @@ class _Descent:
             return self._stiffness(isFixed)
 
         length = float(np.linalg.norm(currentSides(self.simulation, self.force), axis=2).mean())
-        descend(evaluate, start, stiffnessAt, length, report, iterations)
+        descend(evaluate, start, stiffnessAt, length, report, iterations, self._pairs)
 
     def _stiffness(self, isFixed: np.ndarray) -> WaveStiffness:
         """Return the inverse of an approximate second derivative at the positions of the Context."""
         context, force = self.simulation.context, self.force
         triangles, bending = force.getTrianglesInContext(context), valueIn(force.getBendingModulus(), _ENERGY)
         sides, penalties = currentSides(self.simulation, force), self._penalties(triangles, isFixed)
-        return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties)
+        rigid = [motion / math.sqrt(bending or 1.0) for motion in self._rigidMotions(triangles, isFixed)]
+        return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties, rigid)
+
+    def _rigidMotions(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
+        """Return shifts by the size of a surface, and rotations by a radian, of surfaces that other forces push or
+        turn.
+        """
+        if self.force.usesPeriodicBoundaryConditions():
+            return []
+        context, forces, found = self.simulation.context, self._evaluate()[1], []
+        positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        surfaces = _surfaces(triangles, len(isFixed))
+        for surface in np.unique(surfaces[triangles[:, 0]]):
+            own = surfaces == surface
+            if np.any(isFixed[own]):
+                continue
+            arms = np.where(own[:, np.newaxis], positions - positions[own].mean(axis=0), 0)
+            size = math.sqrt(np.mean(arms[own] ** 2))
+            shifts = [np.where(own[:, np.newaxis], size * axis, 0) for axis in np.identity(3)]
+            for motion in (*shifts, *(np.cross(axis, arms) for axis in np.identity(3))):
+                if abs(np.vdot(motion, forces)) > _PUSH * np.linalg.norm(motion) * np.linalg.norm(forces[own]):
+                    found.append(motion)
+        return found
 
     def _penalties(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
         """Return slopes whose products with themselves are the second derivatives of the penalties.

@@ -1,6 +1,6 @@
 """L-BFGS with the stiffness of a membrane's waves, so that long waves take as few iterations as short ones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import sparse
@@ -38,6 +38,8 @@ class WaveStiffness:
         kappa and sigma
     penalties : list of (N, 3) arrays
         slopes whose products with themselves are the second derivatives of penalties
+    rigid : sequence of (N, 3) arrays
+        motions of whole surfaces, which only other forces resist, of about a unit of energy
     """
 
     def __init__(
@@ -48,8 +50,9 @@ class WaveStiffness:
         bendingModulus: float,
         tension: float,
         penalties: list[np.ndarray],
+        rigid: Sequence[np.ndarray] = (),
     ) -> None:
-        n = len(isFixed)
+        n, self._rigid = len(isFixed), rigid
         cross = np.cross(sides[:, 0], sides[:, 1])
         twice = np.maximum(np.linalg.norm(cross, axis=1), 1e-12 * np.max(sides**2))
         self._isMoving = ~isFixed[:, np.newaxis]
@@ -78,7 +81,10 @@ class WaveStiffness:
         along = np.sum(slopes * self._normals, axis=1)
         across = self._inPlane.solve(slopes - along[:, np.newaxis] * self._normals)
         change = self._bending.solve(along) - np.sum(across * self._normals, axis=1)
-        return np.where(self._isMoving, across + change[:, np.newaxis] * self._normals, 0)
+        motion = across + change[:, np.newaxis] * self._normals
+        for whole in self._rigid:
+            motion = motion + np.vdot(whole, slopes) * whole
+        return np.where(self._isMoving, motion, 0)
 
 
 def _laplacian(sides: np.ndarray, twice: np.ndarray, triangles: np.ndarray, n: int) -> sparse.csr_matrix:
@@ -104,6 +110,7 @@ def descend(
     length: float,
     report: Callable[[np.ndarray, float, np.ndarray], bool],
     iterations: int = 0,
+    pairs: list[tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> None:
     """Minimize by L-BFGS (Nocedal, Math. Comp. 35, 773, 1980), until it is told to end or finds no lower energy.
 
@@ -121,9 +128,11 @@ def descend(
         called after each iteration with positions, energy and slopes; returns whether to end
     iterations : int
         the number at which to end, or 0 for no limit
+    pairs : list, optional
+        the steps and changes of slopes of a descent before this one, to which those of this one are added
     """
     x, (energy, slopes) = start, evaluate(start)
-    pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    pairs = [] if pairs is None else pairs
     count, age = 0, 0
     stiffness = stiffnessAt(x)
     while not iterations or count < iterations:
@@ -139,7 +148,8 @@ def descend(
         step, energy, after = found
         change, x, slopes = after - slopes, x + step, after
         if np.vdot(step, change) > 1e-10 * np.linalg.norm(step) * np.linalg.norm(change):
-            pairs = [*pairs, (step, change)][-_MEMORY:]
+            pairs.append((step, change))
+            del pairs[:-_MEMORY]
         count, age = count + 1, age + 1
         if report(x, energy, slopes):
             return
