@@ -260,7 +260,7 @@ def test_waves_serve_fluid_membranes():
 
 
 def test_a_field_turns_a_membrane():
-    """Turned as a whole, a prolate in a trough comes to lie along it."""
+    """Turned as a whole, a prolate in a valley comes to lie along it."""
     field = mm.CustomExternalForce("0.5*z^2")
     for i in range(162):
         field.addParticle(i)
