@@ -26,6 +26,7 @@ def plot(runs, out):
     left.set_ylabel("computations of forces an independent sample")
     right.set_ylabel("share of the mean square, without flips")
     left.set_yscale("log")
+    left.set_ylim(60, 3e6)
     right.set_ylim(0, 1.05)
     for axes in (left, right):
         axes.set_xscale("log")
@@ -36,16 +37,22 @@ def plot(runs, out):
 
 
 def plotCosts(axes, runs, degree):
-    kept = [run for run in runs if run.get("refreshment", 1) < 1 and run["vertices"] < 40000]
-    drawn = [run for run in runs if run.get("refreshment", 1) == 1 and run["weight"] > 0 and run["flips"] >= 1]
-    plain = [run for run in runs if run["weight"] == 0]
+    isKept, isPlain = (lambda run: run.get("refreshment", 1) < 1), (lambda run: run["weight"] == 0)
+    runs = [run for run in runs if run["vertices"] < 40000 and (isPlain(run) or run["flips"] >= 1)]
+    kept = [run for run in runs if isKept(run) and not isPlain(run)]
+    kinds = (
+        ([run for run in runs if isPlain(run) and not isKept(run)], "x", "plain"),
+        ([run for run in runs if isPlain(run) and isKept(run)], "+", "plain, momenta kept"),
+        ([run for run in runs if not isPlain(run) and not isKept(run)], "s", "coarser meshes"),
+        (kept, "o", "coarser meshes, momenta kept"),
+    )
     color = DEGREES[degree]
-    for chosen, marker, what in ((plain, "x", "plain"), (drawn, "s", "momenta drawn anew"), (kept, "o", "kept")):
+    for chosen, marker, what in kinds:
         sizes = [run["vertices"] for run in chosen]
         costs = np.array([run[degree]["evaluations"] for run in chosen])
         # Independent samples of a vector of 2l+1 components
         errors = costs * np.sqrt([10 / run[degree]["samples"] for run in chosen])
-        label = f"degree {degree[1:]}, {what}" if degree == "l2" or marker == "o" else None
+        label = f"degree {degree[1:]}, {what}" if degree == "l2" else f"degree {degree[1:]}" if marker == "o" else None
         fill = color if marker == "o" else "none"
         axes.errorbar(sizes, costs, errors, fmt=marker, color=color, markerfacecolor=fill, alpha=0.8, label=label)
     sizes = np.geomspace(500, 14000)
