@@ -338,6 +338,12 @@ def testCommand(inFolder, sphere):
     assert itself.exit_code == 1 and "would replace in.ply" in itself.output
 
 
+@pytest.mark.filterwarnings("error")
+def testMeshWithoutTrianglesIsTold():
+    with pytest.raises(ValueError, match=r"^the mesh has no triangles$"):
+        mh.Mesh(CUBE, np.zeros((0, 3), dtype=int)).repaired()
+
+
 def testCommandOfWhatCannotBeMended(inFolder, sphere):
     mh.Mesh(sphere.vertices, sphere.triangles[1:]).write("in.ply")
     done = invoke("repair", "in.ply", "out.ply")

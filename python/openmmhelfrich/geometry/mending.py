@@ -78,6 +78,8 @@ def repair(
     vertices: Points, triangles: NDArray[np.integer], box: Points | None, wanted: Wanted
 ) -> tuple[Points, Triangles, list[str]]:
     """Mend a surface; return its vertices and triangles, and a sentence for each thing that was done or is left."""
+    if not len(triangles):
+        raise ValueError("the mesh has no triangles")
     surface = _Surface(vertices.copy(), triangles.astype(np.int64))
     if box is not None:
         _unfold(surface, box)
