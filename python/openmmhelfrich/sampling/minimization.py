@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import openmm as mm
 from openmm import app, unit
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from ..display import Brief
-from ..geometry.connectivity import nearestImages
+from ..geometry.connectivity import labelComponents, nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn, wholeNumber
@@ -303,11 +301,13 @@ class _Descent:
                 return _STOPPED if recorder.isStopped else _LIMIT
             if iterations and len(self.history) - first >= iterations:
                 return _CONVERGED if self._measure()[1] <= tolerance else _ROUND
-            if energy - self._measure()[0] <= 1e-9 * abs(energy):
-                if byWaves and self._measure()[1] > tolerance:
-                    byWaves = False  # one by one, vertices may find a way yet
-                    continue
-                return _CONVERGED if self._measure()[1] <= tolerance else _STALLED
+            after, rmsForce = self._measure()
+            if energy - after <= 1e-9 * abs(energy):
+                if rmsForce <= tolerance:
+                    return _CONVERGED
+                if not byWaves:
+                    return _STALLED
+                byWaves = False  # one by one, vertices may find a way yet
 
     def result(self, reason: str, flips: int, rounds: int) -> MinimizationResult:
         energy, rmsForce = self._measure()
@@ -375,20 +375,24 @@ class _Descent:
         """Return the inverse of an approximate second derivative at the positions of the Context."""
         context, force = self.simulation.context, self.force
         triangles, bending = force.getTrianglesInContext(context), valueIn(force.getBendingModulus(), _ENERGY)
-        sides, penalties = currentSides(self.simulation, force), self._penalties(triangles, isFixed)
-        rigid = [motion / math.sqrt(bending or 1.0) for motion in self._rigidMotions(triangles, isFixed)]
+        _, surfaces = labelComponents(triangles, len(isFixed))
+        forces, sides = self._evaluate()[1], currentSides(self.simulation, force)
+        penalties = self._penalties(forces, surfaces, isFixed)
+        moved = self._rigidMotions(forces, surfaces, np.unique(surfaces[triangles[:, 0]]), isFixed)
+        rigid = [motion / math.sqrt(bending or 1.0) for motion in moved]
         return WaveStiffness(sides, triangles, isFixed, bending or 1.0, self._tension(), penalties, rigid)
 
-    def _rigidMotions(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
+    def _rigidMotions(
+        self, forces: np.ndarray, surfaces: np.ndarray, numbers: np.ndarray, isFixed: np.ndarray
+    ) -> list[np.ndarray]:
         """Return shifts by the size of a surface, and rotations by a radian, of surfaces that other forces push or
         turn.
         """
         if self.force.usesPeriodicBoundaryConditions():
             return []
-        context, forces, found = self.simulation.context, self._evaluate()[1], []
+        context, found = self.simulation.context, []
         positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-        surfaces = _surfaces(triangles, len(isFixed))
-        for surface in np.unique(surfaces[triangles[:, 0]]):
+        for surface in numbers:
             own = surfaces == surface
             if np.any(isFixed[own]):
                 continue
@@ -400,15 +404,14 @@ class _Descent:
                     found.append(motion)
         return found
 
-    def _penalties(self, triangles: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
+    def _penalties(self, forces: np.ndarray, surfaces: np.ndarray, isFixed: np.ndarray) -> list[np.ndarray]:
         """Return slopes whose products with themselves are the second derivatives of the penalties.
 
         The forces of a penalty k (X/X0 - 1)^2 change with its target.
         """
         context, force, part = self.simulation.context, self.force, 1e-3
         targets, moduli = currentTargets(context, force), moduliOf(context, force)
-        surfaces = _surfaces(triangles, len(isFixed))
-        forces, found = self._evaluate()[1], []
+        found = []
         for name, target in targets.items():
             modulus = moduli[totalOf(name)]
             if modulus == 0 or target == 0:
@@ -466,13 +469,6 @@ class _Descent:
                 "both must be finite"
             )
         return energy, rmsForce
-
-
-def _surfaces(triangles: np.ndarray, numVertices: int) -> np.ndarray:
-    """Return for each vertex the number of the connected surface that it is on."""
-    ends = np.roll(triangles, -1, axis=1).ravel()
-    bonds = sparse.coo_matrix((np.ones(triangles.size), (triangles.ravel(), ends)), (numVertices, numVertices))
-    return connected_components(bonds, directed=False)[1]
 
 
 class _Recorder(mm.MinimizationReporter):
