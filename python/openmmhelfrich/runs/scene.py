@@ -466,7 +466,7 @@ def checkSizes(config: Config, measured: MeasuredMesh) -> None:
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")
-    requireResolved("the spontaneous_curvature", spontaneousCurvatureOf(config), length, config.mesh.length_unit)
+    requireResolved("the spontaneous_curvature", config, length)
     stepSize = defaultStepSize(config, measured)
     if not LEAST <= stepSize <= GREATEST:
         raise ValueError(
