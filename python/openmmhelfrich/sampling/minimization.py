@@ -427,7 +427,11 @@ class _Descent:
         return found
 
     def _tension(self) -> float:
-        """Return the greatest derivative of the energy with respect to the area of a surface, or 0 if it is less."""
+        """Return the greatest derivative of the energy with respect to the area of a surface, or 0 if it is less.
+
+        It guides the search, and is told nowhere.  With one of its own for each of two vesicles, of which one was under
+        tension, searches took no fewer iterations.
+        """
         context, force = self.simulation.context, self.force
         modulus = moduliOf(context, force)["area"]
         targets = {name: v for name, v in currentTargets(context, force).items() if totalOf(name) == "area"}
