@@ -17,12 +17,13 @@ from ..geometry.relaxation import Triangulation
 from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
 from ..sampling.adaptation import StepSizeAdapter
+from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
-from .scene import Scene, createScene, currentMesh
+from .scene import Scene, createScene
 from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or

@@ -33,7 +33,7 @@ from ..sampling.adaptation import (
     StepSizeTracker,
 )
 from ..sampling.averages import averageWindows, lateRows
-from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, flatEnergy, setConditions
+from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, currentMesh, flatEnergy, setConditions
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
@@ -48,7 +48,6 @@ from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
-    currentMesh,
     requireComparable,
     requireTrajectories,
     stepSizeOf,
