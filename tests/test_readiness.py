@@ -168,21 +168,21 @@ def test_ready_after_remesh_as_the_command_says(unevenFolder):
 
 
 @pytest.mark.parametrize(
-    "stretching, leastChance, isReady, count",
+    "stretching, most, isReady, count",
     [
-        (2.0, 0.0, True, 3),  # the first three are accepted
-        (8.0, 0.0, False, 6),  # the first six have no chance
-        (8.0, 1e-9, False, 22),  # three can no longer be accepted of 24
+        (2.0, np.inf, True, 3),  # the first three are accepted
+        (8.0, np.inf, False, 5),  # the first five have no chance
+        (8.0, 1e3, False, 22),  # three can no longer be accepted of 24
     ],
 )
-def test_trajectories_are_tried_until_the_answer_is_certain(monkeypatch, stretching, leastChance, isReady, count):
-    sphere, tried, original = mh.Mesh.icosphere(2), [], readiness._chanceOfNext
+def test_trajectories_are_tried_until_the_answer_is_certain(monkeypatch, stretching, most, isReady, count):
+    sphere, tried, original = mh.Mesh.icosphere(2), [], readiness._nextEnergyChange
 
-    def chanceOfNext(simulation, trajectories):
-        tried.append(max(original(simulation, trajectories), leastChance))
+    def nextEnergyChange(simulation, trajectories):
+        tried.append(min(original(simulation, trajectories), most))
         return tried[-1]
 
-    monkeypatch.setattr(readiness, "_chanceOfNext", chanceOfNext)
+    monkeypatch.setattr(readiness, "_nextEnergyChange", nextEnergyChange)
     mesh = mh.Mesh(sphere.vertices * [1, 1, stretching], sphere.triangles)
     found = readiness.readinessOf(mesh, "cell.ply")
     assert (found.reason is None) == isReady and len(tried) == count

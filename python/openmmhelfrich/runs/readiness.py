@@ -16,7 +16,6 @@ from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
 from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
-from ..sampling.adaptation import StepSizeAdapter
 from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
@@ -32,9 +31,11 @@ _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
 # The number of vertices from which on fluid membranes of 20 kT did not fold on their way from a sphere to a reduced
 # volume, from the largest down: docs/reference/verdicts.md has what was tried.
 LEAST_VERTICES = ((0.77, 162), (0.62, 252), (0.47, 362), (-np.inf, 642))
-# Of a mesh that is not, so many trajectories of so many that are tried must be accepted.  Where the first few have no
-# chance, which is below the least double from 745 kT on, the others have had none either: docs/how-to/remeshing.md.
-_ACCEPTED, _TRIED, _FIRST_FEW = 3, 24, 6
+# Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
+_ACCEPTED, _TRIED = 3, 24
+# Where each of the first few ends by so many kT higher, flips do not mend the mesh meanwhile: what was tried is in
+# docs/how-to/remeshing.md.
+_FIRST_FEW, _HOPELESS = 5, 2e4
 
 
 def obstacle(
@@ -260,11 +261,12 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
         steps = trial.createSimulation(trial.createForce())
         trajectories = trajectoriesOf(steps.integrator)
         trajectories.setStepSize(stepSize)
-        chance = 0.0
+        changes: list[float] = []
         while trajectories.getNumAccepted() < _ACCEPTED:
-            chance = max(chance, _chanceOfNext(steps, trajectories))
-            left = _TRIED - trajectories.getNumAttempted()
-            if trajectories.getNumAccepted() + left < _ACCEPTED or (chance == 0 and left <= _TRIED - _FIRST_FEW):
+            changes.append(_nextEnergyChange(steps, trajectories) / trial.kT)
+            left = _TRIED - len(changes)
+            isHopeless = len(changes) == _FIRST_FEW and min(changes) > _HOPELESS
+            if isHopeless or trajectories.getNumAccepted() + left < _ACCEPTED:
                 return False
         return True
     except OpenMMException:  # where there is no finite energy
@@ -272,12 +274,12 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
     return False
 
 
-def _chanceOfNext(simulation: app.Simulation, trajectories: Any) -> float:
-    """Make steps up to the next trajectory, and return the probability with which that was accepted."""
-    numAttempted, numDiverged = trajectories.getNumAttempted(), trajectories.getNumDiverged()
+def _nextEnergyChange(simulation: app.Simulation, trajectories: Any) -> float:
+    """Make steps up to the next trajectory, and return its change of energy in kJ/mol, infinite if it diverged."""
+    numAttempted = trajectories.getNumAttempted()
     while trajectories.getNumAttempted() == numAttempted:
         simulation.step(1)
-    return StepSizeAdapter.lastProbability(trajectories, trajectories.getNumDiverged() > numDiverged)
+    return float(valueIn(trajectories.getLastEnergyChange(), unit.kilojoules_per_mole))
 
 
 def _withOwnTargets(config: Config) -> Config:
