@@ -44,6 +44,10 @@ def createScene(arguments):
     system.addForce(force)
     context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": str(arguments.threads)})
     context.setPositions(mesh.vertices)
+    if arguments.start:
+        start = mh.Mesh.read(arguments.start)
+        context.setPositions(start.vertices * (mesh.area / start.area) ** 0.5)
+        force.setTrianglesInContext(context, start.triangles)
     return mesh, force, integrator, context
 
 
@@ -80,7 +84,7 @@ def modesOf(x, triangles):
 def measure(arguments):
     mesh, force, integrator, context = createScene(arguments)
     trajectories, flips = integrator.getMove(0), integrator.getMove(1)
-    target, reached = force.getTargetVolume(), mesh.volume
+    target, reached = force.getTargetVolume(), arguments.volume * mesh.volume if arguments.start else mesh.volume
     while reached > target._value * 1.0001:  # a sudden change would crumple the vesicle
         reached = max(0.998 * reached, target._value)
         context.setParameter(force.getTargetVolumeParameter(), reached)
@@ -154,6 +158,7 @@ if __name__ == "__main__":
     parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], help=what)
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--start", help="a mesh file to begin with, of large_vesicle.py, instead of a sphere")
     parser.add_argument("--settle", type=int, default=0, help="trajectories, with flips, before the run")
     parser.add_argument("--frozen", action="store_true", help="no flips in the run: the mesh is elastic")
     parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")
