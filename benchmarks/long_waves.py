@@ -22,9 +22,12 @@ KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
 
 
-def createScene(arguments):
-    mesh = mh.Mesh.icosphere(arguments.subdivisions)
-    mesh = mh.Mesh(mesh.vertices / mesh.edgeLengths.mean(), mesh.triangles)
+def ofUnitEdges(mesh):
+    return mh.Mesh(mesh.vertices / mesh.edgeLengths.mean(), mesh.triangles)
+
+
+def createScene(arguments, mesh):
+    """Return the force, the integrator and the context of a sphere of edges of length 1."""
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(30 * KT)
@@ -44,11 +47,24 @@ def createScene(arguments):
     system.addForce(force)
     context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": str(arguments.threads)})
     context.setPositions(mesh.vertices)
-    if arguments.start:
-        start = mh.Mesh.read(arguments.start)
-        context.setPositions(start.vertices * (mesh.area / start.area) ** 0.5)
-        force.setTrianglesInContext(context, start.triangles)
-    return mesh, force, integrator, context
+    return force, integrator, context
+
+
+def setShape(force, context, mesh):
+    """Begin with the shape of a mesh, scaled to the target of the area."""
+    context.setPositions(mesh.vertices * (force.getTargetArea()._value / mesh.area) ** 0.5)
+    force.setTrianglesInContext(context, mesh.triangles)
+
+
+def deflate(force, context, volume, moves):
+    """Bring a volume to its target: a sudden change would crumple the vesicle."""
+    target = force.getTargetVolume()._value
+    while volume > target * 1.0001:
+        volume = max(0.998 * volume, target)
+        context.setParameter(force.getTargetVolumeParameter(), volume)
+        for _ in range(3):
+            for move in moves:
+                move.step(1)
 
 
 def autocorrelationTime(series):
@@ -82,15 +98,13 @@ def modesOf(x, triangles):
 
 
 def measure(arguments):
-    mesh, force, integrator, context = createScene(arguments)
+    mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
+    force, integrator, context = createScene(arguments, mesh)
     trajectories, flips = integrator.getMove(0), integrator.getMove(1)
-    target, reached = force.getTargetVolume(), arguments.volume * mesh.volume if arguments.start else mesh.volume
-    while reached > target._value * 1.0001:  # a sudden change would crumple the vesicle
-        reached = max(0.998 * reached, target._value)
-        context.setParameter(force.getTargetVolumeParameter(), reached)
-        for _ in range(3):
-            trajectories.step(1)
-            flips.step(1)
+    if arguments.start:
+        setShape(force, context, mh.Mesh.read(arguments.start))
+    else:
+        deflate(force, context, mesh.volume, (trajectories, flips))
     for _ in range(arguments.settle):
         trajectories.step(1)
         flips.step(1)

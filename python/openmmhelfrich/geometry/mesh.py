@@ -25,6 +25,7 @@ Length: TypeAlias = unit.Unit | unit.Quantity | float
 
 GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
 
+MOST_TRIANGLES = 500_000_000  # in a mesh that is made, so that halfedges have numbers of 32 bits
 
 # What the array of files is called that has the numbers of species.
 SPECIES_FIELD = "Species"
@@ -521,11 +522,17 @@ class Mesh:
         Raises
         ------
         ValueError
-            if `times` is negative or no whole number
+            if `times` is negative or no whole number, or there would be more than 5e8 triangles
         """
+        times = wholeNumber(times, "subdivided: times", 0)
+        if len(self.triangles) * 4**times > MOST_TRIANGLES:
+            raise ValueError(
+                f"subdivided: times is {times}, which makes {len(self.triangles) * 4**times:.3g} triangles; it must "
+                f"make at most {MOST_TRIANGLES:.0e}"
+            )
         mesh = self._with(slice(None), self.triangles)
         mesh.beads, mesh.notes = self.beads.copy(), list(self.notes)
-        for _ in range(wholeNumber(times, "subdivided: times", 0)):
+        for _ in range(times):
             mesh = mesh._dividedInFour()
         return mesh
 
