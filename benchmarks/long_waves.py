@@ -4,7 +4,8 @@
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
 computations of forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
-bending modulus 30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.
+bending modulus 30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT
+between 0.85 and 1.35.
 Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
 
@@ -31,9 +32,9 @@ def createScene(arguments, mesh):
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(30 * KT)
-    force.setAreaModulus(1e6 * KT)
+    force.setAreaModulus(arguments.penalty * KT)
     force.setTargetArea(mesh.area)
-    force.setVolumeModulus(1e6 * KT)
+    force.setVolumeModulus(arguments.penalty * KT)
     force.setTargetVolume(arguments.volume * mesh.volume)
     modulus, shortest, longest = arguments.tether
     force.setTether(modulus * KT, shortest, longest, 2)
@@ -168,6 +169,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jitter", type=float, default=0.2)
     parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
+    parser.add_argument("--penalty", type=float, default=1e6, help="the moduli of area and volume, in kT")
     what = "modulus in kT, shortest and longest in mean edges"
     parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], help=what)
     parser.add_argument("--precision", default="mixed")
