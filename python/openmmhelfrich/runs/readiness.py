@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from openmm import OpenMMException, app, unit
@@ -16,12 +16,14 @@ from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
 from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
+from ..sampling.adaptation import StepSizeAdapter
+from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
-from .scene import Scene, createScene, currentMesh
+from .scene import Scene, createScene
 from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -30,8 +32,9 @@ _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
 # The number of vertices from which on fluid membranes of 20 kT did not fold on their way from a sphere to a reduced
 # volume, from the largest down: docs/reference/verdicts.md has what was tried.
 LEAST_VERTICES = ((0.77, 162), (0.62, 252), (0.47, 362), (-np.inf, 642))
-# Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
-_ACCEPTED, _TRIED = 3, 24
+# Of a mesh that is not, so many trajectories of so many that are tried must be accepted.  Where the first few have no
+# chance, which is below the least double from 745 kT on, the others have had none either: docs/how-to/remeshing.md.
+_ACCEPTED, _TRIED, _FIRST_FEW = 3, 24, 6
 
 
 def obstacle(
@@ -257,13 +260,24 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
         steps = trial.createSimulation(trial.createForce())
         trajectories = trajectoriesOf(steps.integrator)
         trajectories.setStepSize(stepSize)
-        while trajectories.getNumAttempted() < _TRIED:
-            steps.step(1)
-            if trajectories.getNumAccepted() == _ACCEPTED:
-                return True
+        chance = 0.0
+        while trajectories.getNumAccepted() < _ACCEPTED:
+            chance = max(chance, _chanceOfNext(steps, trajectories))
+            left = _TRIED - trajectories.getNumAttempted()
+            if trajectories.getNumAccepted() + left < _ACCEPTED or (chance == 0 and left <= _TRIED - _FIRST_FEW):
+                return False
+        return True
     except OpenMMException:  # where there is no finite energy
         pass
     return False
+
+
+def _chanceOfNext(simulation: app.Simulation, trajectories: Any) -> float:
+    """Make steps up to the next trajectory, and return the probability with which that was accepted."""
+    numAttempted, numDiverged = trajectories.getNumAttempted(), trajectories.getNumDiverged()
+    while trajectories.getNumAttempted() == numAttempted:
+        simulation.step(1)
+    return StepSizeAdapter.lastProbability(trajectories, trajectories.getNumDiverged() > numDiverged)
 
 
 def _withOwnTargets(config: Config) -> Config:

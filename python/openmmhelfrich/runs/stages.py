@@ -33,7 +33,7 @@ from ..sampling.adaptation import (
     StepSizeTracker,
 )
 from ..sampling.averages import averageWindows, lateRows
-from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, flatEnergy, setConditions
+from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, currentMesh, flatEnergy, setConditions
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
@@ -48,7 +48,6 @@ from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
-    currentMesh,
     requireComparable,
     requireTrajectories,
     stepSizeOf,
@@ -595,9 +594,9 @@ def _unitOf(name: str, kT: float) -> float:
     return 1.0 if conditionParts(name)[0] == CURVATURE else kT
 
 
-def _checkConditions(settings: StageSettings, before: Scene) -> None:
+def _checkConditions(settings: StageSettings, before: Scene, after: Scene) -> None:
     """Raise a ValueError if a stage changes what its membrane has not, or leads where nothing can be, from a scene with
-    the moduli that it has before the stage.
+    the moduli that it has before the stage to one with those at its end.
     """
     given, count = settings.conditions(), len(before.config.species)
     for name in given:
@@ -615,8 +614,8 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
         modulus = f"bending_modulus[{inside}]"
         if key == CURVATURE and inside and not given.get(modulus, conditionOf(before.config, modulus)):
             raise ValueError(f"it has a spontaneous_curvature of '{inside}', whose bending_modulus is 0; give it one")
-        if key == CURVATURE:
-            requireResolved(f"its {name}", given[name], float(before.mesh.edgeLengths.mean()), before.lengthUnit)
+    if any(conditionParts(name)[0] == CURVATURE for name in given):
+        requireResolved("its spontaneous_curvature", after.config, float(after.mesh.edgeLengths.mean()))
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):
@@ -674,7 +673,7 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     for i, settings in enumerate(scene.stages[first:], first):
         with namingSource(scene.config):
             try:
-                _checkConditions(settings, scene.during(i - 1))
+                _checkConditions(settings, scene.during(i - 1), scene.during(i))
                 found.append(_KINDS[type(settings)].check(settings, scene.during(i), found[-1]))
             except ValueError as error:
                 raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
