@@ -4,7 +4,8 @@
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
 computations of forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
-bending modulus 30 kT, area and volume 1e6 kT, edges of length 1, a tether of modulus 100 kT between 0.85 and 1.35.
+bending modulus 30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT
+between 0.85 and 1.35.
 Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
 
@@ -22,15 +23,18 @@ KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
 
 
-def createScene(arguments):
-    mesh = mh.Mesh.icosphere(arguments.subdivisions)
-    mesh = mh.Mesh(mesh.vertices / mesh.edgeLengths.mean(), mesh.triangles)
+def ofUnitEdges(mesh):
+    return mh.Mesh(mesh.vertices / mesh.edgeLengths.mean(), mesh.triangles)
+
+
+def createScene(arguments, mesh):
+    """Return the force, the integrator and the context of a sphere of edges of length 1."""
     force = mh.HelfrichForce()
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(30 * KT)
-    force.setAreaModulus(1e6 * KT)
+    force.setAreaModulus(arguments.penalty * KT)
     force.setTargetArea(mesh.area)
-    force.setVolumeModulus(1e6 * KT)
+    force.setVolumeModulus(arguments.penalty * KT)
     force.setTargetVolume(arguments.volume * mesh.volume)
     modulus, shortest, longest = arguments.tether
     force.setTether(modulus * KT, shortest, longest, 2)
@@ -44,7 +48,24 @@ def createScene(arguments):
     system.addForce(force)
     context = mm.Context(system, integrator, mm.Platform.getPlatform("CPU"), {"Threads": str(arguments.threads)})
     context.setPositions(mesh.vertices)
-    return mesh, force, integrator, context
+    return force, integrator, context
+
+
+def setShape(force, context, mesh):
+    """Begin with the shape of a mesh, scaled to the target of the area."""
+    context.setPositions(mesh.vertices * (force.getTargetArea()._value / mesh.area) ** 0.5)
+    force.setTrianglesInContext(context, mesh.triangles)
+
+
+def deflate(force, context, volume, moves):
+    """Bring a volume to its target: a sudden change would crumple the vesicle."""
+    target = force.getTargetVolume()._value
+    while volume > target * 1.0001:
+        volume = max(0.998 * volume, target)
+        context.setParameter(force.getTargetVolumeParameter(), volume)
+        for _ in range(3):
+            for move in moves:
+                move.step(1)
 
 
 def autocorrelationTime(series):
@@ -78,15 +99,13 @@ def modesOf(x, triangles):
 
 
 def measure(arguments):
-    mesh, force, integrator, context = createScene(arguments)
+    mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
+    force, integrator, context = createScene(arguments, mesh)
     trajectories, flips = integrator.getMove(0), integrator.getMove(1)
-    target, reached = force.getTargetVolume(), mesh.volume
-    while reached > target._value * 1.0001:  # a sudden change would crumple the vesicle
-        reached = max(0.998 * reached, target._value)
-        context.setParameter(force.getTargetVolumeParameter(), reached)
-        for _ in range(3):
-            trajectories.step(1)
-            flips.step(1)
+    if arguments.start:
+        setShape(force, context, mh.Mesh.read(arguments.start))
+    else:
+        deflate(force, context, mesh.volume, (trajectories, flips))
     for _ in range(arguments.settle):
         trajectories.step(1)
         flips.step(1)
@@ -150,10 +169,12 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jitter", type=float, default=0.2)
     parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
+    parser.add_argument("--penalty", type=float, default=1e6, help="the moduli of area and volume, in kT")
     what = "modulus in kT, shortest and longest in mean edges"
     parser.add_argument("--tether", type=float, nargs=3, default=[100, 0.85, 1.35], help=what)
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--start", help="a mesh file to begin with, of large_vesicle.py, instead of a sphere")
     parser.add_argument("--settle", type=int, default=0, help="trajectories, with flips, before the run")
     parser.add_argument("--frozen", action="store_true", help="no flips in the run: the mesh is elastic")
     parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")

@@ -181,14 +181,13 @@ def test_a_step_size_at_which_next_to_nothing_was_accepted_is_an_error(monkeypat
 @pytest.mark.parametrize(
     "steps, late, problem",
     [
-        (8, 0.75, None),
+        (8, 0.75, "in the last 4 tries, .*too few to tell"),
         (8, 0.1, "of 0.10 in the last 4 tries"),
-        (8, 0.45, None),
         (60, 0.45, "of 0.45 in the last 30 tries"),
         (60, 0.7, None),
     ],
 )
-def test_a_step_size_that_is_wrong_is_told_where_the_tries_can_tell(monkeypatch, recwarn, steps, late, problem):
+def test_a_step_size_that_may_be_wrong_is_told(monkeypatch, recwarn, steps, late, problem):
     _, adapt = adaptAt(monkeypatch, steps, lambda i: [1.0, 0.0][i] if i < 2 else late)
     result = adapt()
     messages = [str(warning.message) for warning in recwarn]

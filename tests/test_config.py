@@ -333,6 +333,30 @@ def convert(folder, case="sphere", kT=2.0, **values):
     return readConfig(folder / "a.toml"), (folder / "a.toml").read_text()
 
 
+def testSubdividedMesh(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    begun = {
+        "mesh": {"icosphere": 1},
+        "membrane": {"reduced_volume": 0.98},
+        "sampling": {"steps": 20, "seed": 1},
+        "output": {"prefix": "small"},
+    }
+    mh.run(begun)
+    mesh = {"file": "small.ply", "subdivide": 2}
+    begun["mesh"], begun["output"] = mesh, {"prefix": "large"}
+    mh.run(begun)
+    small, large = mh.Mesh.read("small.ply"), loadMesh(parseConfig({"mesh": mesh}))
+    assert len(large.triangles) == 16 * len(small.triangles) == len(mh.Mesh.read("large.ply").triangles)
+    assert (large.area, large.volume) == pytest.approx((small.area, small.volume), rel=1e-12)
+    assert mh.resume("large", 5).steps == 25
+
+
+@pytest.mark.parametrize("value", [0, 1.5, 7, "two"])
+def testSubdividedNumberOfTheWrongKind(value):
+    with pytest.raises(ValueError, match="subdivide"):
+        parseConfig({"mesh": {"icosphere": 1, "subdivide": value}})
+
+
 @pytest.mark.parametrize("case", PEER)
 def testEnergiesOfTriMem(tmp_path, case):
     """The converted membrane has TriMem's energy and gradient, divided by its temperature."""

@@ -370,6 +370,63 @@ def testIcosphereOfTheWrongKind(arguments):
         mh.Mesh.icosphere(*arguments)
 
 
+# --- subdivided
+
+
+def createRough(kind):
+    mesh = {
+        "sphere": lambda: mh.Mesh.icosphere(2),
+        "torus": lambda: mh.Mesh.torus(2, 1, 0.5),
+        "sheet": lambda: mh.Mesh.sheet(6, 5, 1),
+        "two": lambda: mh.Mesh.merged([mh.Mesh.icosphere(1), mh.Mesh.icosphere(1, 3)]),
+    }[kind]()
+    mesh.vertices += np.random.default_rng(1).normal(0, 0.03, mesh.vertices.shape)
+    return mesh
+
+
+@pytest.mark.parametrize("kind", ["sphere", "torus", "sheet", "two"])
+def testSubdividedIsTheSameSurface(kind):
+    mesh = createRough(kind)
+    fine = mesh.subdivided(2)
+    fine.check()
+    count = len(mesh.vertices), len(mesh.edges), len(mesh.triangles)
+    assert len(fine.triangles) == 16 * count[2]
+    assert len(fine.vertices) - len(fine.edges) + len(fine.triangles) == count[0] - count[1] + count[2]
+    assert np.array_equal(fine.vertices[: count[0]], mesh.vertices)
+    assert fine.area == pytest.approx(mesh.area, rel=1e-12)
+    if kind != "sheet":
+        assert fine.volume == pytest.approx(mesh.volume, rel=1e-12)
+    assert fine.vertexMeanCurvatures.sum() == pytest.approx(mesh.vertexMeanCurvatures.sum(), rel=1e-9)
+    # Each triangle's parts are a quarter of it, twice.
+    assert np.sort(fine.triangleAreas) == pytest.approx(np.repeat(np.sort(mesh.triangleAreas) / 16, 16), rel=1e-9)
+    assert fine.isPeriodic == mesh.isPeriodic
+    assert fine.edgeLengths.max() / fine.edgeLengths.mean() == pytest.approx(
+        mesh.edgeLengths.max() / mesh.edgeLengths.mean(), rel=0.05
+    )
+
+
+def testSubdividedKeepsWhatAMeshHas():
+    mesh = mh.Mesh.icosphere(1)
+    mesh.species, mesh.speciesNames = np.arange(len(mesh.vertices)) % 3, "ABC"
+    mesh.beads, mesh.notes = np.ones((2, 3)), ["a note"]
+    fine = mesh.subdivided()
+    ends = {tuple(np.round((mesh.vertices[i] + mesh.vertices[j]) / 2, 12)): min(i, j) for i, j in mesh.edges}
+    new = range(len(mesh.vertices), len(fine.vertices))
+    assert [fine.species[k] for k in new] == [mesh.species[ends[tuple(np.round(fine.vertices[k], 12))]] for k in new]
+    assert fine.speciesNames == ("A", "B", "C") and fine.notes == ["a note"]
+    assert np.array_equal(fine.beads, mesh.beads)
+    same = mesh.subdivided(0)
+    assert np.array_equal(same.vertices, mesh.vertices) and np.array_equal(same.triangles, mesh.triangles)
+    same.vertices[0], same.beads[0] = 0, 0
+    assert mesh.vertices[0].any() and mesh.beads[0].any()
+
+
+@pytest.mark.parametrize("times, message", [(-1, "-1"), (1.5, "1.5"), ("2", "'2'"), (20, "triangles")])
+def testSubdividedOfTheWrongKind(sphere, times, message):
+    with pytest.raises(ValueError, match=f"subdivided: .*{message}"):
+        sphere.subdivided(times)
+
+
 # --- to OpenMM
 
 

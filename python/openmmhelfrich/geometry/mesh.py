@@ -25,6 +25,7 @@ Length: TypeAlias = unit.Unit | unit.Quantity | float
 
 GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
 
+MOST_TRIANGLES = 500_000_000  # in a mesh that is made, so that halfedges have numbers of 32 bits
 
 # What the array of files is called that has the numbers of species.
 SPECIES_FIELD = "Species"
@@ -133,11 +134,11 @@ class Mesh:
         radius = _inUnit(radius, unit.nanometer, "radius")
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
-        vertices, triangles = _icosahedron()
+        sphere = cls(*_icosahedron())
         for _ in range(subdivisions):
-            vertices, triangles = _subdivide(vertices, triangles)
-            vertices /= np.linalg.norm(vertices, axis=1)[:, np.newaxis]
-        return cls(radius * vertices, triangles)
+            sphere = sphere.subdivided()
+            sphere.vertices /= np.linalg.norm(sphere.vertices, axis=1)[:, np.newaxis]
+        return cls(radius * sphere.vertices, sphere.triangles)
 
     @classmethod
     def torus(cls, R: float | unit.Quantity, r: float | unit.Quantity, edgeLength: float | unit.Quantity) -> "Mesh":
@@ -501,6 +502,40 @@ class Mesh:
         mesh.notes += self._speciesLeft(mesh)
         return mesh
 
+    def subdivided(self, times: int = 1) -> "Mesh":
+        """Return the mesh with each triangle divided in four equal ones at the middles of its edges.
+
+        ::
+
+            large = mh.Mesh.read("equilibrated.vtkhdf").subdivided(2)  # 16 times as many triangles
+
+        It is the same surface, of the same area and volume, and edges over their mean are as before.  So a shape from
+        equilibrium, subdivided, begins a run of a larger mesh with long waves that are in equilibrium already; see
+        docs/how-to/large-vesicles.md.  The vertices of the mesh come first, in their order.  A vertex between two
+        species takes that of the end with the lower number.
+
+        Parameters
+        ----------
+        times : int
+            how often; each time brings a new vertex for each edge
+
+        Raises
+        ------
+        ValueError
+            if `times` is negative or no whole number, or there would be more than 5e8 triangles
+        """
+        times = wholeNumber(times, "subdivided: times", 0)
+        if len(self.triangles) * 4**times > MOST_TRIANGLES:
+            raise ValueError(
+                f"subdivided: times is {times}, which makes {len(self.triangles) * 4**times:.3g} triangles; it must "
+                f"make at most {MOST_TRIANGLES:.0e}"
+            )
+        mesh = self._with(slice(None), self.triangles)
+        mesh.beads, mesh.notes = self.beads.copy(), list(self.notes)
+        for _ in range(times):
+            mesh = mesh._dividedInFour()
+        return mesh
+
     def topology(self) -> app.Topology:
         """Create an openmm.app.Topology: a residue for each connected membrane, an atom for each vertex, a bond for
         each edge; a residue and an atom for each bead, in a chain of their own.
@@ -613,6 +648,24 @@ class Mesh:
             result.vertices *= factor
             result.box = None if self.box is None else self.box * factor
         _requireSizes(result.vertices)
+        return result
+
+    def _dividedInFour(self) -> "Mesh":
+        """Return the mesh with each triangle divided in four at the middles of its edges."""
+        order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
+        middle = np.empty(len(order), dtype=np.int64)
+        middle[order] = len(self.vertices) + np.repeat(np.arange(len(start)), np.diff(start, append=len(order)))
+        first, second = (end[order[start]] for end in connectivity.halfedges(self.triangles))
+        ends = self.vertices[first], self.vertices[second]
+        if self.isPeriodic:
+            ends = ends[0], ends[0] + connectivity.edgeVectors(self.vertices, first, second, self.images)
+        a, b, c = self.triangles.T
+        ab, bc, ca = middle.reshape(-1, 3).T
+        parts = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]).transpose(2, 0, 1).reshape(-1, 3)
+        species = None if self.species is None else np.append(self.species, self.species[np.minimum(first, second)])
+        vertices = np.concatenate((self.vertices, (ends[0] + ends[1]) / 2))
+        result = Mesh(vertices, parts, self.box, self.beads, species, self.speciesNames)
+        result.notes = list(self.notes)
         return result
 
     def _requireWhole(self) -> None:
@@ -859,17 +912,3 @@ def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     return vertices / math.sqrt(1 + g * g), triangles
-
-
-def _subdivide(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Divide each triangle in four at the middles of its edges."""
-    order, start = connectivity.groupHalfedges(triangles, len(vertices))
-    middle = np.empty(len(order), dtype=np.int64)
-    middle[order] = len(vertices) + np.repeat(np.arange(len(start)), np.diff(start, append=len(order)))
-    origin, target = (end[order[start]] for end in connectivity.halfedges(triangles))
-    a, b, c = triangles.T
-    ab, bc, ca = middle.reshape(-1, 3).T
-    parts = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)])
-    return np.concatenate((vertices, (vertices[origin] + vertices[target]) / 2)), parts.transpose(2, 0, 1).reshape(
-        -1, 3
-    )

@@ -369,6 +369,7 @@ def loadMesh(config: Config) -> Mesh:
         if config.mesh.remesh is not None:
             with warnings.catch_warnings(record=True):  # they are among the notes
                 mesh = mesh.remeshed(config.mesh.remesh)
+        mesh = mesh.subdivided(config.mesh.subdivide or 0)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
     if config.mesh.species_field is not None and mesh.species is None:

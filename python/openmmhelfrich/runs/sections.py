@@ -240,6 +240,13 @@ class MeshSection(Section):
         description="make the mesh anew, of so many vertices and even triangles on the same surface; takes the extra "
         "openmm-helfrich[remesh]",
     )
+    subdivide: int | None = Field(
+        None,
+        ge=1,
+        le=6,
+        description="divide each triangle in four equal ones so often; the surface stays as it is, so that a shape from "
+        "equilibrium begins a run of a larger mesh",
+    )
     repair: bool = Field(
         False,
         description="mend the mesh as the command repair does, and say what was done: weld corners, take away facets "

@@ -476,7 +476,8 @@ def adaptStepSize(
     Warns
     -----
     UserWarning
-        if the acceptance is still far from the one aimed at, by more than what was tried scatters
+        if the acceptance is still far from the one aimed at, by more than what was tried scatters, or too few
+        trajectories were tried after the search to tell
     """
     integrator, steps = simulation.integrator, wholeNumber(steps, "adaptStepSize: steps", 1)
     try:
@@ -505,8 +506,8 @@ def adaptStepSize(
     if obstacle is not None:
         adaptation.restore()
         raise ValueError(f"adaptStepSize: {obstacle}")
-    for each in found:
-        if shortcoming := each.shortcoming():
+    for each in found:  # moves of other kinds may be rare
+        if shortcoming := each.shortcoming(LEAST_TRIES if each is found[0] else 0):
             warnings.warn(f"adaptStepSize: {shortcoming}", stacklevel=2)
     return AdaptationResult(
         adapter.stepSize,
@@ -541,8 +542,10 @@ class _Found:
             return f"{self._says()}: more steps are needed, or a mesh that is nearer to its targets"
         return None
 
-    def shortcoming(self) -> str | None:
-        """Return that what was found is wrong, if the tries are enough to tell."""
+    def shortcoming(self, leastTries: int) -> str | None:
+        """Return that what was found is wrong, if the tries are enough to tell, or that they are fewer than asked."""
+        if len(self._late) < leastTries:
+            return f"{self._says()}, too few to tell whether it is right: more steps are needed"
         difference = abs(self.acceptance - self._adapter.acceptance)
         if difference <= FAR_OFF or difference <= _scatter(self._adapter.acceptance, len(self._late)):
             return None
