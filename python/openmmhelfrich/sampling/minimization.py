@@ -215,17 +215,17 @@ def _settle(
         if accepted == 0 and reason == _CONVERGED:
             return reason, rounds, flips
         # The flips of a round may open a way that the line search did not find.
-        stalled = stalled + 1 if reason == _STALLED else 0
+        stalled = stalled + 1 if reason == STALLED else 0
         if (stalled > 0 and accepted == 0) or stalled == 5:
             return reason, rounds, flips
 
 
 _CONVERGED = "the forces fell below the tolerance"
-_STALLED = (
+STALLED = (
     "no lower energy was found along the forces: the energy is rough there, as where triangles are flat or folded; a "
     "firmer tether helps"
 )
-_LIMIT = "the greatest number of iterations was reached"
+CUT_SHORT = "the greatest number of iterations was reached"
 _STOPPED = "the caller ended it"
 _ROUND = "the iterations of a round were made"
 
@@ -300,7 +300,7 @@ class _Descent:
             recorder = self._descend(tolerance, min(left, default=0), byWaves)
             if recorder.isStopped or (self.maxIterations and len(self.history) >= self.maxIterations):
                 self.isOver = True
-                return _STOPPED if recorder.isStopped else _LIMIT
+                return _STOPPED if recorder.isStopped else CUT_SHORT
             if iterations and len(self.history) - first >= iterations:
                 return _CONVERGED if self._measure()[1] <= tolerance else _ROUND
             after, rmsForce = self._measure()
@@ -308,7 +308,7 @@ class _Descent:
                 if rmsForce <= tolerance:
                     return _CONVERGED
                 if not byWaves:
-                    return _STALLED
+                    return STALLED
                 byWaves = False  # one by one, vertices may find a way yet
 
     def result(self, reason: str, flips: int, rounds: int) -> MinimizationResult:
