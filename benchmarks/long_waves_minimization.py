@@ -12,34 +12,20 @@ import argparse
 import time
 
 import numpy as np
-import openmm as mm
-from openmm import app
+from minimization_scenes import roughened, simulationOf, withTether
 
 import openmmhelfrich as mh
 
 
 def createSimulation(arguments):
     smooth = mh.spheroid(arguments.vertices, mh.spheroidAspectRatio(arguments.volume, "prolate"))
-    length = smooth.edgeLengths.mean()
-    noise = np.random.default_rng(3).normal(size=smooth.vertices.shape)
-    mesh = mh.Mesh(smooth.vertices + arguments.noise * length * noise, smooth.triangles)
-    force = mh.HelfrichForce()
-    force.setTriangles(mesh.triangles)
-    force.setBendingModulus(1)
+    mesh = roughened(smooth, arguments.noise)
+    force = withTether(mesh, float(smooth.edgeLengths.mean()))
     force.setAreaModulus(arguments.stiffness)
     force.setTargetArea(smooth.area)
     force.setVolumeModulus(arguments.stiffness)
     force.setTargetVolume(smooth.volume)
-    force.setTether(100, 0.8 * length, 1.25 * length, 2)
-    force.setTetherLengthScale(length)
-    system = mesh.createSystem()
-    system.addForce(force)
-    integrator = mh.HybridMonteCarloIntegrator(300, 1e-3)
-    integrator.setRandomNumberSeed(1)
-    platform = mm.Platform.getPlatform("CPU")
-    simulation = app.Simulation(mesh.topology(), system, integrator, platform, {"Threads": "1"})
-    simulation.context.setPositions(mesh.vertices)
-    return force, simulation
+    return force, simulationOf(mesh, force)
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ def roughened(mesh, noise, seed=3):
     return mh.Mesh(mesh.vertices + motion, mesh.triangles)
 
 
-def withTether(mesh):
-    force, length = mh.HelfrichForce(), float(np.median(mesh.edgeLengths))
+def withTether(mesh, length=None):
+    force, length = mh.HelfrichForce(), length or float(np.median(mesh.edgeLengths))
     force.setTriangles(mesh.triangles)
     force.setBendingModulus(1)
     force.setTether(100, 0.8 * length, 1.25 * length, 2)
@@ -62,10 +62,7 @@ def sheet(n):
     noise = 0.08 * 2 / side * np.random.default_rng(3).normal(size=mesh.vertices.shape)
     noise[:, 2] += 0.2 * np.sin(np.pi * mesh.vertices[:, 0])
     mesh.vertices = mesh.vertices + noise
-    force = withTether(mesh)
-    length = 2 / side
-    force.setTether(100, 0.8 * length, 1.25 * length, 2)
-    force.setTetherLengthScale(length)
+    force = withTether(mesh, 2 / side)
     force.setUsesPeriodicBoundaryConditions(True)
     return mesh, force
 
@@ -117,20 +114,24 @@ SCENES = {
 }
 
 
-def createSimulation(scene, n):
-    mesh, *forces = SCENES[scene](n)
+def simulationOf(mesh, *forces, fixed=()):
     system = mesh.createSystem()
     for force in forces:
         system.addForce(force)
-    if scene == "fixed":
-        for i in np.flatnonzero(np.arange(len(mesh.vertices)) % 40 == 0):
-            system.setParticleMass(int(i), 0)
+    for i in fixed:
+        system.setParticleMass(i, 0)
     integrator = mh.HybridMonteCarloIntegrator(300, 1e-3)
     integrator.setRandomNumberSeed(1)
     platform = mm.Platform.getPlatform("CPU")
     simulation = app.Simulation(mesh.topology(), system, integrator, platform, {"Threads": "1"})
     simulation.context.setPositions(mesh.vertices)
-    return forces[0], simulation
+    return simulation
+
+
+def createSimulation(scene, n):
+    mesh, *forces = SCENES[scene](n)
+    fixed = range(0, len(mesh.vertices), 40) if scene == "fixed" else ()
+    return forces[0], simulationOf(mesh, *forces, fixed=fixed)
 
 
 if __name__ == "__main__":

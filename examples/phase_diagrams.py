@@ -84,7 +84,8 @@ def plotEnergies(table, file):
         annealed.reducedVolume, annealed[ENERGY], "s", mfc="none", color="black", ms=8, label="annealed from a sphere"
     )
     failed = table[table.verdict == "failed"]
-    axes.plot(failed.reducedVolume, failed[ENERGY], "x", color="0.6", ms=7, label="failed")
+    if len(failed):
+        axes.plot(failed.reducedVolume, failed[ENERGY], "x", color="0.6", ms=7, label="failed")
     axes.plot([], [], "+", color="0.3", ms=11, mew=1.5, label="axisymmetric shapes")
     for v in CROSSINGS.values():
         axes.axvline(v, color="0.7", lw=1, zorder=0)

@@ -135,6 +135,16 @@ def test_membrane(engine, factor):
     assert rate == pytest.approx(0.75, abs=0.12)  # of which 3 standard errors of 400 trajectories are 0.065
 
 
+def test_mistakes_are_told_by_the_name_of_what_was_called():
+    with pytest.raises(ValueError, match=r"^adaptStepSize: the acceptance is 2; it must be between 0 and 1$"):
+        mh.adaptStepSize(createSimulation(0.005), 10, acceptance=2)
+    with pytest.raises(ValueError, match=r"^adaptStepSize: the search for the step size has not ended"):
+        mh.adaptStepSize(createSimulation(5), 3)
+    simulation = createSimulation(0.001, mm.LangevinMiddleIntegrator(300, 1, 0.001), flipProbability=0)
+    with pytest.raises(ValueError, match=r"^adaptStepSize: there is no step size to adapt"):
+        mh.adaptStepSize(simulation, 10)
+
+
 def test_diverged_trajectories_have_probability_0():
     for engine in ("native", "custom"):
         simulation = createSimulation(1000, engine, flipProbability=0)

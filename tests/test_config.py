@@ -12,9 +12,10 @@ from membranes import energyOf, forcesOf
 from openmmhelfrich.geometry.measured import MeasuredMesh
 from openmmhelfrich.runs.config import parseConfig, readConfig, stagesOf, tomllib
 from openmmhelfrich.runs.configfile import defaultText, settingsText
-from openmmhelfrich.runs.scene import Scene, currentMesh, loadMesh, resolve
+from openmmhelfrich.runs.scene import Scene, loadMesh, resolve
 from openmmhelfrich.runs.stagesettings import STAGES
 from openmmhelfrich.runs.trimem import convertConfig
+from openmmhelfrich.sampling.conditions import currentMesh
 
 PEER = {
     case["name"]: case for case in json.loads((Path(__file__).parent / "data/peer_values.json").read_text())["cases"]

@@ -244,6 +244,19 @@ def test_a_curvature_that_no_edge_can_follow_is_told(place):
             checkStages(mh.Scene.of(configOf(**sections)))
 
 
+@pytest.mark.parametrize("isEarlierStage", [False, True])
+def test_a_stage_s_curvature_is_told_with_what_species_add(isEarlierStage):
+    """Each of the two could be followed by edges alone."""
+    half = {"spontaneous_curvature": -50.0}
+    stages = [{"kind": "sample", "steps": 10, "species": {"b": half}}] if isEarlierStage else []
+    species = [{"name": "a", "fraction": 0.5}, {"name": "b", **({} if isEarlierStage else half)}]
+    config = {"species": species, "sampling": {"seed": 1}}
+    checkStages(mh.Scene.of(configOf(**config, stages=[*stages, {"kind": "sample", "steps": 10}])))
+    message = r"its spontaneous_curvature of 'b', with that of \[membrane\], is -100 1/nm; its size must be at most"
+    with pytest.raises(ValueError, match=rf"stage {len(stages) + 1} \(sample\): {message}"):
+        checkStages(mh.Scene.of(configOf(**config, stages=[*stages, {"kind": "sample", "steps": 10, **half}])))
+
+
 def test_arrays_of_numpy_are_lists():
     species = [
         {"name": "a", "fraction": np.float32(0.25), "region": "cap", "direction": np.array([1, 0, 0])},

@@ -298,6 +298,24 @@ def testCheckNamesWhatIsWrong(sphere, spoil, message):
         spoil(sphere).check()
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+@pytest.mark.parametrize("seed", range(5))
+def testFlatSurfacesAreToldHoweverTheyAreTurned(sphere, kind, seed):
+    """Rounding leaves them a volume of either sign; one that is merely thin is taken."""
+    random = np.random.default_rng(seed)
+    rotation, other = (np.linalg.qr(random.normal(size=(3, 3)))[0] for _ in range(2))
+    for height, scale in ((0.0, 1e-6), (0.0, 1.0), (0.0, 1e6), (1e-4, 1.0)):
+        shape = sphere.vertices @ rotation * [1, 1, height]  # along no axis of symmetry
+        turned = scale * shape @ other * np.linalg.det(rotation @ other)
+        mesh = mh.Mesh(turned.astype(kind).astype(float), sphere.triangles)
+        if height > 0:
+            mesh.check()
+            continue
+        assert mesh.volume != 0
+        with pytest.raises(ValueError, match=r"^the membrane of vertex 0 is flat: it encloses no volume"):
+            mesh.check()
+
+
 def testCheckSeesCoordinatesThatWereChanged(sphere):
     sphere.vertices[17, 1] = np.inf
     with pytest.raises(ValueError, match="position of vertex 17"):

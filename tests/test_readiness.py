@@ -15,6 +15,7 @@ from membranes import cube, uvSphere
 from openmmhelfrich.cli import app
 from openmmhelfrich.geometry.predicates import orientations
 from openmmhelfrich.geometry.quality import assess, crossings, dihedralAngles, triangleAngles
+from openmmhelfrich.runs import readiness
 from openmmhelfrich.sampling.observables import readObservables
 
 
@@ -164,6 +165,27 @@ def test_ready_after_remesh_as_the_command_says(unevenFolder):
     assert command == "openmm-helfrich remesh cell.stl cell_even.ply --vertices 482"
     assert invoke(*shlex.split(command)[1:]).exit_code == 0
     assert invoke("check", "cell_even.ply").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "stretching, most, isReady, count",
+    [
+        (2.0, np.inf, True, 3),  # the first three are accepted
+        (8.0, np.inf, False, 5),  # the first five have no chance
+        (8.0, 1e3, False, 22),  # three can no longer be accepted of 24
+    ],
+)
+def test_trajectories_are_tried_until_the_answer_is_certain(monkeypatch, stretching, most, isReady, count):
+    sphere, tried, original = mh.Mesh.icosphere(2), [], readiness._nextEnergyChange
+
+    def nextEnergyChange(simulation, trajectories):
+        tried.append(min(original(simulation, trajectories), most))
+        return tried[-1]
+
+    monkeypatch.setattr(readiness, "_nextEnergyChange", nextEnergyChange)
+    mesh = mh.Mesh(sphere.vertices * [1, 1, stretching], sphere.triangles)
+    found = readiness.readinessOf(mesh, "cell.ply")
+    assert (found.reason is None) == isReady and len(tried) == count
 
 
 def test_ready_after_repair_as_the_command_says(inFolder):

@@ -16,7 +16,7 @@ import openmm as mm
 import pytest
 
 import openmmhelfrich as mh
-from openmmhelfrich.runs.checkpoint import loadSimulation
+from openmmhelfrich.runs.checkpoint import loadRunState, loadSimulation
 from openmmhelfrich.runs.config import parseConfig, readConfig
 from openmmhelfrich.runs.outputs import Recorder
 from openmmhelfrich.runs.studies import resume, run
@@ -71,6 +71,8 @@ def contentsOf(prefix):
 
 
 def assertSame(prefix, expected):
+    wasStopped = not loadRunState(f"{prefix}.checkpoint").isComplete
+    assert not wasStopped, f"a signal from elsewhere ended the run {prefix}"  # it makes no error
     found = contentsOf(prefix)
     for name, value in expected.items():
         assert found[name] == value, name

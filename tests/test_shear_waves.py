@@ -296,6 +296,13 @@ def test_too_short_a_burn_in_changes_nothing():
     )
 
 
+def test_waves_that_are_rare_in_a_burn_in_are_not_warned_of(recwarn):
+    """Their acceptance is within what so few scatter."""
+    simulation = createSimulation(0.1, 0.05)
+    assert mh.adaptStepSize(simulation, 120).amplitude is not None
+    assert simulation.integrator.getShearWaveIntegrator().getNumAttempted() < 5 * 20 and not recwarn.list
+
+
 def configure(prefix, **sampling):
     return parseConfig(
         {

@@ -26,6 +26,7 @@ import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 from openmmhelfrich.io.locks import locked
 from openmmhelfrich.runs import studies, sweeps
+from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.grids import readGrid
 
 INTERVAL = 40
@@ -289,6 +290,43 @@ def testPointsWhoseFilesAreOfAnotherStep(grid, expected, tmp_path, cluster, monk
     assert all(found[point.name] == expected[point.name] for point in points[:3])
     monkeypatch.setattr(sweeps, "_client", fail)
     assert sweeps.sweep(grid, tmp_path).count("done") == 4  # nothing is left to do
+
+
+def testThreadsOfEachPoint(grid, expected, tmp_path, cluster):
+    """They are those of the option, also of a point that goes on, and change nothing."""
+
+    def stop(study):
+        if study.simulation.currentStep == 120:
+            raise KeyboardInterrupt
+
+    options = ["--output", str(tmp_path), "--scheduler", cluster.scheduler_address, "--threads"]
+    points = readGrid(grid)
+    points[0].config.output.prefix = str(tmp_path / points[0].name / "run")
+    studies.run(points[0].config, stop)
+    result = CliRunner().invoke(app, ["sweep", str(grid), *options, "2"])
+    assert result.exit_code == 0, result.output
+    assertDone(tmp_path, grid, expected)
+    for point in points:
+        assert readConfig(tmp_path / point.name / "run.resolved.toml").platform.threads == 2
+
+
+@pytest.mark.parametrize(
+    "base, threads, message",
+    [
+        ("", 0, "sweep: threads is 0; it must be a whole number, 1 or more"),
+        ("", 10**6, "the number of threads is 1000000; it must be at most"),
+        ("platform.threads = 1000000", None, "the number of threads is 1000000; it must be at most"),
+        ('platform.name = "Reference"', 2, r"\[platform\] threads is 2; only the CPU platform has threads, not Refer"),
+        ('platform.name = "GPU"', None, r"\[platform\] name is 'GPU'; it must be one of"),
+    ],
+)
+def testThreadsAndPlatformsThatAreNotThere(tmp_path, base, threads, message):
+    """They are told before anything is written."""
+    grid = tmp_path / "grid.toml"
+    grid.write_text(f"[base]\nmesh.icosphere = 1\n{base}\n[grid]\nmembrane.reduced_volume = [0.9, 0.8]\n")
+    with pytest.raises(ValueError, match=message):
+        sweeps.sweep(grid, tmp_path / "results", threads=threads)
+    assert not (tmp_path / "results").exists()
 
 
 def testPointThatFails(tmp_path, cluster):

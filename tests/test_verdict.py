@@ -85,6 +85,7 @@ GOOD = Evidence(
     timeScale=6e-4,
     moved=2.0,
     fall=0.0,
+    excess=2.0,
 )
 FOUND = [
     ("finite numbers", "failed", {"rows": rowsOf(energy=np.full(40, np.nan))}),
@@ -118,6 +119,7 @@ FOUND = [
     ("drift", "doubtful", {"rows": rowsOf(E_bending=SPHERE * (1.75 + 0.2 * RAMP))}),
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
+    ("forces", "doubtful", {"excess": 128.0}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (0, 100)]}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
     ("passages through the states", "doubtful", {"passages": 0}),
@@ -185,6 +187,26 @@ def testWhatAnAdviceIs():
         (finding,) = (finding for finding in found if finding.check == "acceptance of trajectories")
         assert words in finding.advice
         assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
+
+
+def testTheKindOfStageSaysHowItsStepSizeComesOutBetter(inFolder, monkeypatch):
+    """A burn-in is of a stage that samples, and not of one whose temperature or targets change."""
+    found = []
+    monkeypatch.setattr(
+        "openmmhelfrich.analysis.verdict.judge", lambda evidence, checks: found.append(evidence) or judge(evidence, ())
+    )
+    path = {"kind": "continue", "windows": 1, "equilibration": 2, "steps": 2, "reduced_volume": 0.98}
+    given = {"kind": "sample", "steps": 5, "step_size": 1e-4}
+    mh.run(configure(stages=[path, {"kind": "sample", "steps": 5}, given], step_size="auto"))
+    advice = [
+        [
+            finding.advice
+            for finding in judge(replace(GOOD, divergence=0.1, stepSize=2e-3, adaptation=e.adaptation)).findings
+        ]
+        for e in found
+    ]
+    assert ["let targets and temperature change more slowly" in first for (first,) in advice] == [True, False, False]
+    assert ["a longer burn_in" in first for (first,) in advice] == [False, True, False]
 
 
 def testARepulsionThatIsThereIsToReachFurther():
@@ -267,6 +289,21 @@ SCENES = {
     ),
     "a coarse mesh": (configure(mesh=1, membrane={"reduced_volume": 0.95}, stages=COLD), "failed", "is folded by more"),
     "a fine mesh": (configure(membrane={"reduced_volume": 0.95}, stages=COLD), "good", ""),
+    "a minimization that is cut short": (
+        configure(stages=[{"kind": "sample", "steps": 100}, {"kind": "minimize", "max_iterations": 20}]),
+        "doubtful",
+        "cut short while the energy fell, by [0-9.e-]+% in the last tenth of its iterations; a larger max_iterations",
+    ),
+    "a minimization that finds no way down": (
+        {
+            **configure(
+                stages=[{"kind": "sample", "steps": 20}, {"kind": "minimize", "fluid": False, "reduced_volume": 0.8}]
+            ),
+            "tether": {"modulus": 0.0},
+        },
+        "doubtful",
+        "found no lower energy along forces that are .* times its tolerance; more iterations do not help",
+    ),
     "a symmetric minimum": (
         configure(stages=[{"kind": "minimize", "reduced_volume": 0.9}]),
         "doubtful",

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from openmm import unit
 
-from ..geometry.mesh import Mesh
-from ..sampling.conditions import boxOf, flatEnergy, moduliOf
+from ..sampling.conditions import currentMesh, flatEnergy, moduliOf
 from ..sampling.replicaexchange import ReplicaExchange
 from .verdict import DRIFT, LEVELS, OF_EXCHANGES, OF_MOVES, OF_SHAPES, ROWS, Evidence, Finding, Verdict, judge, ratesOf
 
@@ -53,12 +51,7 @@ def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
     force = exchange.membrane(replica)
     if force is None:
         return Evidence(rows=exchange.observables(state), **rates)
-    ofContext = simulation.context.getState(positions=True)
-    positions = ofContext.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-    box = boxOf(ofContext, force)
-    triangles = force.getTrianglesInContext(simulation.context)
-    species = force.getVertexSpeciesInContext(simulation.context)
-    mesh = Mesh(positions[: triangles.max() + 1], triangles, box, species=species)
+    mesh = currentMesh(simulation, force)
     return Evidence(
         rows=exchange.observables(state),
         mesh=mesh,

@@ -158,8 +158,8 @@ class Evidence:
         the parts of trajectories that were accepted and that diverged, since a step size was found, and that of flips
     stepSize, timeScale : float or None
         the step size, and that of the rule of thumb, in ps
-    isAdapted : bool
-        whether the step size was found by its acceptance
+    adaptation : str
+        what lets a step size that is found by its acceptance come out better; empty where it is given
     few : dict of (int, int)
         how many "trajectories" or "flips" were accepted and tried, where these are too few for a rate
     exchanges : sequence of (int, int)
@@ -169,7 +169,9 @@ class Evidence:
     moved : float or None
         the root mean square of the vertices' displacements, over the mean edge length
     fall : float or None
-        the part of the energy by which a minimization came down in the last tenth of its iterations
+        the part of the energy by which a minimization that was cut short came down in the last tenth of its iterations
+    excess : float or None
+        the forces over the tolerance where a minimization found no lower energy along them
     """
 
     rows: Table = field(default_factory=Table)
@@ -183,12 +185,13 @@ class Evidence:
     flipAcceptance: float | None = None
     stepSize: float | None = None
     timeScale: float | None = None
-    isAdapted: bool = False
+    adaptation: str = ""
     few: dict[str, tuple[int, int]] = field(default_factory=dict)
     exchanges: Sequence[tuple[int, int]] = ()
     passages: int | None = None
     moved: float | None = None
     fall: float | None = None
+    excess: float | None = None
 
     @cached_property
     def late(self) -> Table:
@@ -429,7 +432,7 @@ def _stepAdvice(e: Evidence) -> str:
     if e.mesh is not None and np.mean(e.dihedrals > FOLDED) > FOLDS.doubtful:
         return f"a smaller step_size does not help, since the membrane has crumpled: {_ANEW}"
     if e.stepSize is None or e.timeScale is None or e.stepSize >= SHORT_STEP * e.timeScale:
-        return "a longer burn_in finds a better one" if e.isAdapted else _SMALLER_STEP
+        return e.adaptation or _SMALLER_STEP
     return (
         f"a smaller step_size does not help, since it is {e.stepSize:.2g} ps already, where {e.timeScale:.2g} ps go "
         f"with the moduli: {_UNEVEN}"
@@ -450,7 +453,7 @@ def _flips(e: Evidence) -> Iterator[Measured]:
 def _stepSize(e: Evidence) -> Iterator[Measured]:
     if e.stepSize is not None and e.timeScale is not None and e.acceptance is not None:
         what = f"the step size of {e.stepSize:.2g} ps creeps: {e.timeScale:.2g} ps go with the moduli and the mesh"
-        isTooSmall = e.acceptance > 0.5 and not e.isAdapted
+        isTooSmall = e.acceptance > 0.5 and not e.adaptation
         advice = 'a larger step_size, or "auto", or none' if isTooSmall else _UNEVEN
         yield Measured(e.stepSize / e.timeScale, what, advice)
 
@@ -548,8 +551,21 @@ def _blockError(values: NDArray[np.float64]) -> float:
 
 def _minimum(e: Evidence) -> Iterator[Measured]:
     if e.fall is not None:
-        what = f"the minimization ended while the energy fell, by {e.fall:.2%} in the last tenth of its iterations"
+        what = (
+            "the minimization was cut short while the energy fell, by "
+            f"{100 * e.fall:.2g}% in the last tenth of its iterations"
+        )
         yield Measured(e.fall, what, "a larger max_iterations")
+
+
+def _forces(e: Evidence) -> Iterator[Measured]:
+    if e.excess is not None:
+        what = f"the minimization found no lower energy along forces that are {e.excess:.3g} times its tolerance"
+        advice = (
+            "more iterations do not help: triangles that are flat, folded or pass through others make the energy "
+            "rough, and a firmer tether or a repulsion keeps them from that"
+        )
+        yield Measured(e.excess, what, advice)
 
 
 def _exchanges(e: Evidence) -> Iterator[Measured]:
@@ -583,12 +599,14 @@ TRIANGLES = Check("triangles without area", _triangles, 0, 0.01)
 INTERSECTIONS = Check("self-intersections", _intersections, 0, 0.1)
 ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
-MINIMUM = Check("minimum", _minimum, 1e-3, 0.05)
+MINIMUM = Check("minimum", _minimum, 1e-5, 0.05)
+FORCES = Check("forces", _forces, 10, math.inf)
 EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.01, 0, isLeast=True)
 PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
 OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
 OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
+OF_MINIMA: tuple[Check, ...] = (MINIMUM, FORCES)
 OF_EXCHANGES: tuple[Check, ...] = (EXCHANGES, PASSAGES)
-CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, MINIMUM, *OF_EXCHANGES)
+CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, *OF_MINIMA, *OF_EXCHANGES)

@@ -31,7 +31,11 @@ def sweep(
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Number of these processes; one for each core by default.")
+        int | None,
+        typer.Option(min=1, help="Number of these processes; by default each thread of a point has a core."),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads of the CPU platform of each point; 1 by default.")
     ] = None,
     retry: Annotated[
         Literal["failed"] | None,
@@ -55,7 +59,7 @@ def sweep(
 
     start = time.monotonic()
     with SweepProgress(quiet) as progress:
-        result = runSweep(grid, output, scheduler, workers, progress, retry)
+        result = runSweep(grid, output, scheduler, workers, progress, retry, threads=threads)
     if not quiet:
         counts = ", ".join(
             f"{result.count(status)} {status}"

@@ -154,13 +154,19 @@ def spontaneousCurvatureOf(config: Config) -> float:
     return max((own + each.spontaneous_curvature for each in config.species), key=abs, default=own)
 
 
-def requireResolved(what: str, curvature: float, length: float, lengthUnit: str) -> None:
-    """Raise a ValueError if a spontaneous curvature asks for much smaller spheres than the mean edge is long."""
-    most = 2 / (SMALLEST_RADIUS * length)
-    if abs(curvature) > most:
+def requireResolved(what: str, config: Config, length: float) -> None:
+    """Raise a ValueError if a spontaneous curvature, which what names, asks for much smaller spheres than the mean edge
+    is long.  Where there are species it is that of one of them, with the membrane's.
+    """
+    most, own = 2 / (SMALLEST_RADIUS * length), config.membrane.spontaneous_curvature
+    included = ", with that of [membrane]," if own else ""
+    found = {f" of '{each.name}'{included}": own + each.spontaneous_curvature for each in config.species} or {"": own}
+    which = max(found, key=lambda name: abs(found[name]))
+    if abs(found[which]) > most:
+        unit = config.mesh.length_unit
         raise ValueError(
-            f"{what} is {curvature:g} 1/{lengthUnit}; its size must be at most {most:.3g}, where spheres of the radius "
-            f"2/C_0 are {SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} {lengthUnit}: one may be in another "
+            f"{what}{which} is {found[which]:g} 1/{unit}; its size must be at most {most:.3g}, where spheres of the "
+            f"radius 2/C_0 are {SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} {unit}: one may be in another "
             "unit of length"
         )
 

@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from openmm import OpenMMException, app, unit
@@ -16,12 +16,13 @@ from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
 from ..geometry.remeshing import hindrance
 from ..helfrich import HelfrichForce
+from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
-from .scene import Scene, createScene, currentMesh
+from .scene import Scene, createScene
 from .sections import SystemSection
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
@@ -32,6 +33,9 @@ _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
 LEAST_VERTICES = ((0.77, 162), (0.62, 252), (0.47, 362), (-np.inf, 642))
 # Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
 _ACCEPTED, _TRIED = 3, 24
+# Where each of the first few ends by so many kT higher, flips do not mend the mesh meanwhile: what was tried is in
+# docs/how-to/remeshing.md.
+_FIRST_FEW, _HOPELESS = 5, 2e4
 
 
 def obstacle(
@@ -257,13 +261,25 @@ def _accepts(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: flo
         steps = trial.createSimulation(trial.createForce())
         trajectories = trajectoriesOf(steps.integrator)
         trajectories.setStepSize(stepSize)
-        while trajectories.getNumAttempted() < _TRIED:
-            steps.step(1)
-            if trajectories.getNumAccepted() == _ACCEPTED:
-                return True
+        changes: list[float] = []
+        while trajectories.getNumAccepted() < _ACCEPTED:
+            changes.append(_nextEnergyChange(steps, trajectories) / trial.kT)
+            left = _TRIED - len(changes)
+            isHopeless = len(changes) == _FIRST_FEW and min(changes) > _HOPELESS
+            if isHopeless or trajectories.getNumAccepted() + left < _ACCEPTED:
+                return False
+        return True
     except OpenMMException:  # where there is no finite energy
         pass
     return False
+
+
+def _nextEnergyChange(simulation: app.Simulation, trajectories: Any) -> float:
+    """Make steps up to the next trajectory, and return its change of energy in kJ/mol, infinite if it diverged."""
+    numAttempted = trajectories.getNumAttempted()
+    while trajectories.getNumAttempted() == numAttempted:
+        simulation.step(1)
+    return float(valueIn(trajectories.getLastEnergyChange(), unit.kilojoules_per_mole))
 
 
 def _withOwnTargets(config: Config) -> Config:

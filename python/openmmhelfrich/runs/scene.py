@@ -6,7 +6,7 @@ import os
 import random
 import threading
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +27,6 @@ from ..helfrich import (
     SpeciesExchangeIntegrator,
 )
 from ..messages import quoted, shortened
-from ..sampling.conditions import boxOf
 from ..sampling.targets import (
     listedTargets,
     numberedTargets,
@@ -378,20 +377,6 @@ def loadMesh(config: Config) -> Mesh:
     return mesh
 
 
-def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: Iterable[str] = ()) -> Mesh:
-    """Return a Mesh of the present positions, live triangles and species, and of the beads, which follow the
-    vertices.
-    """
-    state = simulation.context.getState(positions=True)
-    positions = state.getPositions(asNumpy=True)
-    box = boxOf(state, force)
-    triangles = force.getTrianglesInContext(simulation.context)
-    numVertices = int(triangles.max()) + 1
-    species = force.getVertexSpeciesInContext(simulation.context)
-    beads = positions[numVertices:]
-    return Mesh(positions[:numVertices], triangles, box, beads, species, speciesNames)
-
-
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:
     """Return the Platform that a Config asks for, and its properties."""
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
@@ -467,7 +452,7 @@ def checkSizes(config: Config, measured: MeasuredMesh) -> None:
         ("[repulsion] onset", config.repulsion.onset),
     ):
         requireComparable(name, value, length, "the mean edge length")
-    requireResolved("the spontaneous_curvature", spontaneousCurvatureOf(config), length, config.mesh.length_unit)
+    requireResolved("the spontaneous_curvature", config, length)
     stepSize = defaultStepSize(config, measured)
     if not LEAST <= stepSize <= GREATEST:
         raise ValueError(

@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +33,18 @@ from ..sampling.adaptation import (
     StepSizeTracker,
 )
 from ..sampling.averages import averageWindows, lateRows
-from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, flatEnergy, setConditions
+from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, currentMesh, flatEnergy, setConditions
 from ..sampling.continuation import ContinuationPath, windowLambdas
 from ..sampling.marks import displacement, markedPositions
-from ..sampling.minimization import MinimizationResult, firmTether, minimize, minimizeFluid
+from ..sampling.minimization import (
+    CUT_SHORT,
+    STALLED,
+    MinimizationResult,
+    defaultTolerance,
+    firmTether,
+    minimize,
+    minimizeFluid,
+)
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
 from ..sampling.targets import currentTargets, measuredTargets, requireComparableTarget, setTargets, totalOf
@@ -48,7 +56,6 @@ from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import (
     Scene,
-    currentMesh,
     requireComparable,
     requireTrajectories,
     stepSizeOf,
@@ -74,6 +81,7 @@ class _Memory(TypedDict):
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
     marks: NotRequired[list[list[float]]]
+    shortfall: NotRequired[dict[Literal["fall", "excess"], float]]
 
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
@@ -99,6 +107,7 @@ class Stage(ABC):
 
     unit, isWhole = "step", False
     CHECKS: tuple[Check, ...] = ()  # what its verdict looks at
+    ADAPTATION = "let targets and temperature change more slowly, so that the step size can follow"
 
     def __init__(self, settings: Any, scene: Scene, simulation: app.Simulation, force: HelfrichForce):
         """Create the stage that settings describe, at its beginning."""
@@ -201,7 +210,7 @@ class Stage(ABC):
             **ratesOf(Counters(*counters.tolist()), integrator),
             stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
             timeScale=stepSizeOf(scene.config, MeasuredMesh(mesh)),
-            isAdapted=self._adapter is not None,
+            adaptation=self.ADAPTATION if self._adapter else "",
             moved=self._moved(mesh),
         )
 
@@ -272,13 +281,13 @@ class Minimize(Stage):
     """
 
     unit, isWhole = "iteration", True
-    CHECKS = (*verdict.OF_SHAPES, verdict.MINIMUM)
+    CHECKS = (*verdict.OF_SHAPES, *verdict.OF_MINIMA)
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
         self.steps, self._energy = self._settings.max_iterations, 0.0
         self._result: list[str] | None = None
-        self._fall: float | None = None
+        self._shortfall: dict[str, float] = {}
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
@@ -319,7 +328,7 @@ class Minimize(Stage):
             beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
             if beyond is not None and result.iterations < settings.max_iterations:
                 raise remeshFirst(self._scene, f"after the minimization {beyond}")
-            self._fall = _lastFall(result)
+            self._shortfall = _shortfall(result, self._nearEnough(tolerance))
             simulation.context.setStepCount(simulation.currentStep + 1)
             self._result = [
                 f"{self.title}: {result.reason}, after {result.iterations} "
@@ -327,22 +336,28 @@ class Minimize(Stage):
                 *(f"{self.title}: {warning}" for warning in (*result.warnings, *filter(None, [beyond]))),
             ]
 
+    def _nearEnough(self, tolerance: float | None) -> float:
+        """Return a tolerance of the forces, in kJ/mol/nm, or the default one where that is larger."""
+        own = defaultTolerance(self._simulation, self._force) if self._scene.moduli["bending"] > 0 else 0.0
+        return max(tolerance or 0.0, own)
+
     def status(self, energy: Callable[[], float]) -> str:
         """Return the energy of the present iteration, in a few words."""
         return f"energy {self._energy / self._scene.kT:.6g} kT"
 
     def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "result": self._result, "fall": self._fall}
+        return {**super().getState(), "result": self._result, "shortfall": self._shortfall}
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
-        self._result, self._fall = state["result"], state.get("fall")
+        self._result, self._shortfall = state["result"], state.get("shortfall", {})
 
     def notes(self) -> list[str]:
         return self._result or []
 
     def _evidence(self, rows: Table) -> Evidence:
-        return replace(super()._evidence(rows), rows=rows.where(np.array([-1])), fall=self._fall)
+        fall, excess = self._shortfall.get("fall"), self._shortfall.get("excess")
+        return replace(super()._evidence(rows), rows=rows.where(np.array([-1])), fall=fall, excess=excess)
 
     def _heat(self, rows: Table) -> float:
         return 0.0
@@ -413,6 +428,7 @@ class Sample(MonteCarlo):
 
     WAVE_ADAPTER = AmplitudeAdapter
     CHECKS = (*MonteCarlo.CHECKS, *verdict.OF_AVERAGES)
+    ADAPTATION = "a longer burn_in finds a better step size"
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
@@ -595,9 +611,9 @@ def _unitOf(name: str, kT: float) -> float:
     return 1.0 if conditionParts(name)[0] == CURVATURE else kT
 
 
-def _checkConditions(settings: StageSettings, before: Scene) -> None:
+def _checkConditions(settings: StageSettings, before: Scene, after: Scene) -> None:
     """Raise a ValueError if a stage changes what its membrane has not, or leads where nothing can be, from a scene with
-    the moduli that it has before the stage.
+    the moduli that it has before the stage to one with those at its end.
     """
     given, count = settings.conditions(), len(before.config.species)
     for name in given:
@@ -615,8 +631,8 @@ def _checkConditions(settings: StageSettings, before: Scene) -> None:
         modulus = f"bending_modulus[{inside}]"
         if key == CURVATURE and inside and not given.get(modulus, conditionOf(before.config, modulus)):
             raise ValueError(f"it has a spontaneous_curvature of '{inside}', whose bending_modulus is 0; give it one")
-        if key == CURVATURE:
-            requireResolved(f"its {name}", given[name], float(before.mesh.edgeLengths.mean()), before.lengthUnit)
+    if any(conditionParts(name)[0] == CURVATURE for name in given):
+        requireResolved("its spontaneous_curvature", after.config, float(after.mesh.edgeLengths.mean()))
     if LINE_TENSION in given and settings.isGradual:
         _requireOneLineTension(before)
     if isinstance(settings, ContinueStage):
@@ -674,7 +690,7 @@ def checkStages(scene: Scene, first: int = 0, targets: dict[str, float] | None =
     for i, settings in enumerate(scene.stages[first:], first):
         with namingSource(scene.config):
             try:
-                _checkConditions(settings, scene.during(i - 1))
+                _checkConditions(settings, scene.during(i - 1), scene.during(i))
                 found.append(_KINDS[type(settings)].check(settings, scene.during(i), found[-1]))
             except ValueError as error:
                 raise ValueError(f"{placeOf(scene.stages, i)}: {error}") from None
@@ -694,13 +710,18 @@ def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
     return _KINDS[type(settings)].averages(settings, rows)
 
 
-def _lastFall(result: MinimizationResult) -> float:
-    """Return the part of the energy by which it fell in the last tenth of the iterations; 0 of a minimum."""
+def _shortfall(result: MinimizationResult, tolerance: float) -> dict[str, float]:
+    """Return what a minimization lacks, as attributes of an Evidence: the part of the energy by which it fell in the
+    last tenth of the iterations, if it was cut short, or the forces over the tolerance, in kJ/mol/nm, if it found no
+    way down.
+    """
     history = result.history
-    if result.converged or len(history) < 2:
-        return 0.0
+    if result.reason == STALLED:
+        return {"excess": result.rmsForce._value / tolerance}
+    if result.reason != CUT_SHORT or len(history) < 2:
+        return {}
     last = history[-1 - max(1, len(history) // 10) :]
-    return float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))
+    return {"fall": float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))}
 
 
 def burnIn(sampling: SamplingSection, steps: int) -> int:

@@ -25,6 +25,7 @@ from ..io.locks import locked
 from ..io.psf import writePSF
 from ..io.runfiles import beside, prefixOf
 from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
+from ..sampling.conditions import currentMesh
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.observables import Moment, Place, observablesOf, observe, readObservables
 from ..sampling.targets import currentTargets, setTargets, totalOf
@@ -38,7 +39,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, chosenWeight, createScene, currentMesh, platformOf, requireEffect
+from .scene import Scene, changedIntervals, chosenWeight, createScene, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 

@@ -34,6 +34,7 @@ from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
 from ..sampling.observables import observablesIn, readObservables
 from ..tables import headOf, unwarned
+from ..units import wholeNumber
 from .additions import Setup
 from .checkpoint import loadRunState
 from .config import Config, during, readConfig
@@ -42,6 +43,7 @@ from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
 from .progress import SweepProgress, following
 from .room import requireDisk
+from .scene import platformOf
 from .studies import StopSignals, Study, resume, run
 from .summary import Summary
 
@@ -145,6 +147,7 @@ def sweep(
     progress: Callable[[list[PointStatus]], None] | bool | None = None,
     retry: str | None = None,
     setup: Setup | None = None,
+    threads: int | None = None,
 ) -> SweepResult:
     """Run what is left of a grid.
 
@@ -165,7 +168,8 @@ def sweep(
         the address of a Dask scheduler, whose workers see the same files; by default there is one for this sweep alone,
         on this machine
     workers : int, optional
-        the number of processes of the latter, one for each core by default.  No result depends on it
+        the number of processes of the latter, by default as many as give each thread of a point a core.  No result
+        depends on it
     progress : callable or True, optional
         called with the points, several times a second; True shows bars, in a terminal and in Jupyter
     retry : str, optional
@@ -175,6 +179,8 @@ def sweep(
         of every point: see :func:`openmmhelfrich.run`. It goes to other processes, so that what it refers to must be
         what pickle or cloudpickle take: no Context, no open file. A sweep that is to go on takes the same setup, for
         the points that have not begun
+    threads : int, optional
+        the number of threads of each point, instead of the grid's, which is 1 by default.  No result depends on it
 
     Raises
     ------
@@ -191,6 +197,10 @@ def sweep(
     folder = Path(output or Path(grid).stem).resolve()
     for point in points:
         _place(point, folder)
+        if threads is not None:
+            point.config.platform.threads = wholeNumber(threads, "sweep: threads", 1)
+    if scheduler is None:
+        _requirePlatforms(points)
     states = [PointStatus(point) for point in points]
     _takeFinished(states)
     again = [state for state in states if retry and state.verdict == FAILED]
@@ -206,7 +216,7 @@ def sweep(
         _beginAnew(state)
     with StopSignals() as stop:
         if any(state.status == "waiting" for state in states):
-            with _client(scheduler, workers) as client, following(progress, SweepProgress) as shown:
+            with _client(scheduler, workers, points) as client, following(progress, SweepProgress) as shown:
                 show = shown or (lambda points: None)
                 show(states)
                 _Dispatcher(client, result, stop, show, setup).run()
@@ -248,6 +258,12 @@ def _requirePickled(setup: Setup | None) -> None:
         raise ValueError(
             f"the setup cannot go to the processes of the sweep: {error}; make in it what it refers to"
         ) from None
+
+
+def _requirePlatforms(points: list[GridPoint]) -> None:
+    """Raise a ValueError if there is no such platform on this machine as a point asks for, or not so many threads."""
+    for config in {point.config.platform.model_dump_json(): point.config for point in points}.values():
+        platformOf(config)
 
 
 def _place(point: GridPoint, folder: Path) -> None:
@@ -463,8 +479,9 @@ def _takeFinished(states: list[PointStatus]) -> None:
 
 
 @contextlib.contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
-    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long.
+def _client(scheduler: str | None, workers: int | None, points: list[GridPoint]) -> Iterator[Any]:
+    """Lend a Client of a scheduler, or of a cluster of processes on this machine that lives as long: by default of as
+    many as give each thread of a point a core.
 
     The ports of the latter take the certificate that it makes for itself, and are open to nobody else.
     """
@@ -479,12 +496,14 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         return
     require("cryptography", "a sweep", "sweep")  # for the certificate
     # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
+    cores = require("dask", "a sweep", "sweep").system.CPU_COUNT
+    threads = max(point.config.platform.threads or 1 for point in points)
     silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
         require("dask", "a sweep", "sweep").config.set(silent),
         _workersWithoutScript(),
         distributed.LocalCluster(
-            n_workers=workers,
+            n_workers=workers or max(1, cores // threads),
             threads_per_worker=1,
             memory_limit=0,
             security=True,

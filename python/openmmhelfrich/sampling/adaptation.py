@@ -34,11 +34,12 @@ DEFAULT_ACCEPTANCE = 0.75
 # The part of the mean edge length that a vertex at the thermal velocity must go in a step: of the default step size it
 # goes 7e-4 to 5e-3, on spheres of 42 to 2,562 vertices with moduli of 20 to 200 and 1e6 to 1e7 kT.
 LEAST_MOTION = 2e-5
-# After a burn-in the mean acceptance probability is an error below this part of the one aimed at, and told where it is
-# off by more than that: with at least so many tries, whose means scatter by 0.1.  Fewer may all be of the first step
-# sizes after the search, at which little is accepted: they tell only if nothing is.
-LEAST_PART, FAR_OFF, LEAST_TRIES = 0.25, 0.25, 10
-LEAST_PART_OF_FEW = 1e-3
+# After a burn-in the mean acceptance probability is an error below this part of the one aimed at, with at least so many
+# tries, whose means scatter by 0.1.  Fewer may all be of the first step sizes after the search, at which little is
+# accepted: they tell only if nothing is.
+LEAST_PART, LEAST_TRIES, LEAST_PART_OF_FEW = 0.25, 10, 1e-3
+# It is told where it is off by more than this, and by more than the scatter of so few tries.
+FAR_OFF = 0.25
 
 
 # Moves that many degrees of freedom resist get furthest at an acceptance of 0.234, and within 8% of that from 0.15 to
@@ -66,11 +67,10 @@ class _Adapter:
         stepSize = float(valueIn(stepSize, self.UNIT, f"the {self.QUANTITY}"))
         if not (math.isfinite(stepSize) and stepSize > 0):
             raise ValueError(
-                f"{type(self).__name__}: the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be "
-                "positive and finite"
+                f"the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite"
             )
         if not 0 < acceptance < 1:
-            raise ValueError(f"{type(self).__name__}: the acceptance is {acceptance}; it must be between 0 and 1")
+            raise ValueError(f"the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
         self._logStepSize = math.log(stepSize)
 
@@ -91,7 +91,7 @@ class _Adapter:
         move = findMove(integrator, *cls.KINDS)
         if move is None:
             raise ValueError(
-                f"{cls.__name__}: there is no {cls.QUANTITY} to adapt: the moves are "
+                f"there is no {cls.QUANTITY} to adapt: the moves are "
                 f"{', '.join(type(move).__name__ for move in movesOf(integrator))}; one must be a "
                 f"{' or a '.join(each.__name__ for kind in cls.KINDS for each in kind.__subclasses__() or [kind])}"
             )
@@ -236,7 +236,7 @@ class StepSizeAdapter(_Adapter):
         if not self._isFrozen:
             if not self.isReady:
                 raise ValueError(
-                    f"{type(self).__name__}: the search for the {self.QUANTITY} has not ended (it is at "
+                    f"the search for the {self.QUANTITY} has not ended (it is at "
                     f"{self.stepSize:.3g} {self.UNIT.get_symbol()}); more trajectories are needed"
                 )
             self._logStepSize, self._isFrozen = self._logAverage, True
@@ -476,11 +476,15 @@ def adaptStepSize(
     Warns
     -----
     UserWarning
-        if the acceptance is still far from the one aimed at, or what was tried after the search is too few to tell
+        if the acceptance is still far from the one aimed at, by more than what was tried scatters, or too few
+        trajectories were tried after the search to tell
     """
     integrator, steps = simulation.integrator, wholeNumber(steps, "adaptStepSize: steps", 1)
-    adapter = StepSizeAdapter.of(integrator, acceptance)
-    others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
+    try:
+        adapter = StepSizeAdapter.of(integrator, acceptance)
+        others = [kind.of(integrator) for kind in _OTHER_ADAPTERS if _isUsed(integrator, kind)]
+    except ValueError as error:
+        raise ValueError(f"adaptStepSize: {error}") from None
     adaptation = Adaptation(simulation, adapter, *others)
     found = [_Found(each) for each in (adapter, *others)]
     stepSizes = []
@@ -497,13 +501,13 @@ def adaptStepSize(
         adaptation.freeze()
     except ValueError as error:
         made = f"{steps} step{'s' if steps > 1 else ''}, of which {len(stepSizes)} had a trajectory"
-        raise ValueError(f"{error} than in {made}") from None
+        raise ValueError(f"adaptStepSize: {error} than in {made}") from None
     obstacle = _obstacle(simulation, adapter.stepSize) or next(filter(None, (each.failure() for each in found)), None)
     if obstacle is not None:
         adaptation.restore()
         raise ValueError(f"adaptStepSize: {obstacle}")
-    for each in found:
-        if shortcoming := each.shortcoming():
+    for each in found:  # moves of other kinds may be rare
+        if shortcoming := each.shortcoming(LEAST_TRIES if each is found[0] else 0):
             warnings.warn(f"adaptStepSize: {shortcoming}", stacklevel=2)
     return AdaptationResult(
         adapter.stepSize,
@@ -538,13 +542,14 @@ class _Found:
             return f"{self._says()}: more steps are needed, or a mesh that is nearer to its targets"
         return None
 
-    def shortcoming(self) -> str | None:
-        """Return why what was found may be wrong, or None."""
-        if len(self._late) < LEAST_TRIES:
+    def shortcoming(self, leastTries: int) -> str | None:
+        """Return that what was found is wrong, if the tries are enough to tell, or that they are fewer than asked."""
+        if len(self._late) < leastTries:
             return f"{self._says()}, too few to tell whether it is right: more steps are needed"
-        if abs(self.acceptance - self._adapter.acceptance) > FAR_OFF:
-            return f"{self._says()}: more steps bring it nearer"
-        return None
+        difference = abs(self.acceptance - self._adapter.acceptance)
+        if difference <= FAR_OFF or difference <= _scatter(self._adapter.acceptance, len(self._late)):
+            return None
+        return f"{self._says()}: more steps bring it nearer"
 
     @property
     def _late(self) -> list[float]:
@@ -557,6 +562,13 @@ class _Found:
             f"of {self.acceptance:.2f} in the last {count} {'try' if count == 1 else 'tries'}, where "
             f"{adapter.acceptance:g} is aimed at"
         )
+
+
+def _scatter(mean: float, count: int) -> float:
+    """Return how far from their mean value that of a number of probabilities is, in 19 of 20 cases, at most: that of
+    draws of 0 and 1, which scatter more than any others.
+    """
+    return 1.96 * math.sqrt(mean * (1 - mean) / count)
 
 
 def _obstacle(simulation: app.Simulation, stepSize: float) -> str | None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import openmm as mm
+from openmm import app
 
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
@@ -131,6 +132,20 @@ def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterab
 def boxOf(state: mm.State, force: HelfrichForce) -> Any:
     """Return the box vectors of a State if its membrane is periodic, otherwise None."""
     return state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
+
+
+def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: Iterable[str] = ()) -> Mesh:
+    """Return a Mesh of the present positions, live triangles and species, and of the beads, which follow the
+    vertices.
+    """
+    state = simulation.context.getState(positions=True)
+    positions = state.getPositions(asNumpy=True)
+    box = boxOf(state, force)
+    triangles = force.getTrianglesInContext(simulation.context)
+    numVertices = int(triangles.max()) + 1
+    species = force.getVertexSpeciesInContext(simulation.context)
+    beads = positions[numVertices:]
+    return Mesh(positions[:numVertices], triangles, box, beads, species, speciesNames)
 
 
 def moduliOf(context: mm.Context, force: HelfrichForce) -> dict[str, float]:

@@ -16,8 +16,9 @@ from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..runs.config import Config
-from ..runs.scene import createScene, currentMesh, defaultStepSize
+from ..runs.scene import createScene, defaultStepSize
 from ..sampling.adaptation import adaptStepSize
+from ..sampling.conditions import currentMesh
 from ..sampling.moves import findMove, trajectoriesOf
 from ..units import valueIn
 from .settings import apply

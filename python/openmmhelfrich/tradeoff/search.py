@@ -17,11 +17,12 @@ from ..files import PathLike, replacing
 from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..runs.config import Config, stagesOf
-from ..runs.scene import createScene, currentMesh, loadMesh, resolve
+from ..runs.scene import createScene, loadMesh, resolve
 from ..runs.sections import MODULI
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage
 from ..runs.studies import versions
+from ..sampling.conditions import currentMesh
 from ..sampling.targets import currentTargets, listedTargets
 from .measure import Measurement, measure
 from .minimization import FACTORS, Minimum, minimumOf
