@@ -21,8 +21,9 @@ def valueOf(entry):
 
 def plot(rows, out):
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 4))
-    sizes = sorted({row["vertices"] for row in rows})
-    for size, color in zip(sizes[1:], plt.cm.viridis(np.linspace(0, 0.9, len(sizes) - 1))):
+    isNew = [row["computations"] == 0 and valueOf(row["defects"])[0] < 0.3 for row in rows]
+    sizes = sorted({row["vertices"] for row, new in zip(rows, isNew) if new})  # that come from a subdivision
+    for size, color in zip(sizes, plt.cm.viridis(np.linspace(0, 0.9, len(sizes)))):
         mine = [row for row in rows if row["vertices"] == size]
         mine = [row for row in mine if row["runs"] == max(row["runs"] for row in mine)]
         times = [max(row["computations"], 25) for row in mine]
