@@ -217,6 +217,13 @@ def test_rates_are_drawn_where_there_are_some():
     assert curves(panel, minimized) == []
 
 
+def test_a_value_without_neighbors_is_drawn():
+    """A line that leads nowhere is not seen: a lone value has a mark, and others have none."""
+    rates = {"acceptance": [0, 0.7, 0.6], "flipAcceptance": [0, 0, 0.1]}
+    lines = observablesPicture(table(**rates, stage=[1, 1, 1])).figure.axes[-1].lines
+    assert [(line.get_marker(), line.get_markevery()) for line in lines] == [("None", None), (".", [2])]
+
+
 def test_every_panel_has_axes_of_its_own():
     drawn = observablesPicture(table(reducedVolume=[0.9, 0.8, 0.7]), "um").figure
     labels = [axes.get_ylabel() for axes in drawn.axes]

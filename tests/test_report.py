@@ -218,8 +218,16 @@ def testWithoutPlotly(results, monkeypatch):
 
 @pytest.mark.skipif(BROWSER is None, reason="there is no browser")
 def testInABrowser(results):
-    """The page opens offline at the frame that its address names, without errors, and draws the shape."""
-    page = writeReport("run")
+    """The page opens offline at the frame that its address names, without errors, and draws the shape, and a mark for a
+    value that no line leads to.
+    """
+    head, *rows = (results / "run.csv").read_text().splitlines()
+    at = head.replace('"', "").split(",").index("acceptance")
+    cells = [row.split(",") for row in rows]
+    for k, row in enumerate(cells):
+        row[at] = "0.0" if k < len(cells) - 1 else "0.5"
+    (results / "run.csv").write_text("\n".join([head, *map(",".join, cells)]) + "\n")
+    page = writeReport("run", overwrite=True)
     options = [
         "--headless=new",
         "--no-sandbox",
@@ -238,6 +246,7 @@ def testInABrowser(results):
 
     dom = browse("--dump-dom", 3)
     assert 'data-ready="yes"' in dom.stdout and "step 16, frame 3" in dom.stdout
+    assert dom.stdout.count('class="point"') == 1
     assert not [
         line
         for line in dom.stderr.splitlines()

@@ -138,8 +138,17 @@ def _plotCurve(axes: Any, steps: np.ndarray, values: np.ndarray, observable: Obs
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
         return
-    label = observable.label or observable.title
-    axes.plot(steps, values, color=observable.color, lw=1 if observable.isTerm else None, label=label)
+    style: dict[str, Any] = {"lw": 1} if observable.isTerm else {}
+    isAlone = _isAlone(values)
+    if np.any(isAlone):
+        style |= {"marker": ".", "markevery": np.flatnonzero(isAlone)}
+    axes.plot(steps, values, color=observable.color, label=observable.label or observable.title, **style)
+
+
+def _isAlone(values: np.ndarray) -> np.ndarray:
+    """Return which values are between others that are not finite, so that no line leads to them."""
+    isDrawn = np.pad(np.isfinite(values), 1)
+    return isDrawn[1:-1] & ~isDrawn[:-2] & ~isDrawn[2:]
 
 
 def _unitOf(observable: Observable, lengthUnit: str, energyUnit: str) -> str:
