@@ -24,6 +24,7 @@ import openmmhelfrich as mh
 
 MEASURED = "bending", "tether", "defects", "l2", "l3", "l4"
 TIMES = [0, *(round(50 * 2 ** (k / 2)) for k in range(30))]  # in computations
+SETTLING = 1000  # computations in which the step is found
 ICOSPHERES = {10 * 4**n + 2: n for n in range(2, 9)}
 
 
@@ -41,19 +42,19 @@ def onSphere(mesh):
 class Level:
     """One size of the vesicle."""
 
-    def __init__(self, sphere, start, arguments, seed):
+    def __init__(self, sphere, start, isSubdivided, arguments, seed):
         self.sphere = sphere
         larger = len(sphere.vertices) / 10242
-        self.stepSize = 2.2e-3 * (642 / len(sphere.vertices)) ** 0.12  # accepted at about 0.9
+        stepSize = 2.2e-3 * (642 / len(sphere.vertices)) ** 0.12  # accepted at about 0.9
         self.scene = argparse.Namespace(
             weight=2,
-            step=self.stepSize,
+            step=stepSize,
             steps=30,
             volume=0.99 * (1 - 1.5 * max(0, math.log(larger)) / (8 * math.pi * 30)),
             penalty=1e6 * max(1, larger),
             flips=1,
             jitter=0.2,
-            refreshment=1,
+            refreshment=arguments.refreshment,
             tether=[100, 0.85, 1.35],
             precision="mixed",
             seed=seed,
@@ -65,16 +66,21 @@ class Level:
             deflate(self.force, self.context, sphere.volume, (self.trajectories, self.flips))
         else:
             setShape(self.force, self.context, start)
-        self.settling = 0 if start is None else 300  # computations
+        self.settling = SETTLING if isSubdivided else 0
+        self.trajectories.setStepSize(stepSize / (3 if isSubdivided else 1))
 
     def step(self, done):
         """Make a trajectory and a sweep, and return the computations of forces.
 
-        At first, steps are short: the vertices at the middles of edges are not yet where they like to be.
+        At first steps are short, since the vertices at the middles of edges are not yet where they like to be, and are
+        made longer as long as 0.8 of the trajectories are accepted.
         """
-        self.trajectories.setStepSize(self.stepSize / (3 if done < self.settling else 1))
+        accepted = self.trajectories.getNumAccepted()
         self.trajectories.step(1)
         self.flips.step(1)
+        if done < self.settling:
+            factor = 1.05 if self.trajectories.getNumAccepted() > accepted else 0.8
+            self.trajectories.setStepSize(min(factor * self.trajectories.getStepSize()._value, self.scene.step))
         return self.trajectories.getLastNumSteps()
 
     def counts(self):
@@ -123,9 +129,11 @@ def summary(rows):
 def main(arguments):
     found = {}
     for run in range(arguments.runs):
-        sphere, mesh = sphereOf(arguments.vertices), None
-        for computations in arguments.computations:
-            level = Level(sphere, mesh, arguments, arguments.seed + run)
+        sphere, mesh = sphereOf(arguments.vertices), arguments.start and mh.Mesh.read(arguments.start)
+        while mesh and len(sphere.vertices) < len(mesh.vertices):
+            sphere = onSphere(sphere.subdivided())
+        for times, computations in enumerate(arguments.computations):
+            level = Level(sphere, mesh, times > 0, arguments, arguments.seed + run)
             for at, row in enumerate(level.run(computations)):
                 found.setdefault((len(sphere.vertices), at), []).append(row)
             sphere, mesh = onSphere(sphere.subdivided()), level.mesh().subdivided()
@@ -140,6 +148,8 @@ if __name__ == "__main__":
     parser.add_argument("vertices", type=int, help="to begin with")
     parser.add_argument("--computations", type=float, nargs="+", required=True, help="at each size")
     parser.add_argument("--runs", type=int, default=1)
+    parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
+    parser.add_argument("--start", help="a mesh file to go on with, of a call with the same VERTICES")
     parser.add_argument("--write", help="a mesh file for the last shape")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)

@@ -507,7 +507,7 @@ class Mesh:
 
         ::
 
-            large = mh.Mesh.read("equilibrated.vtkhdf").subdivided(2)  # 16 times as many triangles
+            large = mh.Mesh.read("equilibrated.ply").subdivided(2)  # 16 times as many triangles
 
         It is the same surface, of the same area and volume, and edges over their mean are as before.  So a shape from
         equilibrium, subdivided, begins a run of a larger mesh with long waves that are in equilibrium already; see

@@ -244,7 +244,7 @@ class MeshSection(Section):
         None,
         ge=1,
         le=6,
-        description="divide each triangle in four equal ones so often; the surface stays as it is, so that a shape from "
+        description="divide each triangle in four equal ones so often; the surface stays as it is: a shape from "
         "equilibrium begins a run of a larger mesh",
     )
     repair: bool = Field(
