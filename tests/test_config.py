@@ -10,6 +10,7 @@ from openmm import unit
 import openmmhelfrich as mh
 from membranes import energyOf, forcesOf
 from openmmhelfrich.geometry.measured import MeasuredMesh
+from openmmhelfrich.runs import memory
 from openmmhelfrich.runs.config import parseConfig, readConfig, stagesOf, tomllib
 from openmmhelfrich.runs.configfile import defaultText, settingsText
 from openmmhelfrich.runs.scene import Scene, loadMesh, resolve
@@ -349,6 +350,17 @@ def testSubdividedMesh(tmp_path, monkeypatch):
     assert len(large.triangles) == 16 * len(small.triangles) == len(mh.Mesh.read("large.ply").triangles)
     assert (large.area, large.volume) == pytest.approx((small.area, small.volume), rel=1e-12)
     assert mh.resume("large", 5).steps == 25
+
+
+def testSubdividedMeshThatTheMemoryDoesNotHold(tmp_path, monkeypatch):
+    file = tmp_path / "small.ply"
+    mh.Mesh.icosphere(2).write(file)
+    monkeypatch.setattr(memory, "_freeMemory", lambda: 1e9)
+    monkeypatch.setattr(mh.Mesh, "subdivided", lambda self, times: pytest.fail("it was subdivided") if times else self)
+    expected = r"^\[mesh\] subdivide is 6: a run of 655362 vertices takes about 3.3 GB of memory"
+    with pytest.raises(ValueError, match=expected):
+        loadMesh(parseConfig({"mesh": {"file": str(file), "subdivide": 6}}))
+    assert len(loadMesh(parseConfig({"mesh": {"file": str(file)}})).vertices) == 162
 
 
 @pytest.mark.parametrize("value", [0, 1.5, 7, "two"])

@@ -345,3 +345,15 @@ def test_flips_make_no_triangle_without_area(platform):
     flips.step(20)
     assert flips.getNumAccepted() > 100
     mh.Mesh(mesh.vertices, force.getTrianglesInContext(context)).check()
+
+
+def test_advice_on_a_subdivided_mesh_leaves_subdivide_out(tmp_path):
+    mesh = mh.Mesh.icosphere(2)
+    mesh.vertices *= [1, 1, 4]
+    mesh.write(tmp_path / "long.ply")
+    with pytest.raises(
+        ValueError, match=r"ready after, without subdivide,\n.* --vertices 642\nor with remesh = 642 in"
+    ):
+        mh.run(
+            {"mesh": {"file": str(tmp_path / "long.ply"), "subdivide": 1}, "output": {"prefix": str(tmp_path / "a")}}
+        )

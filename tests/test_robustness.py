@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from openmmhelfrich.cli import app
 from openmmhelfrich.messages import MOST_CHARACTERS
-from openmmhelfrich.runs import room
+from openmmhelfrich.runs import memory, room
 from openmmhelfrich.runs.checkpoint import RECORD
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.scene import Scene
@@ -221,7 +221,7 @@ def test_the_estimate_is_not_more_than_a_run_takes(folder):
 
 
 def test_memory(folder, monkeypatch):
-    monkeypatch.setattr(room, "_freeMemory", lambda: 1e6)
+    monkeypatch.setattr(memory, "_freeMemory", lambda: 1e6)
     with pytest.raises(ValueError, match=r"a run of 42 vertices takes about .* of memory, and 1.0 MB are free"):
         mh.run(configOf())
     assert os.listdir() == ["run.toml"]

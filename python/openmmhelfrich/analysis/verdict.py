@@ -561,11 +561,18 @@ def _minimum(e: Evidence) -> Iterator[Measured]:
 def _forces(e: Evidence) -> Iterator[Measured]:
     if e.excess is not None:
         what = f"the minimization found no lower energy along forces that are {e.excess:.3g} times its tolerance"
-        advice = (
-            "more iterations do not help: triangles that are flat, folded or pass through others make the energy "
-            "rough, and a firmer tether or a repulsion keeps them from that"
-        )
-        yield Measured(e.excess, what, advice)
+        isRough = any(found for check in (FOLDS, TRIANGLES, INTERSECTIONS) for found in check.findings(e))
+        yield Measured(e.excess, what, f"more iterations do not help: {_ROUGH if isRough else _STIFF}")
+
+
+_ROUGH = (
+    "triangles that are flat, folded or pass through others make the energy rough, and a firmer tether or a repulsion "
+    "keeps them from that"
+)
+_STIFF = (
+    "far from its targets a surface is stiff, and an icosphere keeps its symmetry; let the targets be approached "
+    "before, in a stage of kind approach, or begin with another mesh, as of mh.spheroid()"
+)
 
 
 def _exchanges(e: Evidence) -> Iterator[Measured]:

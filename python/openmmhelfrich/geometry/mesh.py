@@ -525,10 +525,11 @@ class Mesh:
             if `times` is negative or no whole number, or there would be more than 5e8 triangles
         """
         times = wholeNumber(times, "subdivided: times", 0)
-        if len(self.triangles) * 4**times > MOST_TRIANGLES:
+        most = int(math.log(MOST_TRIANGLES / max(1, len(self.triangles)), 4))
+        if times > most:
             raise ValueError(
-                f"subdivided: times is {times}, which makes {len(self.triangles) * 4**times:.3g} triangles; it must "
-                f"make at most {MOST_TRIANGLES:.0e}"
+                f"subdivided: times is {times}; it must be at most {most} for {len(self.triangles)} triangles, so that "
+                f"there are no more than {MOST_TRIANGLES:.0e}"
             )
         mesh = self._with(slice(None), self.triangles)
         mesh.beads, mesh.notes = self.beads.copy(), list(self.notes)

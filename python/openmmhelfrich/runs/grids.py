@@ -31,8 +31,9 @@ from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
+from .memory import requireMemory
 from .readiness import Coarse, coarseness
-from .room import diskSize, requireMemory
+from .room import diskSize
 from .scene import Scene, loadMesh, requireEffect
 from .sections import Section
 from .stages import checkStages

@@ -159,7 +159,7 @@ def requireResolved(what: str, config: Config, length: float) -> None:
     is long.  Where there are species it is that of one of them, with the membrane's.
     """
     most, own = 2 / (SMALLEST_RADIUS * length), config.membrane.spontaneous_curvature
-    included = ", with that of [membrane]," if own else ""
+    included = ", with the membrane's own," if own else ""
     found = {f" of '{each.name}'{included}": own + each.spontaneous_curvature for each in config.species} or {"": own}
     which = max(found, key=lambda name: abs(found[name]))
     if abs(found[which]) > most:

@@ -84,7 +84,9 @@ def beyondBounds(scene: Scene, simulation: app.Simulation, force: HelfrichForce)
 
 def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     """Return an error with the advice to make the mesh anew."""
-    section, advice = scene.config.mesh, f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]"
+    section = scene.config.mesh
+    instead = " instead of subdivide" if section.subdivide else ""
+    advice = f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]{instead}"
     if section.file is None:
         return ValueError(f"[mesh] icosphere: {sentence}; it is ready with {advice}")
     commands, file = [], Path(section.file)
@@ -92,7 +94,8 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
         file = _named(file, "repaired")
         commands = [repairing(section.file, file)]
     commands.append(remeshing(file, scene, scene.mesh))
-    return ValueError("\n".join([f"{section.file}: {sentence}; it is ready after", *commands, f"or with {advice}"]))
+    after = f"it is ready after{', without subdivide,' if section.subdivide else ''}"
+    return ValueError("\n".join([f"{section.file}: {sentence}; {after}", *commands, f"or with {advice}"]))
 
 
 class Coarse(NamedTuple):

@@ -49,6 +49,7 @@ from .material import (
     speciesOf,
     spontaneousCurvatureOf,
 )
+from .memory import requireMemory
 from .sections import GREATEST, LEAST, MODULI, MembraneSection, SamplingSection
 from .stagesettings import StageSettings, givenConditions
 
@@ -369,12 +370,22 @@ def loadMesh(config: Config) -> Mesh:
         if config.mesh.remesh is not None:
             with warnings.catch_warnings(record=True):  # they are among the notes
                 mesh = mesh.remeshed(config.mesh.remesh)
-        mesh = mesh.subdivided(config.mesh.subdivide or 0)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
+    mesh = _subdivided(mesh, config.mesh.subdivide or 0)
     if config.mesh.species_field is not None and mesh.species is None:
         raise ValueError(f"{source}: the mesh has been repaired or remeshed, and so cannot have a species_field")
     return mesh
+
+
+def _subdivided(mesh: Mesh, times: int) -> Mesh:
+    """Return the mesh, subdivided, if the memory is there that a run of it takes."""
+    try:
+        if times > 0:
+            requireMemory(len(mesh.vertices) + 3 * len(mesh.triangles) // 2 * (4**times - 1) // 3)
+        return mesh.subdivided(times)
+    except ValueError as error:
+        raise ValueError(f"[mesh] subdivide is {times}: {error}") from None
 
 
 def platformOf(config: Config) -> tuple[mm.Platform, dict[str, str]]:

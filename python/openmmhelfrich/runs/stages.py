@@ -306,7 +306,7 @@ class Minimize(Stage):
         setTargets(simulation.context, self._force, self._endTargets())
         setConditions(simulation.context, self._force, self._endConditions())
         tolerance = settings.tolerance and settings.tolerance * self._scene.kT
-        isStopped = False
+        isStopped, start = False, simulation.context.getState(energy=True).getPotentialEnergy()._value
 
         def progress(iterations: int, energy: float) -> bool:
             nonlocal isStopped
@@ -328,11 +328,11 @@ class Minimize(Stage):
             beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
             if beyond is not None and result.iterations < settings.max_iterations:
                 raise remeshFirst(self._scene, f"after the minimization {beyond}")
-            self._shortfall = _shortfall(result, self._nearEnough(tolerance))
+            self._shortfall = _shortfall(result, start, self._nearEnough(tolerance))
             simulation.context.setStepCount(simulation.currentStep + 1)
+            count = f"{result.iterations} iteration{'s' if result.iterations != 1 else ''}"
             self._result = [
-                f"{self.title}: {result.reason}, after {result.iterations} "
-                f"iterations{f' and {result.flips} flips' if settings.fluid else ''}",
+                f"{self.title}: {result.reason}, after {count}{f' and {result.flips} flips' if settings.fluid else ''}",
                 *(f"{self.title}: {warning}" for warning in (*result.warnings, *filter(None, [beyond]))),
             ]
 
@@ -710,15 +710,15 @@ def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
     return _KINDS[type(settings)].averages(settings, rows)
 
 
-def _shortfall(result: MinimizationResult, tolerance: float) -> dict[str, float]:
-    """Return what a minimization lacks, as attributes of an Evidence: the part of the energy by which it fell in the
-    last tenth of the iterations, if it was cut short, or the forces over the tolerance, in kJ/mol/nm, if it found no
-    way down.
+def _shortfall(result: MinimizationResult, start: float, tolerance: float) -> dict[str, float]:
+    """Return what a minimization from an energy lacks, as attributes of an Evidence: the part of the energy by which it
+    fell in the last tenth of the iterations, if it was cut short, or the forces over the tolerance, in kJ/mol/nm, if it
+    found no way down.
     """
-    history = result.history
+    history = [start, *result.history]
     if result.reason == STALLED:
         return {"excess": result.rmsForce._value / tolerance}
-    if result.reason != CUT_SHORT or len(history) < 2:
+    if result.reason != CUT_SHORT:
         return {}
     last = history[-1 - max(1, len(history) // 10) :]
     return {"fall": float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))}

@@ -500,6 +500,11 @@ def adaptStepSize(
     try:
         adaptation.freeze()
     except ValueError as error:
+        if not stepSizes:
+            raise ValueError(
+                f"adaptStepSize: none of {steps} steps made a trajectory; more are needed, and a probability of "
+                "trajectories above 0"
+            ) from None
         made = f"{steps} step{'s' if steps > 1 else ''}, of which {len(stepSizes)} had a trajectory"
         raise ValueError(f"adaptStepSize: {error} than in {made}") from None
     obstacle = _obstacle(simulation, adapter.stepSize) or next(filter(None, (each.failure() for each in found)), None)
