@@ -165,3 +165,10 @@ def test_a_type_checker_finds_the_types() -> None:
         mh.EdgeFlipIntegrator(300)  # type: ignore[call-arg]
     with pytest.raises(AttributeError):
         mh.Mesh.icospher(2)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("call", [mh.run, mh.resume, mh.sweep])
+def testProgressThatIsNoFunction(tmp_path, call):
+    with pytest.raises(TypeError, match="progress is 'bar'; it must be a function, True for bars, or None"):
+        call(tmp_path / "run.toml", progress="bar")
+    assert list(tmp_path.iterdir()) == []

@@ -36,7 +36,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
-from .progress import RunProgress, following
+from .progress import RunProgress, following, requireProgress
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, changedIntervals, chosenWeight, createScene, platformOf, requireEffect
@@ -85,6 +85,7 @@ def run(
 
     A UserWarning says that the verdict is failed, where there is no progress to show it.
     """
+    requireProgress(progress)
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
@@ -151,6 +152,7 @@ def resume(
     InUseError
         if another process runs with this prefix
     """
+    requireProgress(progress)
     prefix = prefixOf(prefix)
     file = beside(prefix, ".checkpoint")
     if not file.exists():

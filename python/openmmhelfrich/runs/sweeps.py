@@ -41,7 +41,7 @@ from .config import Config, during, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
-from .progress import SweepProgress, following
+from .progress import SweepProgress, following, requireProgress
 from .room import requireDisk
 from .scene import platformOf
 from .studies import StopSignals, Study, resume, run
@@ -189,6 +189,7 @@ def sweep(
         point has been touched then
     """
     _requirePickled(setup)
+    requireProgress(progress)
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
     if retry not in (None, FAILED):
