@@ -252,7 +252,7 @@ def test_a_stage_s_curvature_is_told_with_what_species_add(isEarlierStage):
     species = [{"name": "a", "fraction": 0.5}, {"name": "b", **({} if isEarlierStage else half)}]
     config = {"species": species, "sampling": {"seed": 1}}
     checkStages(mh.Scene.of(configOf(**config, stages=[*stages, {"kind": "sample", "steps": 10}])))
-    message = r"its spontaneous_curvature of 'b', with that of \[membrane\], is -100 1/nm; its size must be at most"
+    message = r"its spontaneous_curvature of 'b', with the membrane's own, is -100 1/nm; its size must be at most"
     with pytest.raises(ValueError, match=rf"stage {len(stages) + 1} \(sample\): {message}"):
         checkStages(mh.Scene.of(configOf(**config, stages=[*stages, {"kind": "sample", "steps": 10, **half}])))
 
