@@ -72,6 +72,13 @@ def dented(depth, subdivisions=3):
     return mh.Mesh(np.column_stack((x, y, np.where(z > depth, 2 * depth - z, z))), mesh.triangles)
 
 
+def dimpled():
+    """Return a sphere with a dent at each of twelve places."""
+    mesh, twelve = mh.Mesh.icosphere(3), mh.Mesh.icosphere(0).vertices
+    nearest = (mesh.vertices @ twelve.T).max(axis=1)
+    return mh.Mesh(mesh.vertices * (1 - 0.2 * np.clip((nearest - 0.8) / 0.2, 0, 1))[:, np.newaxis], mesh.triangles)
+
+
 MESH, RAMP = ellipsoid(), np.linspace(-1, 1, 40)
 NEIGHBOR = MESH.triangles[0, 1]
 GOOD = Evidence(
@@ -120,6 +127,7 @@ FOUND = [
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
     ("forces", "doubtful", {"excess": 128.0}),
+    ("symmetry", "doubtful", {"mesh": dimpled()}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (0, 100)]}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
     ("passages through the states", "doubtful", {"passages": 0}),
@@ -308,6 +316,11 @@ SCENES = {
         },
         "doubtful",
         "found no lower energy along forces that are .* times its tolerance; more iterations do not help",
+    ),
+    "a dented sphere": (
+        configure(stages=[{"kind": "minimize", "fluid": False, "reduced_volume": 0.9}]),
+        "doubtful",
+        "it has kept the symmetry of the mesh that it began with, and others have less energy; begin with another mesh",
     ),
     "a symmetric minimum": (
         configure(stages=[{"kind": "minimize", "reduced_volume": 0.9}]),

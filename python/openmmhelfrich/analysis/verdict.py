@@ -22,6 +22,7 @@ from ..sampling.moves import Counters, makesFlips, makesTrajectories
 from ..sampling.observables import Observable, observablesIn
 from ..sampling.targets import totalOf
 from ..tables import Table, unwarned
+from .description import gyrationTensor
 
 GOOD, DOUBTFUL, FAILED = LEVELS = ("good", "doubtful", "failed")
 
@@ -39,6 +40,8 @@ SHORT_STEP = 0.1
 CLOSE, FAR = 0.005, 0.05
 # The part of the mean area below which a triangle has none.
 FLAT = 1e-3
+# By so much the reduced volume of a shape as long as wide and high is less than an icosphere's if it is dented.
+DENTED = 0.02
 # The angle between the normals of neighbors, in degrees, beyond which the surface is folded.
 FOLDED = 90.0
 # The least bending energy over 8 pi kappa of closed surfaces without a hole, by reduced volume: the sphere, prolates,
@@ -229,7 +232,7 @@ class Evidence:
             pull += 3 * min(rows["E_bending"].mean(), self.energyOf(greatestEnergy) + self.flatEnergy + self.undulation)
         volumes = [rows[o.name].mean() for o in observablesIn(rows) if totalOf(o.name) == "reducedVolume"]
         if volumes and self.mesh is not None:
-            roundest = 1 - 0.95 * len(volumes) / len(self.mesh.vertices)  # the reduced volume of an icosphere
+            roundest = _roundest(len(self.mesh.vertices) / len(volumes))
             softness = 1.5 / (1 + self.moduli.get("bending", 0) / 5)
             pull += self.undulation * (2 + softness / max(roundest - max(volumes), 1e-3))
         return float(pull)
@@ -332,6 +335,11 @@ def ratesOf(counters: Counters, integrator: Any) -> dict[str, Any]:
 
 def _rate(accepted: int, tried: int, name: str) -> float | None:
     return accepted / tried if tried >= LEAST_TRIED[name] else None
+
+
+def _roundest(numVertices: float) -> float:
+    """Return the reduced volume of an icosphere."""
+    return 1 - 0.95 / numVertices
 
 
 def leastEnergy(shape: Shape) -> float:
@@ -575,6 +583,24 @@ _STIFF = (
 )
 
 
+def _symmetry(e: Evidence) -> Iterator[Measured]:
+    """A dented sphere that has the symmetry of an icosphere is no minimum; with an area difference some shapes are."""
+    for surface, shape in zip(e.surfaces, e.shapes):
+        v, isHeld = shape.reducedVolume, e.moduli.get("areaDifference", 0) > 0
+        if v is not None and v < _roundest(len(surface.vertices)) - DENTED and shape.genus == 0 and not isHeld:
+            moments = np.linalg.eigvalsh(gyrationTensor(surface))
+            what = (
+                f"the shape of reduced volume {v:.3f} is as long as wide and high: it has kept the symmetry of the "
+                "mesh that it began with, and others have less energy"
+            )
+            yield Measured(float(moments[-1] / moments[0] - 1), what, _WITHOUT_SYMMETRY)
+
+
+_WITHOUT_SYMMETRY = (
+    "begin with another mesh, as of mh.spheroid(), or sample before, in a stage of kind sample or approach"
+)
+
+
 def _exchanges(e: Evidence) -> Iterator[Measured]:
     for k, (accepted, tried) in enumerate(e.exchanges):
         name = f"exchanges between the states {k} and {k + 1}"
@@ -608,12 +634,13 @@ ROWS = Check("rows to average", _rowsLeft, LEAST_ROWS, 0, isLeast=True)
 DRIFT = Check("drift", _drift, 4, math.inf)
 MINIMUM = Check("minimum", _minimum, 1e-5, 0.05)
 FORCES = Check("forces", _forces, 10, math.inf)
+SYMMETRY = Check("symmetry", _symmetry, 1e-3, -math.inf, isLeast=True)
 EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.01, 0, isLeast=True)
 PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
 OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
 OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
-OF_MINIMA: tuple[Check, ...] = (MINIMUM, FORCES)
+OF_MINIMA: tuple[Check, ...] = (MINIMUM, FORCES, SYMMETRY)
 OF_EXCHANGES: tuple[Check, ...] = (EXCHANGES, PASSAGES)
 CHECKS = (*OF_SHAPES, *OF_MOVES, *OF_AVERAGES, *OF_MINIMA, *OF_EXCHANGES)
