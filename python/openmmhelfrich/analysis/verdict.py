@@ -579,7 +579,7 @@ _ROUGH = (
 )
 _STIFF = (
     "far from its targets a surface is stiff, and an icosphere keeps its symmetry; let the targets be approached "
-    "before, in a stage of kind approach, or begin with another mesh, as of mh.spheroid()"
+    "before, in a stage of kind approach that has them, or begin with another mesh, as of mh.spheroid()"
 )
 
 

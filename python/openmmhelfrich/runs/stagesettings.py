@@ -151,8 +151,8 @@ class SampleStage(StageSettings):
 
 class ApproachStage(StageSettings):
     """Leads area, volume and area difference to its targets, and moduli and the like to what it gives, a little with
-    each step, while the membrane follows.  A run adds such a stage by itself where a stage would begin far from its
-    targets.
+    each step, while the membrane follows.  A run adds such a stage by itself where one that samples or anneals would
+    begin far from its targets.
     """
 
     isGradual = True

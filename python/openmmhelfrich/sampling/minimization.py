@@ -221,10 +221,7 @@ def _settle(
 
 
 _CONVERGED = "the forces fell below the tolerance"
-STALLED = (
-    "no lower energy was found along the forces: the energy is rough there, as where triangles are flat or folded; a "
-    "firmer tether helps"
-)
+STALLED = "no lower energy was found along the forces: the energy is rough or stiff there"
 CUT_SHORT = "the greatest number of iterations was reached"
 _STOPPED = "the caller ended it"
 _ROUND = "the iterations of a round were made"
