@@ -114,7 +114,8 @@ def testTwoRunsAtOnce(inFolder):
     compete(command("resume", "./real/../link/a"), command("resume", "a", folder="real"))
     compete(command("run", "run.toml", "--output", "link/a", "--overwrite"), command("resume", "real/a"))
     rows, frames = mh.readObservables("real/a.csv")["step"], mdtraj.load_dcd("real/a.dcd", top="real/a.psf")
-    assert np.all(np.diff(rows) == 3) and len(frames) == rows[-1] // 7
+    assert np.all(np.diff(rows) == 3)
+    assert len(frames) in (rows[-1] // 7, (rows[-1] + 2) // 7)  # the run ends up to two steps after its last row
 
 
 def testPrefixesInOneFolder(inFolder):
