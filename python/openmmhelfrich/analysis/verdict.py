@@ -244,6 +244,12 @@ class Evidence:
         return np.abs(dihedralAngles(self.mesh))
 
     @cached_property
+    def numCrossings(self) -> int:
+        """How many times an edge passes through a triangle at the end."""
+        assert self.mesh is not None
+        return len(crossings(self.mesh))
+
+    @cached_property
     def shapes(self) -> "list[Shape]":
         """The shapes of the surfaces at the end."""
         return [
@@ -513,12 +519,12 @@ def _triangles(e: Evidence) -> Iterator[Measured]:
 
 def _intersections(e: Evidence) -> Iterator[Measured]:
     if e.mesh is not None:
-        count = len(crossings(e.mesh))
-        what = f"the surface passes through itself {count} times at the end"
+        what = f"the surface passes through itself {e.numCrossings} times at the end"
         # Of edges that cross in the middle.
         longer = "a larger onset of the repulsion, 0.7 times the longest edges,"
         advice = longer if e.moduli.get("repulsion", 0) > 0 else "a repulsion"
-        yield Measured(count / (3 * len(e.mesh.triangles) // 2), what, f"{advice} prevents this")  # of the edges
+        share = e.numCrossings / (3 * len(e.mesh.triangles) // 2)  # of the edges
+        yield Measured(share, what, f"{advice} prevents this")
 
 
 def _rowsLeft(e: Evidence) -> Iterator[Measured]:

@@ -13,8 +13,8 @@ from .memory import requireMemory, sizeText
 from .outputs import Outputs
 from .scene import Scene
 
-# In bytes: a vertex in a frame of each trajectory, and in the files that are there once (of a checkpoint
-# there are two while one takes the place of the other); a row of the table; pictures.
+# In bytes: a vertex in a frame of each trajectory, and in the files that are there once (of a checkpoint there are two
+# while one takes the place of the other); a row of the table; pictures.
 DCD_FRAME, MESH_FRAME, SINGLE_FILES, PSF, ROW, PICTURES = 12, 30, 192, 149, 250, 200e3
 
 
