@@ -43,7 +43,6 @@ class Level:
     """One size of the vesicle."""
 
     def __init__(self, sphere, start, isSubdivided, arguments, seed):
-        self.sphere = sphere
         larger = len(sphere.vertices) / 10242
         stepSize = 2.2e-3 * (642 / len(sphere.vertices)) ** 0.12  # accepted at about 0.9
         self.scene = argparse.Namespace(
@@ -133,10 +132,11 @@ def main(arguments):
         while mesh and len(sphere.vertices) < len(mesh.vertices):
             sphere = onSphere(sphere.subdivided())
         for times, computations in enumerate(arguments.computations):
+            if times > 0:
+                sphere, mesh = onSphere(sphere.subdivided()), level.mesh().subdivided()
             level = Level(sphere, mesh, times > 0, arguments, arguments.seed + run)
             for at, row in enumerate(level.run(computations)):
                 found.setdefault((len(sphere.vertices), at), []).append(row)
-            sphere, mesh = onSphere(sphere.subdivided()), level.mesh().subdivided()
             if arguments.write:
                 level.mesh().write(arguments.write)
     for (vertices, _), rows in found.items():
