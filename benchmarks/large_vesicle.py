@@ -131,10 +131,12 @@ def main(arguments):
         sphere, mesh = sphereOf(arguments.vertices), arguments.start and mh.Mesh.read(arguments.start)
         while mesh and len(sphere.vertices) < len(mesh.vertices):
             sphere = onSphere(sphere.subdivided())
-        for times, computations in enumerate(arguments.computations):
-            if times > 0:
+        level = None
+        for computations in arguments.computations:
+            isSubdivided = level is not None
+            if isSubdivided:
                 sphere, mesh = onSphere(sphere.subdivided()), level.mesh().subdivided()
-            level = Level(sphere, mesh, times > 0, arguments, arguments.seed + run)
+            level = Level(sphere, mesh, isSubdivided, arguments, arguments.seed + run)
             for at, row in enumerate(level.run(computations)):
                 found.setdefault((len(sphere.vertices), at), []).append(row)
             if arguments.write:
