@@ -8,6 +8,7 @@ import pytest
 from openmm import unit
 
 import openmmhelfrich as mh
+from conftest import together
 from membranes import energyOf, forcesOf
 from openmmhelfrich.geometry.measured import MeasuredMesh
 from openmmhelfrich.runs import memory
@@ -361,6 +362,22 @@ def testSubdividedMeshThatTheMemoryDoesNotHold(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=expected):
         loadMesh(parseConfig({"mesh": {"file": str(file), "subdivide": 6}}))
     assert len(loadMesh(parseConfig({"mesh": {"file": str(file)}})).vertices) == 162
+
+
+@pytest.mark.parametrize("subdivisions, default", [(1, 1e6), (4, 1e6), (5, 390 * 10242)])
+def testModuliGrowWithTheLargestSurface(subdivisions, default):
+    """The defaults only, and not where there is nothing to hold."""
+
+    def moduliOf(mesh, **membrane):
+        resolved = resolve(parseConfig({"mesh": {"icosphere": 1}, "membrane": membrane}), MeasuredMesh(mesh))
+        return resolved.membrane.area_modulus, resolved.membrane.volume_modulus
+
+    sphere, small = mh.Mesh.icosphere(subdivisions), mh.Mesh.icosphere(1)
+    small.vertices[:, 0] += 5
+    assert moduliOf(sphere) == moduliOf(together(small, sphere)) == (default, default)
+    assert moduliOf(sphere, area_modulus=0.0) == (0, default)
+    assert moduliOf(sphere, volume_modulus=2e6, area_modulus=1e6) == (1e6, 2e6)
+    assert moduliOf(mh.Mesh.sheet(60, 60, 1.0)) == (0, 0)
 
 
 @pytest.mark.parametrize("value", [0, 1.5, 7, "two"])

@@ -598,14 +598,20 @@ def _ownAreaDifferences(config: Config, measured: MeasuredMesh) -> dict[str, flo
     return numberedTargets("areaDifference", values)
 
 
-def chosenWeight(config: Config, scene: Scene) -> list[str]:
-    """Return a sentence about the momenta on coarser meshes that the Scene of a Config, which is not resolved, has
-    where this leaves them open.
+def chosenForSize(config: Config, scene: Scene) -> list[str]:
+    """Return sentences about what the Scene of a Config, which is not resolved, has for the size of its mesh where this
+    leaves it open: momenta on coarser meshes, and larger moduli of area and volume.
     """
-    weight = scene.config.sampling.multilevel_weight
-    if config.sampling.multilevel_weight != "auto" or weight == 0:
-        return []
-    return [f"[sampling] multilevel_weight is {weight:g}, as a surface has {_MULTILEVEL_SIZE} vertices or more"]
+    weight, sentences = scene.config.sampling.multilevel_weight, []
+    if config.sampling.multilevel_weight == "auto" and weight != 0:
+        sentences = [
+            f"[sampling] multilevel_weight is {weight:g}, as a surface has {_MULTILEVEL_SIZE} vertices or more"
+        ]
+    for key in _GROWING_MODULI:
+        modulus, default = getattr(scene.config.membrane, key), MembraneSection.model_fields[key].default
+        if key not in config.membrane.model_fields_set and modulus > default:
+            sentences.append(f"[membrane] {key} is {modulus:.3g} kT, {_MODULUS_PER_VERTEX} for each vertex")
+    return sentences
 
 
 def changedIntervals(config: Config, scene: Scene) -> list[str]:
@@ -630,6 +636,7 @@ def resolve(config: Config, measured: MeasuredMesh) -> Config:
     config, mesh = config.model_copy(deep=True), measured.mesh
     if mesh.isPeriodic:
         _leaveOutVolume(config, measured)
+    _holdLargeSurfaces(config.membrane, measured)
     membrane, tether, repulsion, sampling = config.membrane, config.tether, config.repulsion, config.sampling
     surfaces = _surfaces(config, measured)
     for stage in stagesOf(config):
@@ -698,6 +705,21 @@ def _leaveOutVolume(config: Config, measured: MeasuredMesh) -> None:
     membrane.volume_modulus = 0.0
     if "area_modulus" not in membrane.model_fields_set:
         membrane.area_modulus = 0.0
+
+
+_GROWING_MODULI, _MODULUS_PER_VERTEX = ("area_modulus", "volume_modulus"), 390
+
+
+def _holdLargeSurfaces(membrane: MembraneSection, measured: MeasuredMesh) -> None:
+    """Let moduli of area and volume that are not given grow with the number of vertices of the largest surface.
+
+    Vertices press on each other in the plane as the molecules of a gas do, so that the same modulus would be too soft
+    for more of them.  Up to 2,562 vertices the defaults are those of any small mesh.
+    """
+    for key in _GROWING_MODULI:
+        if key not in membrane.model_fields_set:
+            numVertices = max(len(surface.vertices) for surface in measured.surfaces)
+            setattr(membrane, key, max(getattr(membrane, key), float(_MODULUS_PER_VERTEX * numVertices)))
 
 
 def _requireShortEdges(maxLength: float, mesh: Mesh) -> None:

@@ -400,13 +400,15 @@ class MembraneSection(Targets):
     area_modulus: Energy = Field(
         1e6,
         ge=0,
-        description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%; of a "
+        description="kappa_A in kT; 1e6 lets the area fluctuate by 0.07%; by default "
+        "390 for each vertex of the largest surface if that is more; of a "
         "periodic membrane, whose box holds it, 0 by default",
     )
     volume_modulus: Energy = Field(
         1e6,
         ge=0,
-        description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%; a periodic membrane has none, and 0",
+        description="kappa_V in kT; 1e6 lets the volume fluctuate by 0.07%; by default 390 for each vertex of the "
+        "largest surface if that is more; a periodic membrane has none, and 0",
     )
     area_difference_modulus: Energy = Field(0.0, ge=0, description="kappa_dA in kT; off by default")
     leaflet_separation: Length = Field(

@@ -39,7 +39,7 @@ from .outputs import Outputs, Recorder
 from .progress import RunProgress, following, requireProgress
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, chosenWeight, createScene, platformOf, requireEffect
+from .scene import Scene, changedIntervals, chosenForSize, createScene, platformOf, requireEffect
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
@@ -97,7 +97,7 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    warnings = [*chosenWeight(config, scene), *changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
+    warnings = [*chosenForSize(config, scene), *changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
     study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()
