@@ -14,7 +14,9 @@ from openmmhelfrich.geometry.measured import MeasuredMesh
 from openmmhelfrich.runs import memory
 from openmmhelfrich.runs.config import parseConfig, readConfig, stagesOf, tomllib
 from openmmhelfrich.runs.configfile import defaultText, settingsText
-from openmmhelfrich.runs.scene import Scene, loadMesh, resolve
+from openmmhelfrich.runs.defaults import resolve
+from openmmhelfrich.runs.meshsource import loadMesh
+from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.stagesettings import STAGES
 from openmmhelfrich.runs.trimem import convertConfig
 from openmmhelfrich.sampling.conditions import currentMesh

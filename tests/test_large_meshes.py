@@ -15,7 +15,7 @@ from openmmhelfrich.cli import app as command
 from openmmhelfrich.geometry import connectivity, quality
 from openmmhelfrich.pictures import curvature
 from openmmhelfrich.pictures.report import writeReport
-from openmmhelfrich.runs import scene
+from openmmhelfrich.runs import defaults
 from test_mesh_trajectory import simulate
 from test_report import partsOf
 
@@ -212,7 +212,7 @@ def testTopologyOfASimulation(inFolder, sphere):
 @pytest.mark.parametrize("psf, isThere", [(None, False), (True, True), (False, False)])
 def testPSF(inFolder, monkeypatch, psf, isThere):
     """Large membranes have none unless it is asked for, which is said; a run that goes on keeps to it."""
-    monkeypatch.setattr(scene, "MAX_PSF_VERTICES", 100)
+    monkeypatch.setattr(defaults, "MAX_PSF_VERTICES", 100)
     output = {"prefix": "run", **({} if psf is None else {"psf": psf})}
     summary = mh.run({"mesh": {"icosphere": 2}, "sampling": {"steps": 2, "steps_per_trajectory": 2}, "output": output})
     assert (inFolder / "run.psf").exists() == isThere and summary.config.output.psf is isThere

@@ -13,7 +13,7 @@ from openmmhelfrich.cli import app
 from openmmhelfrich.geometry import connectivity
 from openmmhelfrich.geometry.shapes import invaginatedSphere, spheroid, surfaceOfRevolution
 from openmmhelfrich.runs.config import parseConfig
-from openmmhelfrich.runs.scene import loadMesh
+from openmmhelfrich.runs.meshsource import loadMesh
 
 pytest.importorskip("mmgpy")
 pytest.importorskip("igl")

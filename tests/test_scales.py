@@ -13,7 +13,8 @@ from membranes import uvSphere
 from openmmhelfrich.cli import app
 from openmmhelfrich.io.vtkhdf import readMeshTrajectory
 from openmmhelfrich.runs.config import asDict, parseConfig
-from openmmhelfrich.runs.scene import Scene, loadMesh
+from openmmhelfrich.runs.meshsource import loadMesh
+from openmmhelfrich.runs.scene import Scene
 from openmmhelfrich.runs.studies import run
 from openmmhelfrich.runs.trimem import convertConfig
 from openmmhelfrich.sampling.observables import observableUnits, readObservables

@@ -20,7 +20,7 @@ from ..geometry.quality import crossings, dihedralAngles
 from ..sampling.averages import lateRows, sampledWindows
 from ..sampling.moves import Counters, makesFlips, makesTrajectories
 from ..sampling.observables import Observable, observablesIn
-from ..sampling.targets import totalOf
+from ..sampling.targets import MODULUS_NAMES, totalOf
 from ..tables import Table, unwarned
 from .description import gyrationTensor
 
@@ -404,14 +404,11 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         abs(mean),
         f"the {name} is {mean:+.2%} off its target on average, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
-        f"a larger {_MODULI[totalOf(observable.name)]} holds it"
+        f"a larger {MODULUS_NAMES[totalOf(observable.name)]} holds it"
         if isSoft
         else "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)",
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
-
-
-_MODULI = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
 
 
 def _acceptance(e: Evidence) -> Iterator[Measured]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from ..sampling.targets import TARGET_FACTORS, absoluteTargets, listedTargets, totalOf
+from ..sampling.targets import MODULUS_NAMES, TARGET_FACTORS, absoluteTargets, listedTargets, totalOf
 from .stagesettings import ApproachStage, StageSettings
 
 # What targets are called in configurations and elsewhere.
@@ -14,8 +14,6 @@ TARGET_NAMES = {
     "reduced_volume": "reducedVolume",
     "target_area_difference": "areaDifference",
 }
-# What holds them, among what stages give.
-MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
 # A target farther than this from what a membrane has, as a part of itself, is not to be reached suddenly.
 FAR = 0.05
 # What a membrane has after stages that did not hold it is not known, and counts as so far away, in factors of e.

@@ -31,10 +31,12 @@ from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
 from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
+from .effects import requireEffect
 from .memory import requireMemory
+from .meshsource import loadMesh
 from .readiness import Coarse, coarseness
 from .room import diskSize
-from .scene import Scene, loadMesh, requireEffect
+from .scene import Scene
 from .sections import Section
 from .stages import checkStages
 

@@ -47,28 +47,25 @@ from ..sampling.minimization import (
 )
 from ..sampling.moves import Counters, countersOf, trajectoriesOf
 from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, createSchedule
-from ..sampling.targets import currentTargets, measuredTargets, requireComparableTarget, setTargets, totalOf
+from ..sampling.targets import (
+    MODULUS_NAMES,
+    currentTargets,
+    measuredTargets,
+    requireComparableTarget,
+    setTargets,
+    totalOf,
+)
 from ..tables import Table
 from ..units import valueIn
-from .approach import MODULUS_NAMES, TARGET_NAMES, endTargets
+from .approach import TARGET_NAMES, endTargets
 from .config import conditionOf, conditionParts, namingSource
 from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
-from .scene import (
-    Scene,
-    requireComparable,
-    requireTrajectories,
-    stepSizeOf,
-)
+from .scene import Scene
 from .sections import Conditions, SamplingSection, SpeciesChange
-from .stagesettings import (
-    AnnealStage,
-    ApproachStage,
-    ContinueStage,
-    MinimizeStage,
-    SampleStage,
-    StageSettings,
-)
+from .sizes import requireComparable, requireTrajectories
+from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
+from .stepsizes import stepSizeOf
 
 
 class _Memory(TypedDict):

@@ -35,11 +35,13 @@ from .additions import Setup, describe, requireSame
 from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint, understanding
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
+from .effects import changedIntervals, chosenForSize, requireEffect
 from .outputs import Outputs, Recorder
+from .platforms import platformOf
 from .progress import RunProgress, following, requireProgress
 from .readiness import coarseness, requireReady
 from .room import requireRoom
-from .scene import Scene, changedIntervals, chosenForSize, createScene, platformOf, requireEffect
+from .scene import Scene, createScene
 from .stages import Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 

@@ -41,9 +41,9 @@ from .config import Config, during, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
+from .platforms import platformOf
 from .progress import SweepProgress, following, requireProgress
 from .room import requireDisk
-from .scene import platformOf
 from .studies import StopSignals, Study, resume, run
 from .summary import Summary
 

@@ -31,6 +31,9 @@ _SETTERS: dict[str, Callable[..., None]] = {
 # less than 2.
 TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
 
+# What holds them, in configurations.
+MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
+
 
 def nameOf(total: str, surface: int) -> str:
     """Return the name of what one of several surfaces has of its own."""

@@ -16,7 +16,8 @@ from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..runs.config import Config
-from ..runs.scene import createScene, defaultStepSize
+from ..runs.scene import createScene
+from ..runs.stepsizes import defaultStepSize
 from ..sampling.adaptation import adaptStepSize
 from ..sampling.conditions import currentMesh
 from ..sampling.moves import findMove, trajectoriesOf

@@ -17,7 +17,9 @@ from ..files import PathLike, replacing
 from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..runs.config import Config, stagesOf
-from ..runs.scene import createScene, loadMesh, resolve
+from ..runs.defaults import resolve
+from ..runs.meshsource import loadMesh
+from ..runs.scene import createScene
 from ..runs.sections import MODULI
 from ..runs.stages import createStage
 from ..runs.stagesettings import SampleStage

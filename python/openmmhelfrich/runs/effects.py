@@ -1,0 +1,104 @@
+"""What keys of a configuration do to its scene: those without effect are errors, what was chosen or changed is told."""
+
+import math
+from typing import TYPE_CHECKING
+
+from ..geometry.measured import MeasuredMesh
+from ..messages import shortened
+from ..sampling.targets import MODULUS_NAMES, totalOf
+from .config import Config, hasBurnIn
+from .defaults import GROWING_MODULI, MODULUS_PER_VERTEX
+from .sections import MembraneSection
+from .stepsizes import MULTILEVEL_SIZE
+from .surfaces import ownAreaDifferences
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+
+def requireEffect(config: Config, scene: "Scene") -> None:
+    """Raise a ValueError if something that a Config, which is not resolved, gives has no effect in its Scene."""
+    _requireEffectiveKeys(config)
+    _requireEffectiveTargets(config, scene)
+
+
+# The keys of a section that have no effect where another one is 0, as it is by default.
+_SWITCHES = (
+    ("repulsion", "modulus", ("onset", "length_scale", "exponent", "exclusion_level")),
+    ("sampling", "exchange_probability", ("exchange_fraction", "exchange_proposal")),
+    (
+        "sampling",
+        "shear_wave_probability",
+        ("shear_waves_per_step", "shear_wave_cutoff", "shear_wave_amplitude"),
+    ),
+)
+
+
+def _requireEffectiveKeys(config: Config) -> None:
+    """A key that switches on what others describe must be given with them, be it to switch it off."""
+    for section, switch, keys in _SWITCHES:
+        given = getattr(config, section).model_fields_set
+        for key in keys:
+            if key in given and switch not in given:
+                raise ValueError(
+                    f"{config.source}: [{section}] {key} is {getattr(getattr(config, section), key)}, and has no "
+                    f"effect, since {switch} is 0 by default; give a {switch}, or leave {key} out"
+                )
+    if config.sampling.burn_in is not None and not hasBurnIn(config):
+        raise ValueError(
+            f"{config.source}: [sampling] burn_in is {config.sampling.burn_in}, and has no effect, since no step_size "
+            "is 'auto'; make it that, or leave burn_in out"
+        )
+
+
+# The keys of each target.
+_TARGET_KEYS = {
+    "area": ("target_area",),
+    "volume": ("target_volume", "reduced_volume"),
+    "areaDifference": ("target_area_difference",),
+}
+
+
+def _requireEffectiveTargets(config: Config, scene: "Scene") -> None:
+    """The mesh's own area, volume or area difference does no harm."""
+    membrane = config.membrane
+    parts = [scene.during(index) for index in range(-1, len(scene.stages))]
+    for total, keys in _TARGET_KEYS.items():
+        given = [key for key in keys if getattr(membrane, key) is not None]
+        if not given or any(part.moduli[total] > 0 for part in parts):
+            continue
+        own = ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.ownMeasures
+        targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
+        isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
+        if isIdle and not (total == "area" and membrane.reduced_volume is not None):
+            raise ValueError(
+                f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
+                f"effect, since {MODULUS_NAMES[total]} is 0; make it positive, or leave {given[0]} out"
+            )
+
+
+def chosenForSize(config: Config, scene: "Scene") -> list[str]:
+    """Return sentences about what the Scene of a Config, which is not resolved, has for the size of its mesh where this
+    leaves it open: momenta on coarser meshes, and larger moduli of area and volume.
+    """
+    weight, sentences = scene.config.sampling.multilevel_weight, []
+    if config.sampling.multilevel_weight == "auto" and weight != 0:
+        sentences = [f"[sampling] multilevel_weight is {weight:g}, as a surface has {MULTILEVEL_SIZE} vertices or more"]
+    for key in GROWING_MODULI:
+        modulus, default = getattr(scene.config.membrane, key), MembraneSection.model_fields[key].default
+        if key not in config.membrane.model_fields_set and modulus > default:
+            sentences.append(f"[membrane] {key} is {modulus:.3g} kT, {MODULUS_PER_VERTEX} for each vertex")
+    return sentences
+
+
+def changedIntervals(config: Config, scene: "Scene") -> list[str]:
+    """Return a sentence for each interval of a Config, which is not resolved, that is shorter in its Scene."""
+    sentences = []
+    for key, why in (
+        ("observables_interval", "so that each window, and the run, has a row"),
+        ("trajectory_interval", "so that the run has a frame"),
+    ):
+        given, taken = getattr(config.output, key), getattr(scene.config.output, key)
+        if key in config.output.model_fields_set and given != taken:
+            sentences.append(f"[output] {key} is {taken}, and not {given}, {why}")
+    return sentences

@@ -1,0 +1,98 @@
+"""Numbers of a configuration that have nothing to do with its mesh, or overflow together, are errors."""
+
+import contextlib
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..geometry.measured import MeasuredMesh
+from ..sampling.targets import requireComparableTarget
+from .config import Config, asDict
+from .material import requireResolved
+from .sections import GREATEST, LEAST, SamplingSection
+from .stepsizes import defaultStepSize
+from .surfaces import measuresOf, radiusOf, surfacesOf, targetsOf
+
+# By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
+GREATEST_FACTOR = 1e6
+# Of flips in a sweep: what SweepEdgeFlipsKernel makes.
+MOST_ATTEMPTS = 2**33
+
+
+def checkSizes(config: Config, measured: MeasuredMesh) -> None:
+    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the
+    mesh.
+    """
+    targets = targetsOf(surfacesOf(config, measured))
+    for name, measure in measuresOf(measured).items():
+        requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
+    length, tether, sampling = measured.meanEdgeLength, config.tether, config.sampling
+    for name, value in (
+        ("[tether] min_length", tether.min_length),
+        ("[tether] max_length", tether.max_length),
+        ("[repulsion] onset", config.repulsion.onset),
+    ):
+        requireComparable(name, value, length, "the mean edge length")
+    requireResolved("the spontaneous_curvature", config, length)
+    stepSize = defaultStepSize(config, measured)
+    if not LEAST <= stepSize <= GREATEST:
+        raise ValueError(
+            f"[sampling] mass is {sampling.mass:g} Da and temperature {sampling.temperature:g} K; with the moduli they "
+            f"ask for a step size of {stepSize:g} ps, which must be from {LEAST:g} to {GREATEST:g}"
+        )
+    requireComparable("[sampling] step_size", sampling.step_size, stepSize, "the rule of thumb for it in ps,")
+    if sampling.step_size == "auto":
+        requireTrajectories(sampling)
+    numEdges = 3 * len(measured.mesh.triangles) // 2
+    if sampling.flip_fraction * numEdges > MOST_ATTEMPTS:
+        raise ValueError(
+            f"[sampling] flip_fraction is {sampling.flip_fraction:g}; with the mesh's {numEdges} edges it must be at "
+            f"most {MOST_ATTEMPTS / numEdges:.4g}"
+        )
+    if sampling.exchange_fraction * numEdges > MOST_ATTEMPTS:
+        raise ValueError(
+            f"[sampling] exchange_fraction is {sampling.exchange_fraction:g}; with the mesh's {numEdges} edges it must "
+            f"be at most {MOST_ATTEMPTS / numEdges:.4g}"
+        )
+    if sampling.shear_wave_probability > 0:
+        radius = radiusOf(measured.mesh.area)
+        requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def requireTrajectories(sampling: SamplingSection) -> None:
+    """Raise a ValueError if there are no trajectories by which a step size could be found."""
+    others = sampling.flip_probability + sampling.shear_wave_probability + sampling.exchange_probability
+    if others >= 1:
+        raise ValueError(
+            "step_size is 'auto', and the probabilities of [sampling] of moves other than trajectories add up to "
+            f"{others:g}; they must leave trajectories by which it is found"
+        )
+
+
+def requireComparable(name: str, value: float | str | None, own: float, what: str) -> None:
+    """Raise a ValueError if a number, unless it is none, is not within a large factor of another one."""
+    if not isinstance(value, float):
+        return
+    if not abs(own) / GREATEST_FACTOR <= abs(value) <= abs(own) * GREATEST_FACTOR:
+        raise ValueError(f"{name} is {value:g}; it must be within a factor of {GREATEST_FACTOR:g} of {what} {own:.4g}")
+
+
+@contextlib.contextmanager
+def overflowsExplained(config: Config) -> Iterator[None]:
+    """Name the keys that are likely to be wrong when arithmetic with them fails."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except ArithmeticError:
+        sizes = {
+            f"[{section}] {key} = {value:g}": abs(math.log(abs(value)))
+            for section, values in asDict(config).items()
+            if isinstance(values, dict)
+            for key, value in values.items()
+            if isinstance(value, float) and value != 0
+        }
+        extreme = sorted(sizes, key=lambda name: -sizes[name])[:3]
+        raise ValueError(
+            f"the configuration's numbers differ so much in size that energies or steps overflow: {', '.join(extreme)}"
+        ) from None

@@ -1,0 +1,83 @@
+"""The surfaces of a scene, and the targets that each is held to."""
+
+import math
+from typing import NamedTuple
+
+from ..geometry.measured import MeasuredMesh
+from ..geometry.measures import volumeOfReduced
+from ..geometry.mesh import Mesh
+from ..sampling.targets import numberedTargets, requireOnePerSurface
+from .config import Config
+from .sections import MembraneSection
+
+
+class Surface(NamedTuple):
+    """One of the mesh's surfaces: its number of vertices, A_0, V_0 unless it is periodic, and dA_0."""
+
+    numVertices: int
+    area: float
+    volume: float | None
+    areaDifference: float
+
+
+def surfacesOf(config: Config, measured: MeasuredMesh) -> list[Surface]:
+    """Return the surfaces, in the order of their numbers, with the targets that each is held to by itself."""
+    membrane, count = config.membrane, len(measured.surfaces)
+    for name in membrane.targetNames():
+        requireOnePerSurface(f"[membrane] {name}", getattr(membrane, name), count)
+    return [_surface(membrane, measured, k) for k in range(count)]
+
+
+def _surface(membrane: MembraneSection, measured: MeasuredMesh, number: int) -> Surface:
+    def given(name: str) -> float | None:
+        value = getattr(membrane, name)
+        return value[number] if isinstance(value, list) else value
+
+    area = given("target_area") or measured.areas[number]
+    volume = None if measured.volumes[number] is None else given("target_volume") or measured.volumes[number]
+    reduced, areaDifference = given("reduced_volume"), given("target_area_difference")
+    if reduced is not None:
+        volume = volumeOfReduced(reduced, area)
+    if areaDifference is None:
+        areaDifference = 2 * membrane.leaflet_separation * measured.meanCurvatures[number]
+    return Surface(len(measured.surfaces[number].vertices), area, volume, areaDifference)
+
+
+def targetsOf(surfaces: list[Surface]) -> dict[str, float]:
+    """Return the targets of surfaces by their names."""
+    volumes = [surface.volume for surface in surfaces if surface.volume is not None]
+    return {
+        **numberedTargets("area", [surface.area for surface in surfaces]),
+        **(numberedTargets("volume", volumes) if volumes else {}),
+        **numberedTargets("areaDifference", [surface.areaDifference for surface in surfaces]),
+    }
+
+
+def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
+    """Return what targets are compared with, of each surface.  Area differences may be of any size: far away, they pull
+    evenly.
+    """
+    volumes = [volume for volume in measured.volumes if volume is not None]
+    return {
+        **numberedTargets("area", measured.areas),
+        **(numberedTargets("volume", volumes) if volumes else {}),
+    }
+
+
+def ownAreaDifferences(config: Config, measured: MeasuredMesh) -> dict[str, float]:
+    height = config.membrane.leaflet_separation
+    values = [2 * height * float(curvature) for curvature in measured.meanCurvatures]
+    return numberedTargets("areaDifference", values)
+
+
+def radiusOf(area: float) -> float:
+    """Return the radius of a sphere of an area."""
+    return math.sqrt(area / (4 * math.pi))
+
+
+def defaultAmplitude(area: float, mesh: Mesh) -> float:
+    """Return the amplitude of shear waves to begin with.
+
+    By rule of thumb, the energy of a strain s changes by about s sqrt(N) kT, whatever the moduli.
+    """
+    return 0.7 * radiusOf(area) / math.sqrt(len(mesh.vertices))
