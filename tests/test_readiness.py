@@ -188,6 +188,19 @@ def test_trajectories_are_tried_until_the_answer_is_certain(monkeypatch, stretch
     assert (found.reason is None) == isReady and len(tried) == count
 
 
+@pytest.mark.parametrize("stretching", [2.3, 2.8])
+def test_check_and_runs_of_any_seed_have_one_answer(stretching):
+    """For meshes of which some random numbers have enough trajectories accepted, and others have not."""
+    sphere = mh.Mesh.icosphere(2)
+    mesh = mh.Mesh(sphere.vertices * [1, 1, stretching], sphere.triangles)
+    answers = {readiness.readinessOf(mesh, "cell.ply").reason}
+    for seed in range(1, 7):
+        scene = mh.Scene.of({"sampling": {"seed": seed}}, mesh)
+        force = scene.createForce()
+        answers.add(readiness.obstacle(scene, scene.createSimulation(force), force))
+    assert len(answers) == 1
+
+
 def test_ready_after_repair_as_the_command_says(inFolder):
     sphere = mh.Mesh.icosphere(2)
     mh.Mesh(sphere.vertices, sphere.triangles[:, ::-1]).write("cell.ply")
