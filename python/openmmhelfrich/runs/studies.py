@@ -28,6 +28,7 @@ from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplot
 from ..sampling.conditions import currentMesh
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.observables import Moment, Place, observablesOf, observe, readObservables
+from ..sampling.progress import requireProgress
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
@@ -36,7 +37,7 @@ from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, namin
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
 from .outputs import Outputs, Recorder
-from .progress import RunProgress, following, requireProgress
+from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, changedIntervals, chosenWeight, createScene, platformOf, requireEffect
@@ -85,7 +86,7 @@ def run(
 
     A UserWarning says that the verdict is failed, where there is no progress to show it.
     """
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
@@ -152,7 +153,7 @@ def resume(
     InUseError
         if another process runs with this prefix
     """
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     prefix = prefixOf(prefix)
     file = beside(prefix, ".checkpoint")
     if not file.exists():

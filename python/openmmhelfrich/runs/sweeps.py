@@ -33,6 +33,7 @@ from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
 from ..sampling.observables import observablesIn, readObservables
+from ..sampling.progress import requireProgress
 from ..tables import headOf, unwarned
 from ..units import wholeNumber
 from .additions import Setup
@@ -41,7 +42,7 @@ from .config import Config, during, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
-from .progress import SweepProgress, following, requireProgress
+from .progress import SweepProgress, following
 from .room import requireDisk
 from .scene import platformOf
 from .studies import StopSignals, Study, resume, run
@@ -189,7 +190,7 @@ def sweep(
         point has been touched then
     """
     _requirePickled(setup)
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
     if retry not in (None, FAILED):

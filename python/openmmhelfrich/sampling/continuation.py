@@ -21,6 +21,7 @@ from ..tables import Table
 from ..units import wholeNumber
 from .averages import averageWindows
 from .conditions import moduliOf
+from .progress import requireProgress
 from .reporters import ObservablesReporter
 from .targets import (
     absoluteTargets,
@@ -202,6 +203,7 @@ def continueTo(
     ValueError
         if a target or a number is out of range, or the modulus of a target is 0
     """
+    requireProgress(progress)
     start = _startOf(simulation.context, force)
     ends = absoluteTargets(targets, start)
     _requireModuli(moduliOf(simulation.context, force), targets)
