@@ -33,6 +33,7 @@ from ..sampling.targets import (
     requireComparableTarget,
     requireOnePerSurface,
     setDefaultTargets,
+    sphereDifference,
     totalOf,
 )
 from ..units import thermalEnergy
@@ -95,8 +96,9 @@ class Scene:
         the modulus of each term, in kJ/mol and powers of nm
     targets : dict of float
         by the names of :mod:`openmmhelfrich.sampling.targets`, in powers of nm: each surface has its own
-    ownMeasures : dict of float
-        the areas and volumes of the mesh, by the same names
+    targetScales : dict of float
+        what targets are compared with, by the same names: the areas and volumes of the mesh, and the area differences
+        of spheres of these areas
     tether : Tether
         the bounds of edges
     vertexSpecies : array of int
@@ -126,7 +128,7 @@ class Scene:
     kT: float
     moduli: dict[str, float]
     targets: dict[str, float]
-    ownMeasures: dict[str, float]
+    targetScales: dict[str, float]
     tether: Tether
     vertexSpecies: NDArray[np.intc]
     repulsionOnset: float
@@ -324,7 +326,7 @@ def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene
         kT=kT,
         moduli=_moduliOf(config, kT),
         targets=_targets(surfaces),
-        ownMeasures=measuresOf(measured),
+        targetScales=_targetScales(config, measured),
         tether=tether,
         vertexSpecies=vertexSpecies,
         repulsionOnset=config.repulsion.onset or tether.minLength,
@@ -450,12 +452,7 @@ def _overflowsExplained(config: Config) -> Iterator[None]:
 
 
 def checkSizes(config: Config, measured: MeasuredMesh) -> None:
-    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the
-    mesh.
-    """
-    targets = _targets(_surfaces(config, measured))
-    for name, measure in measuresOf(measured).items():
-        requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
+    """Raise a ValueError if a length or the step size of a resolved Config has nothing to do with the mesh."""
     length, tether, sampling = measured.meanEdgeLength, config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -499,10 +496,26 @@ def requireTrajectories(sampling: SamplingSection) -> None:
         )
 
 
-def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
-    """Return what targets are compared with, of each surface.  Area differences may be of any size: far away, they pull
-    evenly.
+def _requireComparableTargets(config: Config, measured: MeasuredMesh, targets: dict[str, float]) -> None:
+    """Raise a ValueError if a target before the stages has nothing to do with the mesh.  That of an area difference,
+    which may be near 0 where nothing is held to it, counts where it is.
     """
+    for name, scale in _targetScales(config, measured).items():
+        total = totalOf(name)
+        if total != "areaDifference" or total in _held(config):
+            key = _TARGET_KEYS[total][1][0] + name.removeprefix(total)
+            requireComparableTarget(f"[membrane] {key}", name, targets[name], scale)
+
+
+def _targetScales(config: Config, measured: MeasuredMesh) -> dict[str, float]:
+    """Return what targets are compared with, of each surface."""
+    separation = config.membrane.leaflet_separation
+    spheres = [sphereDifference(area, separation) for area in measured.areas]
+    return _measures(measured) | numberedTargets("areaDifference", spheres)
+
+
+def _measures(measured: MeasuredMesh) -> dict[str, float]:
+    """Return the area and volume of each surface."""
     volumes = [volume for volume in measured.volumes if volume is not None]
     return {
         **numberedTargets("area", measured.areas),
@@ -519,7 +532,7 @@ def _measuresHeld(config: Config, measured: MeasuredMesh) -> dict[str, float]:
     """Return what the mesh has of the targets whose terms are on at some time, by their names."""
     given = [stage.conditions() for stage in config.stages]
     on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
-    measures = measuresOf(measured) | (_ownAreaDifferences(config, measured) if "areaDifference" in on else {})
+    measures = _measures(measured) | (_ownAreaDifferences(config, measured) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}
 
 
@@ -574,7 +587,7 @@ def _requireEffectiveTargets(config: Config, scene: Scene) -> None:
         given = [key for key in keys if getattr(membrane, key) is not None]
         if not given or any(part.moduli[total] > 0 for part in parts):
             continue
-        own = _ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.ownMeasures
+        own = _ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.targetScales
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
         isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):
@@ -636,6 +649,7 @@ def resolve(config: Config, measured: MeasuredMesh) -> Config:
         for name in stage.targetNames():
             requireOnePerSurface(f"{stage.title}: {name}", getattr(stage, name), len(surfaces))
     targets = _targets(surfaces)
+    _requireComparableTargets(config, measured, targets)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
         config.stages, targets = withApproaches(
