@@ -61,7 +61,7 @@ def testThereAndBackByTheSameWindows():
     "arguments, message",
     [
         (({"volume": -1.0}, 2), "leads to a target volume of -1; it must be positive"),
-        (({"areaDifference": -25.0}, 2), "leads to a target areaDifference of 0"),
+        (({"areaDifference": -25.0}, 2), "leads to a target area difference of 0"),
         (({"volume": 2.0}, 0), "windows is 0"),
         (({"volume": 2.0}, 2, False, {"volume": [0, 1]}), "path of volume has 2 values; it must have 3"),
         (({"volume": 2.0}, 2, False, {"area": [0, 1, 1]}), "path has 'area'"),

@@ -15,6 +15,7 @@ from typing_extensions import assert_type
 
 import openmmhelfrich as mh
 from openmmhelfrich.runs import progress
+from openmmhelfrich.runs.mcapp import runLikeTriMem
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = [{"kind": "minimize", "max_iterations": 5}, {"kind": "sample", "steps": 12}]
@@ -167,8 +168,26 @@ def test_a_type_checker_finds_the_types() -> None:
         mh.Mesh.icospher(2)  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("call", [mh.run, mh.resume, mh.sweep])
+@pytest.mark.parametrize("call", [mh.run, mh.resume, mh.sweep, runLikeTriMem])
 def testProgressThatIsNoFunction(tmp_path, call):
     with pytest.raises(TypeError, match="progress is 'bar'; it must be a function, True for bars, or None"):
         call(tmp_path / "run.toml", progress="bar")
+    assert list(tmp_path.iterdir()) == []
+
+
+def testProgressOfFunctionsWithoutBars(tmp_path):
+    """It is refused before anything is done: the arguments before it would not do either."""
+    force = mh.HelfrichForce()
+    calls = [
+        lambda progress: mh.minimize(None, force, progress=progress),
+        lambda progress: mh.minimizeFluid(None, force, progress=progress),
+        lambda progress: mh.adaptStepSize(None, 10, progress=progress),
+        lambda progress: mh.anneal(None, 10, 300, progress=progress),
+        lambda progress: mh.continueTo(None, force, {"volume": 1.0}, progress=progress),
+        lambda progress: mh.tradeoff.tradeoff({}, tmp_path / "scene", progress=progress),
+    ]
+    for call in calls:
+        for wrong in ("bar", True, 0):
+            with pytest.raises(TypeError, match=f"^progress is {wrong!r}; it must be a function or None$"):
+                call(wrong)
     assert list(tmp_path.iterdir()) == []

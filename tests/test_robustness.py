@@ -136,7 +136,7 @@ WRONG = [
         "minimum is 400.0 K; it must not be above the start",
     ),
     ({"kind": "sample", "steps": 4, "target_volume": 1e-20}, {}, "the target volume is 1e-20; it must be within"),
-    ({"kind": "continue", "target_area_difference": 3.0}, {}, "areaDifference, whose modulus is 0"),
+    ({"kind": "continue", "target_area_difference": 3.0}, {}, "target for the area difference, whose modulus is 0"),
     (
         {"kind": "continue", "target_volume": 3.0, "windows": 2, "path": {"target_volume": [0.0, 9.0, 1.0]}},
         {},

@@ -12,6 +12,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.grids import readGrid
+from openmmhelfrich.runs.stages import checkStages
 
 nm, kJ, K, ps = unit.nanometer, unit.kilojoule_per_mole, unit.kelvin, unit.picosecond
 # A setter, its arguments, the one that is wrong and what it must be, for every one with a dimension.
@@ -398,6 +399,43 @@ def testTargetsOfAnotherScale(tmp_path, key, value):
         runConfig(tmp_path, membrane={key: value})
     with pytest.raises(ValueError, match=rf"stage 1 \(sample\): the target \w+ {message}"):
         runConfig(tmp_path, stages=[{"kind": "sample", "steps": 4, key: value}])
+
+
+# A sphere of the radius 1 has 25.13; the icosphere's area is a little smaller.
+@pytest.mark.parametrize("target", [1e9, -1e9, 25.13e6, 25.13e-6, 1e-12])
+@pytest.mark.parametrize("approach", ["none", "auto"])
+def testAreaDifferencesOfAnotherScale(target, approach):
+    """They are refused wherever they are given, with the way to let an area difference go."""
+    mesh, sampling = mh.Mesh.icosphere(2), {"seed": 1, "approach": approach}
+    held, stage = {"area_difference_modulus": 100.0}, {"kind": "sample", "steps": 1}
+    words = rf"is {re.escape(f'{target:g}')}; its size must be from 0\.000249\d* to 249\d.*area_difference_modulus of 0"
+    given = {"target_area_difference": target}
+
+    def refuses(where, membrane, stage):
+        with pytest.raises(ValueError, match=f"{re.escape(where)}.* {words}"):
+            checkStages(mh.Scene.of({"membrane": membrane, "sampling": sampling, "stages": [stage]}, mesh))
+
+    refuses("[membrane] target_area_difference", held | given, stage)
+    refuses("stage 1 (sample): the target area difference", held, stage | given)
+    refuses("stage 1 (sample): the target area difference", given, stage | held)
+    refuses("stage 1 (continue): the target area difference", held, {"kind": "continue", "steps": 1} | given)
+    scene = mh.Scene.of({"membrane": held, "sampling": sampling}, mesh)
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
+    with pytest.raises(ValueError, match=f"^continueTo: the target areaDifference {words}"):
+        mh.continueTo(simulation, force, {"areaDifference": target}, windows=1)
+
+
+@pytest.mark.parametrize("target", [-400.0, -0.1, 0.01, 30.0, 2000.0])
+def testAreaDifferencesOfTheMesh(target):
+    """Stomatocytes have small ones and negative ones, chains of buds and tubes large ones, of any separation."""
+    for scale, separation in ((1.0, 1.0), (500.0, 0.002)):
+        held = {"area_difference_modulus": 100.0, "leaflet_separation": separation}
+        given = {"target_area_difference": target * scale * separation}
+        stage, sampling = {"kind": "sample", "steps": 1}, {"seed": 1, "approach": "none"}
+        for membrane, last in ((held | given, stage), (held, stage | given)):
+            config = {"membrane": membrane, "sampling": sampling, "stages": [last]}
+            checkStages(mh.Scene.of(config, mh.Mesh.icosphere(2, scale)))
 
 
 def testChangedIntervals(tmp_path):

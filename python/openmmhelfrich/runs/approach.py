@@ -87,7 +87,7 @@ def _stepsTo(goal: Mapping[str, float], here: Mapping[str, float], free: Collect
     Of some totals, which are free, it is not known what a membrane has.
     """
     distances = {name: abs(math.log(value / here[name])) for name, value in goal.items() if value * here[name] > 0}
-    if any(each > math.log(TARGET_FACTORS[totalOf(name)]) for name, each in distances.items()):
+    if any(each > math.log(TARGET_FACTORS.get(totalOf(name), math.inf)) for name, each in distances.items()):
         return 0
     distance = max((max(each, UNKNOWN * (totalOf(name) in free)) for name, each in distances.items()), default=0.0)
     if distance <= math.log1p(FAR):

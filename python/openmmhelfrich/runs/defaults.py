@@ -9,10 +9,11 @@ from ..geometry.measured import MeasuredMesh
 from ..sampling.targets import MODULUS_NAMES, listedTargets, requireOnePerSurface, totalOf
 from .additions import fixedVertices
 from .approach import withApproaches
-from .config import Config, stagesOf, valueOf
-from .sections import MODULI, MembraneSection
+from .config import Config, stagesOf
+from .sections import MembraneSection
+from .sizes import requireComparableTargets
 from .stepsizes import defaultStepSize, multilevelWeight
-from .surfaces import measuresOf, ownAreaDifferences, surfacesOf, targetsOf
+from .surfaces import heldOf, measuresOf, ownAreaDifferences, surfacesOf, targetsOf
 from .tethers import requireShortEdges, tetherOf
 
 MAX_PSF_VERTICES = 200_000  # for which a run writes a PSF file unasked
@@ -34,10 +35,11 @@ def resolve(config: Config, measured: MeasuredMesh) -> Config:
         for name in stage.targetNames():
             requireOnePerSurface(f"{stage.title}: {name}", getattr(stage, name), len(surfaces))
     targets = targetsOf(surfaces)
+    requireComparableTargets(config, measured, targets)
     config.stages = stagesOf(config)
     if sampling.approach == "auto":
         config.stages, targets = withApproaches(
-            config.stages, _measuresHeld(config, measured), targets, len(mesh.vertices), _held(config)
+            config.stages, _measuresHeld(config, measured), targets, len(mesh.vertices), heldOf(config)
         )
         sampling.approach = "none"  # what it means is among the stages now
     membrane.target_area, membrane.target_volume, membrane.reduced_volume = (
@@ -113,14 +115,9 @@ def _holdLargeSurfaces(membrane: MembraneSection, measured: MeasuredMesh) -> Non
             setattr(membrane, key, max(getattr(membrane, key), float(MODULUS_PER_VERTEX * numVertices)))
 
 
-def _held(config: Config) -> set[str]:
-    """Return the totals that a Config's membrane is held to targets of, before its stages."""
-    return {total for total in MODULUS_NAMES if valueOf(config, MODULI[total]) > 0}
-
-
 def _measuresHeld(config: Config, measured: MeasuredMesh) -> dict[str, float]:
     """Return what the mesh has of the targets whose terms are on at some time, by their names."""
     given = [stage.conditions() for stage in config.stages]
-    on = _held(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
+    on = heldOf(config) | {total for total, name in MODULUS_NAMES.items() if any(each.get(name) for each in given)}
     measures = measuresOf(measured) | (ownAreaDifferences(config, measured) if "areaDifference" in on else {})
     return {name: value for name, value in measures.items() if totalOf(name) in on}

@@ -10,7 +10,7 @@ from .config import Config, hasBurnIn
 from .defaults import GROWING_MODULI, MODULUS_PER_VERTEX
 from .sections import MembraneSection
 from .stepsizes import MULTILEVEL_SIZE
-from .surfaces import ownAreaDifferences
+from .surfaces import TARGET_KEYS, ownAreaDifferences
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -51,23 +51,15 @@ def _requireEffectiveKeys(config: Config) -> None:
         )
 
 
-# The keys of each target.
-_TARGET_KEYS = {
-    "area": ("target_area",),
-    "volume": ("target_volume", "reduced_volume"),
-    "areaDifference": ("target_area_difference",),
-}
-
-
 def _requireEffectiveTargets(config: Config, scene: "Scene") -> None:
     """The mesh's own area, volume or area difference does no harm."""
     membrane = config.membrane
     parts = [scene.during(index) for index in range(-1, len(scene.stages))]
-    for total, keys in _TARGET_KEYS.items():
+    for total, keys in TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
         if not given or any(part.moduli[total] > 0 for part in parts):
             continue
-        own = ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.ownMeasures
+        own = ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.targetScales
         targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
         isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):

@@ -17,6 +17,7 @@ from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
 from ..io.locks import locked
 from ..io.runfiles import beside
+from ..sampling.progress import requireProgress
 from .config import parseConfig
 from .outputs import Outputs
 from .studies import run as runStudy
@@ -56,6 +57,7 @@ def runLikeTriMem(
     ValueError, OSError, openmm.OpenMMException
         what :func:`openmmhelfrich.run` raises; or if there is no such checkpoint, or it is damaged
     """
+    requireProgress(progress, hasBars=True)
     source = Source(Path(file))
     prefix = Path(source.text("GENERAL", "output_prefix", source.stem))
     checkpoints = Checkpoints(Path(source.text("GENERAL", "restart_prefix", source.stem)))

@@ -179,12 +179,6 @@ class SweepProgress(Bars):
         return sum(state.status in ("done", "failed") for state in states)
 
 
-def requireProgress(progress: Any) -> None:
-    """Raise a TypeError unless :func:`following` takes this."""
-    if progress is not None and not isinstance(progress, bool) and not callable(progress):
-        raise TypeError(f"progress is {progress!r}; it must be a function, True for bars, or None")
-
-
 @contextlib.contextmanager
 def following(progress: Callable[[Any], None] | bool | None, kind: type[Bars]) -> Iterator[Any]:
     """Lend what is called with a Study, or the points of a sweep: what is given, or, if it is True, bars of a kind."""

@@ -27,7 +27,7 @@ from .sections import MODULI
 from .sizes import checkSizes, overflowsExplained
 from .stagesettings import StageSettings, givenConditions
 from .stepsizes import defaultStepSize
-from .surfaces import defaultAmplitude, measuresOf, radiusOf, surfacesOf, targetsOf
+from .surfaces import defaultAmplitude, radiusOf, surfacesOf, targetScales, targetsOf
 from .tethers import Tether, tetherOf
 
 
@@ -55,8 +55,9 @@ class Scene:
         the modulus of each term, in kJ/mol and powers of nm
     targets : dict of float
         by the names of :mod:`openmmhelfrich.sampling.targets`, in powers of nm: each surface has its own
-    ownMeasures : dict of float
-        the areas and volumes of the mesh, by the same names
+    targetScales : dict of float
+        what targets are compared with, by the same names: the areas and volumes of the mesh, and the area differences
+        of spheres of these areas
     tether : Tether
         the bounds of edges
     vertexSpecies : array of int
@@ -86,7 +87,7 @@ class Scene:
     kT: float
     moduli: dict[str, float]
     targets: dict[str, float]
-    ownMeasures: dict[str, float]
+    targetScales: dict[str, float]
     tether: Tether
     vertexSpecies: NDArray[np.intc]
     repulsionOnset: float
@@ -284,7 +285,7 @@ def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene
         kT=kT,
         moduli=_moduliOf(config, kT),
         targets=targetsOf(surfaces),
-        ownMeasures=measuresOf(measured),
+        targetScales=targetScales(config, measured),
         tether=tether,
         vertexSpecies=vertexSpecies,
         repulsionOnset=config.repulsion.onset or tether.minLength,

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..geometry.measured import MeasuredMesh
-from ..sampling.targets import requireComparableTarget
+from ..sampling.targets import requireComparableTarget, totalOf
 from .config import Config, asDict
 from .material import requireResolved
 from .sections import GREATEST, LEAST, SamplingSection
 from .stepsizes import defaultStepSize
-from .surfaces import measuresOf, radiusOf, surfacesOf, targetsOf
+from .surfaces import TARGET_KEYS, heldOf, radiusOf, targetScales
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
@@ -21,12 +21,7 @@ MOST_ATTEMPTS = 2**33
 
 
 def checkSizes(config: Config, measured: MeasuredMesh) -> None:
-    """Raise a ValueError if a length, a target or the step size of a resolved Config has nothing to do with the
-    mesh.
-    """
-    targets = targetsOf(surfacesOf(config, measured))
-    for name, measure in measuresOf(measured).items():
-        requireComparableTarget(f"[membrane] target_{name}", name, targets[name], measure)
+    """Raise a ValueError if a length or the step size of a resolved Config has nothing to do with the mesh."""
     length, tether, sampling = measured.meanEdgeLength, config.tether, config.sampling
     for name, value in (
         ("[tether] min_length", tether.min_length),
@@ -58,6 +53,17 @@ def checkSizes(config: Config, measured: MeasuredMesh) -> None:
     if sampling.shear_wave_probability > 0:
         radius = radiusOf(measured.mesh.area)
         requireComparable("[sampling] shear_wave_amplitude", sampling.shear_wave_amplitude, radius, "the radius")
+
+
+def requireComparableTargets(config: Config, measured: MeasuredMesh, targets: dict[str, float]) -> None:
+    """Raise a ValueError if a target before the stages has nothing to do with the mesh.  That of an area difference,
+    which may be near 0 where nothing is held to it, counts where it is.
+    """
+    for name, scale in targetScales(config, measured).items():
+        total = totalOf(name)
+        if total != "areaDifference" or total in heldOf(config):
+            key = TARGET_KEYS[total][0] + name.removeprefix(total)
+            requireComparableTarget(f"[membrane] {key}", name, targets[name], scale)
 
 
 def requireTrajectories(sampling: SamplingSection) -> None:

@@ -50,6 +50,7 @@ from ..sampling.schedules import ExponentialSchedule, Schedule, TableSchedule, c
 from ..sampling.targets import (
     MODULUS_NAMES,
     currentTargets,
+    inWords,
     measuredTargets,
     requireComparableTarget,
     setTargets,
@@ -119,13 +120,15 @@ class Stage(ABC):
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
         """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
-        end = endTargets(settings, start)
-        for name, own in scene.ownMeasures.items():
-            requireComparableTarget(f"the target {name}", name, end.get(name), own)
+        end, moduli = endTargets(settings, start), settings.conditions()
+        for name, scale in scene.targetScales.items():
+            isNew = name in end or moduli.get(MODULUS_NAMES[totalOf(name)])
+            target = (start | end).get(name) if isNew else None
+            requireComparableTarget(f"the target {inWords(name)}", name, target, scale)
         for name in end:
             setsVolume = totalOf(name) == "area" and settings.reduced_volume is not None
             if scene.moduli[totalOf(name)] == 0 and not setsVolume:
-                raise ValueError(f"it has a target for the {name}, whose modulus is 0; give it a modulus")
+                raise ValueError(f"it has a target for the {inWords(name)}, whose modulus is 0; give it a modulus")
         return start | end
 
     @classmethod
@@ -511,8 +514,9 @@ class Continue(MonteCarlo):
         path = cls._createPath(settings, start)
         for window in range(len(path.lambdas)):
             targets = path.targets(window)
-            for name, own in scene.ownMeasures.items():
-                requireComparableTarget(f"the target {name} of window {window}", name, targets.get(name), own)
+            for name, scale in scene.targetScales.items():
+                what = f"the target {inWords(name)} of window {window}"
+                requireComparableTarget(what, name, targets.get(name), scale)
         return start | path.targets(len(path.lambdas) - 1)
 
     @classmethod
@@ -579,7 +583,7 @@ class Approach(MonteCarlo):
 
     def notes(self) -> list[str]:
         goals = ", ".join(
-            f"{name} from {self._startTargets[name]:.4g} to {end:.4g}"
+            f"{inWords(name)} from {self._startTargets[name]:.4g} to {end:.4g}"
             for name, end in self._endTargets().items()
             if not math.isclose(end, self._startTargets[name], rel_tol=1e-3)
         )

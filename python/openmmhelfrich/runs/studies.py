@@ -28,6 +28,7 @@ from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplot
 from ..sampling.conditions import currentMesh
 from ..sampling.interruption import StepInterrupted, interruptible
 from ..sampling.observables import Moment, Place, observablesOf, observe, readObservables
+from ..sampling.progress import requireProgress
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
@@ -38,7 +39,7 @@ from .configfile import writeSettings
 from .effects import changedIntervals, chosenForSize, requireEffect
 from .outputs import Outputs, Recorder
 from .platforms import platformOf
-from .progress import RunProgress, following, requireProgress
+from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, createScene
@@ -87,7 +88,7 @@ def run(
 
     A UserWarning says that the verdict is failed, where there is no progress to show it.
     """
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
@@ -154,7 +155,7 @@ def resume(
     InUseError
         if another process runs with this prefix
     """
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     prefix = prefixOf(prefix)
     file = beside(prefix, ".checkpoint")
     if not file.exists():

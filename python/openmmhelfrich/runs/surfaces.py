@@ -6,9 +6,16 @@ from typing import NamedTuple
 from ..geometry.measured import MeasuredMesh
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
-from ..sampling.targets import numberedTargets, requireOnePerSurface
-from .config import Config
-from .sections import MembraneSection
+from ..sampling.targets import MODULUS_NAMES, numberedTargets, requireOnePerSurface, sphereDifference
+from .config import Config, valueOf
+from .sections import MODULI, MembraneSection
+
+# The keys of each target.
+TARGET_KEYS = {
+    "area": ("target_area",),
+    "volume": ("target_volume", "reduced_volume"),
+    "areaDifference": ("target_area_difference",),
+}
 
 
 class Surface(NamedTuple):
@@ -53,10 +60,20 @@ def targetsOf(surfaces: list[Surface]) -> dict[str, float]:
     }
 
 
+def heldOf(config: Config) -> set[str]:
+    """Return the totals that a Config's membrane is held to targets of, before its stages."""
+    return {total for total in MODULUS_NAMES if valueOf(config, MODULI[total]) > 0}
+
+
+def targetScales(config: Config, measured: MeasuredMesh) -> dict[str, float]:
+    """Return what targets are compared with, of each surface."""
+    separation = config.membrane.leaflet_separation
+    spheres = [sphereDifference(area, separation) for area in measured.areas]
+    return measuresOf(measured) | numberedTargets("areaDifference", spheres)
+
+
 def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
-    """Return what targets are compared with, of each surface.  Area differences may be of any size: far away, they pull
-    evenly.
-    """
+    """Return the area and volume of each surface."""
     volumes = [volume for volume in measured.volumes if volume is not None]
     return {
         **numberedTargets("area", measured.areas),

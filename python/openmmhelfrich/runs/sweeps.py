@@ -33,6 +33,7 @@ from ..optional import require
 from ..sampling.averages import lateRows
 from ..sampling.interruption import interruptible
 from ..sampling.observables import observablesIn, readObservables
+from ..sampling.progress import requireProgress
 from ..tables import headOf, unwarned
 from ..units import wholeNumber
 from .additions import Setup
@@ -42,7 +43,7 @@ from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
 from .platforms import platformOf
-from .progress import SweepProgress, following, requireProgress
+from .progress import SweepProgress, following
 from .room import requireDisk
 from .studies import StopSignals, Study, resume, run
 from .summary import Summary
@@ -189,7 +190,7 @@ def sweep(
         point has been touched then
     """
     _requirePickled(setup)
-    requireProgress(progress)
+    requireProgress(progress, hasBars=True)
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
     if retry not in (None, FAILED):

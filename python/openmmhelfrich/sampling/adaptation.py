@@ -26,6 +26,7 @@ from ..optional import dataFrame
 from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .moves import findMove, movesOf, trajectoriesOf
+from .progress import requireProgress
 
 # Long trajectories give most for their cost at an acceptance of 0.651 (Beskos et al., Bernoulli 19, 1501, 2013), but
 # little less from 0.6 to 0.9 (Betancourt, Byrne and Girolami, arXiv:1411.6669).  At 0.75 they cost 3% more, and a
@@ -479,6 +480,7 @@ def adaptStepSize(
         if the acceptance is still far from the one aimed at, by more than what was tried scatters, or too few
         trajectories were tried after the search to tell
     """
+    requireProgress(progress)
     integrator, steps = simulation.integrator, wholeNumber(steps, "adaptStepSize: steps", 1)
     try:
         adapter = StepSizeAdapter.of(integrator, acceptance)

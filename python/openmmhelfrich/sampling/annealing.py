@@ -11,6 +11,7 @@ from ..display import Brief
 from ..optional import dataFrame
 from ..units import wholeNumber
 from .adaptation import Adaptation, StepSizeTracker
+from .progress import requireProgress
 from .schedules import createSchedule
 
 
@@ -83,6 +84,7 @@ def anneal(
         if the schedule is none, or gives a temperature that is not positive, or if no move makes trajectories of Hybrid
         Monte Carlo
     """
+    requireProgress(progress)
     integrator, schedule = simulation.integrator, createSchedule(schedule)
     steps = wholeNumber(steps, "anneal: steps", 0)
     tracker = tracker or StepSizeTracker.of(integrator)

@@ -21,13 +21,16 @@ from ..tables import Table
 from ..units import wholeNumber
 from .averages import averageWindows
 from .conditions import moduliOf
+from .progress import requireProgress
 from .reporters import ObservablesReporter
 from .targets import (
     absoluteTargets,
     currentTargets,
+    inWords,
     measuredTargets,
     requireComparableTarget,
     setTargets,
+    targetScales,
     totalOf,
 )
 
@@ -118,7 +121,7 @@ class ContinuationPath:
         wrong = values[(values == 0) if hasSign else (values <= 0)]
         if len(wrong):
             raise ValueError(
-                f"continuation: the path leads to a target {name} of {wrong[0]:g}; it must "
+                f"continuation: the path leads to a target {inWords(name)} of {wrong[0]:g}; it must "
                 f"{'not be 0' if hasSign else 'be positive'}"
             )
 
@@ -202,12 +205,13 @@ def continueTo(
     ValueError
         if a target or a number is out of range, or the modulus of a target is 0
     """
+    requireProgress(progress)
     start = _startOf(simulation.context, force)
     ends = absoluteTargets(targets, start)
     _requireModuli(moduliOf(simulation.context, force), targets)
-    measured = measuredTargets(simulation.context, force)
-    for name in ends.keys() & measured.keys():
-        requireComparableTarget(f"continueTo: the target {name}", name, ends[name], measured[name])
+    scales = targetScales(simulation.context, force)
+    for name in ends.keys() & scales.keys():
+        requireComparableTarget(f"continueTo: the target {name}", name, ends[name], scales[name])
     line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
     interval = wholeNumber(interval, "continueTo: interval", 1)
     steps = wholeNumber(steps, "continueTo, with this interval: steps", interval)

@@ -17,6 +17,7 @@ from ..optional import dataFrame
 from ..units import valueIn, wholeNumber
 from .conditions import moduliOf
 from .moves import findMove
+from .progress import requireProgress
 from .targets import currentTargets, nameOf, setTargets, totalOf
 from .waves import WaveStiffness, descend
 
@@ -239,6 +240,7 @@ class _Descent:
         progress: Callable[[int, float], Any] | None,
         multilevelWeight: float,
     ) -> None:
+        requireProgress(progress)
         self.simulation, self.force, self.progress = simulation, force, progress
         self.tolerance = (
             defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE, "tolerance"))

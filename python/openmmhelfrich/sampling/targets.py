@@ -29,7 +29,10 @@ _SETTERS: dict[str, Callable[..., None]] = {
 
 # By so much targets may differ from the mesh's own; farther ones are errors.  Edges keep their length to a factor of
 # less than 2.
-TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3, "areaDifference": math.inf}
+TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3}
+# The size of area differences, which may be near 0, or negative, in units of a sphere's.  A chain of n buds has sqrt(n)
+# and a tube of a length of n radii sqrt(n/8).
+LEAST_DIFFERENCE, GREATEST_DIFFERENCE = 1e-5, 100.0
 
 # What holds them, in configurations.
 MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
@@ -38,6 +41,13 @@ MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDiffer
 def nameOf(total: str, surface: int) -> str:
     """Return the name of what one of several surfaces has of its own."""
     return f"{total}[{surface}]"
+
+
+def inWords(name: str) -> str:
+    """Return what messages call a target: "area difference of surface 1" is "areaDifference[1]"."""
+    total, _, number = name.partition("[")
+    words = {"areaDifference": "area difference", "reducedVolume": "reduced volume"}.get(total, total)
+    return f"{words} of surface {number.rstrip(']')}" if number else words
 
 
 def totalOf(name: str) -> str:
@@ -76,8 +86,15 @@ def currentTargets(context: mm.Context, force: HelfrichForce) -> dict[str, float
     return {name: context.getParameter(parameter) for name, parameter in targetParameters(context, force).items()}
 
 
+def sphereDifference(area: float, separation: float) -> float:
+    """Return the area difference of a sphere of an area, with the separation of the leaflets: what those of other
+    shapes are compared with.
+    """
+    return 4 * separation * math.sqrt(math.pi * area)
+
+
 def requireComparableTarget(what: str, name: str, value: float | None, own: float) -> None:
-    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh's own measure.
+    """Raise a ValueError if a target, unless it is none, is of another scale than the mesh.
 
     Parameters
     ----------
@@ -86,13 +103,26 @@ def requireComparableTarget(what: str, name: str, value: float | None, own: floa
     name : str
         that of the module
     value, own : float
-        the target, and what the mesh has
+        the target, and what the mesh has; of an area difference, what a sphere of the mesh's area has
     """
+    if totalOf(name) == "areaDifference":
+        _requireComparableDifference(what, value, own)
+        return
     factor = TARGET_FACTORS[totalOf(name)]
     if value is not None and not abs(own) / factor <= abs(value) <= abs(own) * factor:
         raise ValueError(
-            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {name} of the mesh, {own:.4g}: one "
-            "of them may be in another unit of length"
+            f"{what} is {value:g}; it must be within a factor of {factor:g} of the {inWords(name)} of the mesh, "
+            f"{own:.4g}: one of them may be in another unit of length"
+        )
+
+
+def _requireComparableDifference(what: str, value: float | None, sphere: float) -> None:
+    least, greatest = LEAST_DIFFERENCE * sphere, GREATEST_DIFFERENCE * sphere
+    if value is not None and not least <= abs(value) <= greatest:
+        raise ValueError(
+            f"{what} is {value:g}; its size must be from {least:.4g} to {greatest:.4g}, where a sphere of the mesh's "
+            f"area has {sphere:.4g}: one of them may be in another unit of length, and an area_difference_modulus of 0 "
+            "lets the area difference go"
         )
 
 
@@ -103,6 +133,18 @@ def measuredTargets(context: mm.Context, force: HelfrichForce) -> dict[str, floa
     for total, wanted in _UNITS.items():
         measures |= numberedTargets(total, [valueIn(getattr(surface, total), wanted) for surface in surfaces])
     return measures
+
+
+def targetScales(context: mm.Context, force: HelfrichForce) -> dict[str, float]:
+    """Return what targets in a Context are compared with by their names, in powers of nm."""
+    measures = measuredTargets(context, force)
+    separation = valueIn(force.getLeafletSeparation(), unit.nanometer)
+    return {
+        name: sphereDifference(measures[name.replace("areaDifference", "area")], separation)
+        if totalOf(name) == "areaDifference"
+        else value
+        for name, value in measures.items()
+    }
 
 
 def setTargets(context: mm.Context, force: HelfrichForce, targets: Mapping[str, float]) -> None:

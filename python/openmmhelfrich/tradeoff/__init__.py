@@ -11,6 +11,7 @@ from typing import Any
 from ..files import PathLike
 from ..io.locks import locked
 from ..runs.config import Config, parseConfig, readConfig
+from ..sampling.progress import requireProgress
 from .report import recommendationText, tableText, writeReport
 from .search import OutOfTime, Search, SearchPoint
 
@@ -63,6 +64,7 @@ def tradeoff(
     ValueError, OSError, openmm.OpenMMException
         if an argument or the scene will not do, the files are those of another scene, or another search writes them
     """
+    requireProgress(progress)
     if not 0 < error < 1:
         raise ValueError(f"tradeoff: the error is {error}; it must be between 0 and 1")
     if not effort > 0:
