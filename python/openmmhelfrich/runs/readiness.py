@@ -46,7 +46,8 @@ def obstacle(
     """Return why a run from the present shape would sample nothing, in a sentence, or None if it would not.
 
     An even mesh passes as it is.  With another a few steps are made in a Context of their own, with the targets that
-    the mesh has already and random numbers of their own, so that nothing but the mesh decides; of the scene's step size, or another, in ps.
+    the mesh has already and random numbers of their own, so that nothing but the mesh decides; of the scene's step
+    size, or another, in ps.
     """
     mesh = currentMesh(simulation, force)
     if _isRelaxed(scene, simulation, force) and _isEven(MeshQuality(mesh)):
