@@ -4,7 +4,7 @@ import numpy as np
 
 # What differs by rounding, also that of files in single precision, as a part of the whole.
 _ROUNDING = 1e-6
-# How far vertices move out of a symmetry, in mean edge lengths: steep penalties held some spheres at a tenth of an edge.
+# How far vertices move out of a symmetry, in mean edge lengths: steep penalties held some spheres at a tenth.
 _OUT = 0.3
 
 
