@@ -77,7 +77,7 @@ def test_only_symmetric_starts_far_from_their_targets_are_displaced():
     field = mm.CustomExternalForce("x^2")
     for i in range(len(sphere.vertices)):
         field.addParticle(i)
-    two = mh.Mesh.merged([sphere, mh.Mesh(sphere.vertices + [5, 0, 0], sphere.triangles)])
+    two = mh.Mesh.merged([sphere, mh.Mesh(sphere.vertices + np.array([5, 0, 0]), sphere.triangles)])
     assert displaced(sphere) and displaced(mh.Mesh.icosphere(0)) and displaced(two, 0.6)
     assert not displaced(sphere, sphere.reducedVolume)
     assert not displaced(sphere, extra=(field,))  # whose forces lead out by themselves
