@@ -6,6 +6,7 @@ begins with 642 vertices and ends with 10,242, with so many computations of forc
 each size and time: how many computations there were since the subdivision, and E_B, the energy of the tether, the share
 of vertices with other than six neighbors, and the mean squares of the modes of degree 2, 3 and 4, each with its
 standard error over the runs.  Where there is no icosphere of so many vertices, it takes openmm-helfrich[remesh].
+The step is found in the first 1,000 computations at each size that begins with a mesh, and then kept.
 
 The scene is that of long_waves.py up to 10,242 vertices.  Beyond, the moduli of area and volume grow with the number of
 vertices, whose pressure in the plane would else stretch the area: by 1% at 40,962.  The reduced volume falls by what
@@ -42,9 +43,9 @@ def onSphere(mesh):
 class Level:
     """One size of the vesicle."""
 
-    def __init__(self, sphere, start, isSubdivided, arguments, seed):
+    def __init__(self, sphere, start, arguments, seed):
         larger = len(sphere.vertices) / 10242
-        stepSize = 2.2e-3 * (642 / len(sphere.vertices)) ** 0.12  # accepted at about 0.9
+        stepSize = 2.2e-3 * (642 / len(sphere.vertices)) ** 0.12  # the longest; accepted at about 0.9
         self.scene = argparse.Namespace(
             weight=2,
             step=stepSize,
@@ -65,14 +66,14 @@ class Level:
             deflate(self.force, self.context, sphere.volume, (self.trajectories, self.flips))
         else:
             setShape(self.force, self.context, start)
-        self.settling = SETTLING if isSubdivided else 0
-        self.trajectories.setStepSize(stepSize / (3 if isSubdivided else 1))
+        self.settling = 0 if start is None else SETTLING
+        self.trajectories.setStepSize(stepSize / (1 if start is None else 3))
 
     def step(self, done):
         """Make a trajectory and a sweep, and return the computations of forces.
 
-        At first steps are short, since the vertices at the middles of edges are not yet where they like to be, and are
-        made longer as long as 0.8 of the trajectories are accepted.
+        From a mesh steps are short at first, since vertices at the middles of edges are not yet where they like to be.
+        They are made longer as long as 0.8 of the trajectories are accepted, and then kept.
         """
         accepted = self.trajectories.getNumAccepted()
         self.trajectories.step(1)
@@ -133,10 +134,9 @@ def main(arguments):
             sphere = onSphere(sphere.subdivided())
         level = None
         for computations in arguments.computations:
-            isSubdivided = level is not None
-            if isSubdivided:
+            if level is not None:
                 sphere, mesh = onSphere(sphere.subdivided()), level.mesh().subdivided()
-            level = Level(sphere, mesh, isSubdivided, arguments, arguments.seed + run)
+            level = Level(sphere, mesh, arguments, arguments.seed + run)
             for at, row in enumerate(level.run(computations)):
                 found.setdefault((len(sphere.vertices), at), []).append(row)
             if arguments.write:

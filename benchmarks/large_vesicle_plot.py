@@ -13,6 +13,8 @@ import numpy as np
 
 PANELS = {"bending": "E_B over its value at last", "defects": "share of vertices without six neighbors"}
 
+LINEAR = 50  # computations, up to which the axis is linear, so that it has 0; beyond it is logarithmic
+
 
 def valueOf(entry):
     """Return a value and its standard error, if there is one."""
@@ -26,14 +28,18 @@ def plot(rows, out):
     for size, color in zip(sizes, plt.cm.viridis(np.linspace(0, 0.9, len(sizes)))):
         mine = [row for row in rows if row["vertices"] == size]
         mine = [row for row in mine if row["runs"] == max(row["runs"] for row in mine)]
-        times = [max(row["computations"], 25) for row in mine]
+        times = [row["computations"] for row in mine]
         for axes, key in zip(panels, PANELS):
             values, errors = np.array([valueOf(row[key]) for row in mine]).T
             scale = values[-1] if key == "bending" else 1
             axes.errorbar(times, values / scale, errors / scale, fmt=".-", lw=1, color=color, label=f"{size:,}")
     for axes, name in zip(panels, PANELS.values()):
-        axes.set_xscale("log")
-        axes.set_xlabel("computations of forces since the subdivision (0 at the left)")
+        axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.3)
+        axes.set_xlim(left=-5)
+        axes.set_xticks([0, 100, 1000], ["0", "100", "1,000"])
+        axes.set_xticks([*range(10, 100, 10), *range(200, 1000, 100), 2000, 3000], minor=True)
+        axes.axvline(LINEAR, color="0.85", lw=1, zorder=0)
+        axes.set_xlabel(f"computations of forces since the subdivision, linear to {LINEAR}")
         axes.set_ylabel(name)
     panels[0].legend(title="vertices")
     figure.tight_layout()

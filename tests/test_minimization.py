@@ -4,6 +4,7 @@ way.
 
 import csv
 import functools
+import itertools
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import openmm as mm
 import pytest
 from openmm import app, unit
+from scipy.spatial.transform import Rotation
 
 import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
@@ -46,6 +48,41 @@ def axisymmetricMinima():
     with open(Path(__file__).parent / "data" / "axisymmetric_minima.csv", newline="") as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
         return {(row["branch"], float(row["v"])): float(row["energy_over_8pi_kappa"]) for row in rows}
+
+
+@pytest.mark.parametrize("minimize, subdivisions", [*itertools.product((mh.minimize, mh.minimizeFluid), (2, 3))])
+def test_a_sphere_of_icosahedral_symmetry_becomes_a_prolate(minimize, subdivisions):
+    """Also with the coordinates of single precision, in any place and orientation."""
+    sphere = mh.Mesh.icosphere(subdivisions)
+    turned = sphere.vertices @ Rotation.from_euler("xyz", [0.3, 0.5, 0.7]).as_matrix() + [3, 4, 5]
+    for vertices in (sphere.vertices, turned.astype(np.float32).astype(float)):
+        force, simulation = createSimulation(mh.Mesh(vertices, sphere.triangles), 0.9, 5e4)
+        result = minimize(simulation, force)
+        energy = result.energies["bending"]._value / (8 * math.pi * KAPPA)
+        found = mh.Mesh(positionsOf(simulation.context), force.getTrianglesInContext(simulation.context))
+        assert result.converged and describeShape(found).shapeClass == "prolate"
+        assert energy == pytest.approx(axisymmetricMinima()["prolate", 0.9], rel=0.02)
+
+
+def displaced(mesh, reducedVolume=0.9, **options):
+    """Return whether a minimization of no iterations moves a mesh."""
+    force, simulation = createSimulation(mesh, reducedVolume, **options)
+    before = positionsOf(simulation.context)
+    mh.minimize(simulation, force, progress=lambda *_: True, tolerance=1e9)
+    return not np.array_equal(before, positionsOf(simulation.context))
+
+
+def test_only_symmetric_starts_far_from_their_targets_are_displaced():
+    sphere = mh.Mesh.icosphere(2)
+    field = mm.CustomExternalForce("x^2")
+    for i in range(len(sphere.vertices)):
+        field.addParticle(i)
+    two = mh.Mesh.merged([sphere, mh.Mesh(sphere.vertices + np.array([5, 0, 0]), sphere.triangles)])
+    assert displaced(sphere) and displaced(mh.Mesh.icosphere(0)) and displaced(two, 0.6)
+    assert not displaced(sphere, sphere.reducedVolume)
+    assert not displaced(sphere, extra=(field,))  # whose forces lead out by themselves
+    assert not displaced(mh.Mesh(sphere.vertices * [1, 1, 1 + 1e-4], sphere.triangles))
+    assert not any(displaced(mh.spheroid(n, 1)) for n in (162, 642))
 
 
 def test_a_domain_bulges_on_a_fluid_mesh():

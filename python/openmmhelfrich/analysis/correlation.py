@@ -60,10 +60,15 @@ def meanAndError(series: ArrayLike) -> tuple:
     ValueError
         as for :func:`autocorrelationTime`
     """
-    return meanErrorTime(series)[:2]
+    return _meanErrorTime(series)[:2]
 
 
-def meanErrorTime(series: ArrayLike) -> tuple[float, float, float]:
+def meanErrorTimes(series: np.ndarray) -> np.ndarray:
+    """Return the means of the columns of an array, their standard errors and autocorrelation times: a (3, k) array."""
+    return np.array([_meanErrorTime(column) for column in series.T]).T
+
+
+def _meanErrorTime(series: ArrayLike) -> tuple[float, float, float]:
     series = np.asarray(series, dtype=float)
     if len(series) < 2:
         return float(series.mean()), math.nan, math.nan

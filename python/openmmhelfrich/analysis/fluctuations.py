@@ -13,7 +13,7 @@ from scipy.special import j0
 from ..display import Brief
 from ..optional import dataFrame
 from ..units import valueIn, wholeNumber
-from .correlation import meanErrorTime
+from .correlation import meanErrorTimes
 from .frames import checkedFrames
 
 
@@ -46,14 +46,7 @@ class FluctuationSpectrum(Brief):
 
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each degree."""
-        return dataFrame(
-            {
-                "degree": self.degrees,
-                "power": self.powers,
-                "error": self.errors,
-                "autocorrelationTime": self.autocorrelationTimes,
-            }
-        )
+        return tableOf(self, "degree", self.degrees)
 
     def fit(self, minDegree: int = 2, maxDegree: int | None = None, edgeLength: float = 0) -> "SpectrumFit":
         """Fit kT/(kappa (l-1)(l+2)[l(l+1)+sigma]) (Milner and Safran, Phys. Rev. A 36, 4371, 1987).
@@ -84,15 +77,33 @@ class FluctuationSpectrum(Brief):
             )
         l, power, error = self.degrees[chosen], self.powers[chosen], self.errors[chosen]
         y = 1 / ((l - 1) * (l + 2) * power * meshStiffness(l, float(valueIn(edgeLength, unit.nanometer)) / self.radius))
-        weight = power / (y * error)
-        design = np.column_stack((l * (l + 1), np.ones(len(l)))) * weight[:, np.newaxis]
-        covariance = np.linalg.inv(design.T @ design)
-        kappa, product = covariance @ (design.T @ (y * weight))
+        (kappa, product), covariance = fitLine(l * (l + 1), y, power / (y * error))
         sigma = product / kappa
         slope = np.array([-sigma, 1]) / kappa
         return SpectrumFit(
             float(kappa), math.sqrt(covariance[0, 0]), float(sigma), math.sqrt(slope @ covariance @ slope)
         )
+
+
+def tableOf(spectrum: Any, head: str, waves: np.ndarray) -> Any:
+    """Return a pandas.DataFrame with a row for each group of waves of a spectrum, and what they are under a head."""
+    return dataFrame(
+        {
+            head: waves,
+            "power": spectrum.powers,
+            "error": spectrum.errors,
+            "autocorrelationTime": spectrum.autocorrelationTimes,
+        }
+    )
+
+
+def fitLine(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slope and the height at 0 of the line through points of weights that are one over their errors, and
+    the covariance of both.
+    """
+    design = np.column_stack((x, np.ones(len(x)))) * weight[:, np.newaxis]
+    covariance = np.linalg.inv(design.T @ design)
+    return covariance @ (design.T @ (y * weight)), covariance
 
 
 def meshStiffness(degrees: ArrayLike, edgeLength: float) -> np.ndarray:
@@ -172,7 +183,7 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
     degrees = np.arange(2, maxDegree + 1)
     expansions = [_expand(x, maxDegree) for x in frames]
     series = np.array([[np.mean(u[l * l : (l + 1) ** 2] ** 2) for l in degrees] for _, u in expansions])
-    mean, error, time = np.array([meanErrorTime(column) for column in series.T]).T
+    mean, error, time = meanErrorTimes(series)
     return FluctuationSpectrum(float(np.mean([radius for radius, _ in expansions])), degrees, mean, error, time, series)
 
 

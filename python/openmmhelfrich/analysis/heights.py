@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from openmm import unit
 
 from ..display import Brief
-from ..optional import dataFrame
 from ..units import valueIn
-from .correlation import meanErrorTime
-from .fluctuations import softness
+from .correlation import meanErrorTimes
+from .fluctuations import fitLine, softness, tableOf
 from .frames import checkedFrames
 
 
@@ -45,14 +44,7 @@ class HeightSpectrum(Brief):
 
     def toDataFrame(self) -> Any:
         """Return a pandas.DataFrame with a row for each wave number."""
-        return dataFrame(
-            {
-                "waveNumber": self.waveNumbers,
-                "power": self.powers,
-                "error": self.errors,
-                "autocorrelationTime": self.autocorrelationTimes,
-            }
-        )
+        return tableOf(self, "waveNumber", self.waveNumbers)
 
     def theory(
         self, waveNumbers: ArrayLike, bendingModulus: float, tension: float = 0, edgeLength: Any = 0
@@ -104,11 +96,8 @@ class HeightSpectrum(Brief):
             )
         q, power, error = self.waveNumbers[chosen], self.powers[chosen], self.errors[chosen]
         y = 1 / (self.area * q**2 * power)
-        weight = power / (y * error)
         bending = q**2 * softness(q * float(valueIn(edgeLength, unit.nanometer)))
-        design = np.column_stack((bending, np.ones(len(q)))) * weight[:, np.newaxis]
-        covariance = np.linalg.inv(design.T @ design)
-        kappa, sigma = covariance @ (design.T @ (y * weight))
+        (kappa, sigma), covariance = fitLine(bending, y, power / (y * error))
         return HeightFit(float(kappa), math.sqrt(covariance[0, 0]), float(sigma), math.sqrt(covariance[1, 1]))
 
 
@@ -168,7 +157,7 @@ def heightSpectrum(frames: ArrayLike, box: Any, maxWaveNumber: Any = None) -> He
     numbers, group = np.unique(np.round(sizes / sizes[0], 9), return_inverse=True)
     each = np.array([_powers(x, waves, lengths) for x in frames])
     series = np.array([each[:, group == g].mean(axis=1) for g in range(len(numbers))]).T
-    mean, error, time = np.array([meanErrorTime(column) for column in series.T]).T
+    mean, error, time = meanErrorTimes(series)
     return HeightSpectrum(float(lengths[0] * lengths[1]), numbers * sizes[0], mean, error, time, series)
 
 

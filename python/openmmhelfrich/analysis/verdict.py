@@ -581,8 +581,8 @@ _ROUGH = (
     "keeps them from that"
 )
 _STIFF = (
-    "far from its targets a surface is stiff, and an icosphere keeps its symmetry; let the targets be approached "
-    "before, in a stage of kind approach that has them, or begin with another mesh, as of mh.spheroid()"
+    "far from its targets a surface is stiff; let the targets be approached before, in a stage of kind approach that "
+    "has them, or begin with another mesh, as of mh.spheroid()"
 )
 
 

@@ -150,22 +150,26 @@ def bendingModulusOf(config: Config) -> float:
 
 def spontaneousCurvatureOf(config: Config) -> float:
     """Return the spontaneous curvature that is greatest in size."""
+    return max(_spontaneousCurvaturesOf(config), key=abs)
+
+
+def _spontaneousCurvaturesOf(config: Config) -> list[float]:
+    """Return the spontaneous curvature of each species, with the membrane's own, or this alone if there are none."""
     own = config.membrane.spontaneous_curvature
-    return max((own + each.spontaneous_curvature for each in config.species), key=abs, default=own)
+    return [own + each.spontaneous_curvature for each in config.species] or [own]
 
 
 def requireResolved(what: str, config: Config, length: float) -> None:
     """Raise a ValueError if a spontaneous curvature, which what names, asks for much smaller spheres than the mean edge
     is long.  Where there are species it is that of one of them, with the membrane's.
     """
-    most, own = 2 / (SMALLEST_RADIUS * length), config.membrane.spontaneous_curvature
-    included = ", with the membrane's own," if own else ""
-    found = {f" of '{each.name}'{included}": own + each.spontaneous_curvature for each in config.species} or {"": own}
-    which = max(found, key=lambda name: abs(found[name]))
-    if abs(found[which]) > most:
-        unit = config.mesh.length_unit
+    most, found = 2 / (SMALLEST_RADIUS * length), spontaneousCurvatureOf(config)
+    if abs(found) > most:
+        included = ", with the membrane's own," if config.membrane.spontaneous_curvature else ""
+        names = [f" of '{each.name}'{included}" for each in config.species] or [""]
+        which, unit = names[_spontaneousCurvaturesOf(config).index(found)], config.mesh.length_unit
         raise ValueError(
-            f"{what}{which} is {found[which]:g} 1/{unit}; its size must be at most {most:.3g}, where spheres of the "
+            f"{what}{which} is {found:g} 1/{unit}; its size must be at most {most:.3g}, where spheres of the "
             f"radius 2/C_0 are {SMALLEST_RADIUS:g} of the mean edge length, {length:.3g} {unit}: one may be in another "
             "unit of length"
         )

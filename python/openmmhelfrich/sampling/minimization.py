@@ -18,6 +18,7 @@ from ..units import valueIn, wholeNumber
 from .conditions import moduliOf
 from .moves import findMove
 from .progress import requireProgress
+from .symmetry import displacementsOut
 from .targets import currentTargets, nameOf, setTargets, totalOf
 from .waves import WaveStiffness, descend
 
@@ -34,6 +35,8 @@ _MARGIN, _FIRMNESS = 0.1, 1e3
 _EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
 # Other forces push or turn a surface if this part of the forces on it does.
 _PUSH = 1e-6
+# A shape is to change where penalties are a larger part of the bending energy than this.
+_PENALTY_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +99,8 @@ def minimize(
     membrane's waves.
 
     Where the line search of L-BFGS fails, it begins anew from the best positions, as long as that lowers the energy.
+    A surface whose mesh has the symmetry of a regular solid, as an icosphere, would keep it: where it is far from its
+    targets it is first lengthened, by a third of an edge at most.
 
     ::
 
@@ -132,6 +137,7 @@ def minimize(
     """
     descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force):
+        descent.leaveSymmetry()
         reason = descent.even() or descent.run()
         return descent.result(reason, 0, 0)
 
@@ -188,6 +194,7 @@ def minimizeFluid(
     descent = _Descent(simulation, force, tolerance, maxIterations, progress, multilevelWeight)
     with _restoredOnError(simulation, force), _zeroTemperatureFlips(simulation) as flip:
         rounds = flips = 0
+        descent.leaveSymmetry()
         for scale in _softening(simulation, force) if soften else [1.0]:
             descent.forget()
             with _scaledPenalties(simulation, force, scale):
@@ -260,6 +267,24 @@ class _Descent:
     def forget(self) -> None:
         """Forget the second derivatives that were met, since others follow."""
         self._pairs.clear()
+
+    def leaveSymmetry(self) -> None:
+        """Lengthen surfaces a little that are far from their targets and would keep the symmetry of their mesh."""
+        bending, penalty = _bendingAndPenalty(self.simulation, self.force)
+        if self.force.usesPeriodicBoundaryConditions() or penalty <= _PENALTY_SHARE * bending:
+            return
+        context, triangles = self.simulation.context, self.force.getTrianglesInContext(self.simulation.context)
+        positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        forces, length = self._evaluate()[1], float(currentEdgeLengths(self.simulation, self.force).mean())
+        _, surfaces = labelComponents(triangles, len(positions))
+        out = np.zeros(positions.shape)
+        for surface in np.unique(surfaces[triangles[:, 0]]):
+            own = np.flatnonzero(surfaces == surface)
+            if not np.any(self._isFixed[own]):
+                inside = np.searchsorted(own, triangles[surfaces[triangles[:, 0]] == surface])
+                out[own] = displacementsOut(positions[own], forces[own], inside, length)
+        if np.any(out):
+            context.setPositions(positions + out)
 
     def even(self) -> str | None:
         """Bring edges well within the tether's bounds, if the energy is then lower, and return the reason if this is
@@ -510,12 +535,17 @@ def _warnings(energies: dict[str, unit.Quantity]) -> Iterator[str]:
 
 def _softening(simulation: app.Simulation, force: HelfrichForce) -> list[float]:
     """Return the factors by which to multiply the penalties' moduli, one after the other; the last is 1."""
-    energies = {name: valueIn(e, _ENERGY) for name, e in force.getEnergyTermsInContext(simulation.context).items()}
-    penalty = sum(energies[name] for name in _PENALTIES)
-    if energies["bending"] == 0 or penalty <= energies["bending"]:
+    bending, penalty = _bendingAndPenalty(simulation, force)
+    if bending == 0 or penalty <= bending:
         return [1.0]
-    decades = math.ceil(math.log10(penalty / energies["bending"]))
+    decades = math.ceil(math.log10(penalty / bending))
     return [10.0**-n for n in range(decades, -1, -1)]
+
+
+def _bendingAndPenalty(simulation: app.Simulation, force: HelfrichForce) -> tuple[float, float]:
+    """Return the energies of bending and of all penalties, in kJ/mol."""
+    energies = {name: valueIn(e, _ENERGY) for name, e in force.getEnergyTermsInContext(simulation.context).items()}
+    return energies["bending"], sum(energies[name] for name in _PENALTIES)
 
 
 @contextmanager
