@@ -21,6 +21,8 @@ from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesCount,
 # What a run's picture of its final shape is like.
 SHAPE = Look(azimuth=-60, size=(960, 660), dpi=120)
 
+_MARGIN = 0.05  # of the range of a panel, above and below it
+
 _drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
 # matplotlib is imported where it is used: scripts that draw nothing start faster.  Figures are made without pyplot, so
@@ -92,7 +94,8 @@ def plotObservables(
     size: tuple[float, float] | None = None,
     dpi: float = 120,
 ) -> None:
-    """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
+    """Plot observables against steps: energies, area, volume and acceptance rates, the area difference if it has a
+    modulus, and the temperature if it changes.
 
     Parameters
     ----------
@@ -127,7 +130,9 @@ def observablesPicture(
             _plotCurve(axes, table["step"], shownValues(panel, observable, table), observable)
         axes.set_ylabel(headOf(panel.title, _unitOf(observables[0], lengthUnit, energyUnit)))
         if panel.range:
-            axes.set_ylim(panel.range)
+            low, high = panel.range
+            margin = _MARGIN * (high - low)  # so that no curve lies on the frame
+            axes.set_ylim(low - margin, high + margin)
         axes.ticklabel_format(useOffset=False)
         if len(observables) > 1 and not isTarget(observables[1]):
             axes.legend(fontsize="small", ncols=3 if len(observables) > 3 else 1)
