@@ -41,7 +41,7 @@ from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, changedIntervals, chosenWeight, createScene, platformOf, requireEffect
-from .stages import Stage, averagesOf, checkStages, createStage
+from .stages import Minimize, Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
 
@@ -480,6 +480,7 @@ class Study:
             shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,
             flipAcceptance=flipAcceptance,
+            descent=self.stage.descent if isinstance(self.stage, Minimize) else Table(),
             notes=self.notes,
             stageVerdicts=[(self.scene.stages[i].title, self.verdicts[i]) for i in sorted(self.verdicts)],
             verdict=self.verdict,
@@ -491,7 +492,7 @@ class Study:
         lengthUnit = self.scene.lengthUnit
         mesh = currentMesh(self.simulation, self.force, self.scene.speciesNames)
         mesh.write(self.outputs.mesh)
-        plotObservables(summary.table, self.outputs.plot, lengthUnit)
+        plotObservables(summary.table, self.outputs.plot, lengthUnit, descent=summary.loneDescent)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
         paths = [
             averages

@@ -631,7 +631,12 @@ def _isIdle(rate: Observable, table: Table) -> bool:
         return False
     if rate.name == "flipAcceptance" and "flipsForbidden" in table:
         return not np.any(table["flipsForbidden"])
-    return "stage" in table and table["step"][-1] <= table["stage"][-1]
+    return onlyMinimizes(table)
+
+
+def onlyMinimizes(table: Table) -> bool:
+    """Return whether all stages of a table are minimizations, each of which counts as a step."""
+    return "stage" in table and bool(table["step"][-1] <= table["stage"][-1])
 
 
 def isTarget(observable: Observable) -> bool:
