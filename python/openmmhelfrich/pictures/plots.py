@@ -101,9 +101,9 @@ def plotObservables(
     file: PathLike,
     lengthUnit: str = "nm",
     energyUnit: str = "kT",
+    descent: Table | None = None,
     size: tuple[float, float] | None = None,
     dpi: float = 120,
-    descent: Table | None = None,
 ) -> None:
     """Plot observables against steps: energies, area, volume and acceptance rates, the area difference if it has a
     modulus, and the temperature if it changes.
@@ -116,15 +116,15 @@ def plotObservables(
         the picture to write; its suffix tells the format
     lengthUnit, energyUnit : str
         names for the axes
+    descent : Table, optional
+        the "iteration" and the "energy" after each, if all that the rows are of is the start and the end of a
+        minimization: the energy is drawn against iterations, and the start and end of all else
     size : pair of float, optional
         width and height, in inches; by default as high as it takes
     dpi : float
         pixels an inch, of formats that have pixels
-    descent : Table, optional
-        the "iteration" and the "energy" after each, if all that the rows are of is the start and the end of a
-        minimization: the energy is drawn against iterations, and the start and end of all else
     """
-    observablesPicture(table, lengthUnit, energyUnit, size, descent).save(file, dpi)
+    observablesPicture(table, lengthUnit, energyUnit, descent, size).save(file, dpi)
 
 
 @ownStyle()
@@ -132,8 +132,8 @@ def observablesPicture(
     table: Table,
     lengthUnit: str = "nm",
     energyUnit: str = "kT",
-    size: tuple[float, float] | None = None,
     descent: Table | None = None,
+    size: tuple[float, float] | None = None,
 ) -> Picture:
     """Return what :func:`plotObservables` writes."""
     from matplotlib.figure import Figure

@@ -492,7 +492,7 @@ class Study:
         lengthUnit = self.scene.lengthUnit
         mesh = currentMesh(self.simulation, self.force, self.scene.speciesNames)
         mesh.write(self.outputs.mesh)
-        plotObservables(summary.table, self.outputs.plot, lengthUnit, descent=summary.loneDescent)
+        plotObservables(summary.table, self.outputs.plot, lengthUnit, "kT", summary.loneDescent)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
         paths = [
             averages
