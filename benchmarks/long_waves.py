@@ -140,12 +140,18 @@ def measure(arguments):
         columns = rows[:, first : first + 2 * l + 1]
         first += 2 * l + 1
         tau = arguments.every * autocorrelationTime(columns)
+        shapeTau = arguments.every * autocorrelationTime((columns**2).sum(axis=1, keepdims=True))
         result[f"l{l}"] = {
             "evaluations": tau * evaluations / n,
             "seconds": tau * used / n,
             "samples": arguments.every * len(rows) / tau * (2 * l + 1),
             "power": float(np.mean(columns**2)),
             "squaredChanges": squaredChanges(columns, arguments.every * evaluations / n),
+            "ofShape": {
+                "evaluations": shapeTau * evaluations / n,
+                "seconds": shapeTau * used / n,
+                "samples": arguments.every * len(rows) / shapeTau,
+            },
         }
     tau = arguments.every * autocorrelationTime(rows[:, -1:])
     result["bending"] = {

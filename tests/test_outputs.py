@@ -8,8 +8,8 @@ from openmm import app, unit
 from PIL import Image
 
 import openmmhelfrich as mh
-from openmmhelfrich.runs.config import parseConfig
-from openmmhelfrich.runs.studies import run
+from openmmhelfrich.runs.config import asDict, parseConfig
+from openmmhelfrich.runs.studies import resume, run
 
 TERMS = ["E_bending", "E_area", "E_volume", "E_areaDifference", "E_tether", "E_repulsion"]
 
@@ -107,6 +107,34 @@ def testSummaryTellsWhatWasDone(done):
     late = done.table["area"][len(done.table["area"]) // 2 :]
     assert done.mean("area") == pytest.approx(late.mean())
     assert done.drift("area") == pytest.approx(np.abs(late / mh.Mesh.read(done.config.mesh.file).area - 1).max())
+
+
+def testWhatALoneMinimizationShows(tmp_path):
+    """The energy by iteration, and the start and the end of all else, also where the picture is drawn again: no
+    averages, which there are none of.
+    """
+    config = configure(tmp_path, "a", sampling={"seed": 5})
+    stages = [{"kind": "minimize", "max_iterations": 40}]
+    config = parseConfig({**asDict(config), "sampling": {"seed": 5}, "stages": stages})
+    done = run(config)
+    text = "\n".join(" ".join(line) for line in done.lines())
+    iterations, energies = done.descent["iteration"], done.descent["energy"]
+    assert np.array_equal(iterations, np.arange(len(iterations))) and 2 < len(iterations) <= 41
+    assert energies[[0, -1]] == pytest.approx(done.table["energy"][[0, -1]], rel=1e-9) and energies[0] > energies[-1]
+    for word in (
+        f"values after {len(iterations) - 1} iterations, and at the start:",
+        f", from {done.table['area'][0]:.6g}",
+    ):
+        assert word in text
+    assert not any(word in text for word in ("average", "always", "undulations"))
+    first, *others = done.plot().figure.axes
+    (line,) = (line for line in first.lines if len(line.get_xdata()) == len(iterations))
+    assert np.array_equal(line.get_ydata(), energies) and "iteration" in others[-1].get_xlabel()
+    assert all(each.lines[0].get_xdata().tolist() == [0, len(iterations) - 1] for each in others)
+    drawn = done.outputs.plot.read_bytes()
+    done.outputs.plot.write_bytes(b"")
+    again = resume(done.config.output.prefix)
+    assert np.array_equal(again.descent["energy"], energies) and again.outputs.plot.read_bytes() == drawn
 
 
 def testSameSeedSameResultWhateverTheThreads(done, tmp_path):

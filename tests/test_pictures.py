@@ -224,6 +224,23 @@ def test_a_value_without_neighbors_is_drawn():
     assert [(line.get_marker(), line.get_markevery()) for line in lines] == [("None", None), (".", [2])]
 
 
+def test_no_curve_lies_on_the_frame():
+    rates = {"acceptance": [1, 1, 1], "flipAcceptance": [0.0, 0.1, 0.1]}
+    low, high = observablesPicture(table(**rates, stage=[1, 1, 1])).figure.axes[-1].get_ylim()
+    assert low < 0 and high > 1
+
+
+def test_the_area_difference_is_drawn_where_it_is_held():
+    """With its target; a membrane that is not held to one has no panel of it."""
+    difference = {"areaDifference": [25, 24, 23], "targetAreaDifference": [25, 23, 23]}
+    for energies, names in (([0, 0, 0], []), ([0, 3.0, 0.1], ["areaDifference", "targetAreaDifference"])):
+        held = table(**difference, E_areaDifference=energies)
+        drawn = [o.name for panel in PANELS for o in curves(panel, held) if "ifference" in o.name]
+        assert [name for name in drawn if not name.startswith("E_")] == names
+        axes = observablesPicture(held).figure.axes
+        assert [each.get_ylabel() for each in axes].count("area difference (nm²)") == len(names) / 2
+
+
 def test_every_panel_has_axes_of_its_own():
     drawn = observablesPicture(table(reducedVolume=[0.9, 0.8, 0.7]), "um").figure
     labels = [axes.get_ylabel() for axes in drawn.axes]

@@ -329,6 +329,15 @@ def testThreadsAndPlatformsThatAreNotThere(tmp_path, base, threads, message):
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.parametrize("library", ["distributed", "dask", "cryptography"])
+def testASweepWithoutItsExtra(tmp_path, monkeypatch, library):
+    """It says how to get what is missing before it reads or makes anything."""
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ValueError, match=rf"a sweep needs {library}, .* pip install 'openmm-helfrich\[sweep\]' brings"):
+        mh.sweep(tmp_path / "grid.toml", tmp_path / "results")
+    assert list(tmp_path.iterdir()) == []
+
+
 def testPointThatFails(tmp_path, cluster):
     """Its reason is told; the others are done, and it is tried again by the next sweep."""
     grid = tmp_path / "grid.toml"

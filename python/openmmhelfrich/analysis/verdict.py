@@ -399,10 +399,10 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
     given = max(CLOSE, e.pull(rows) / (2 * modulus)) + 4 * error
     limit = given if totalOf(observable.name) == "areaDifference" else min(given, FAR)
     isSoft = abs(mean) <= given
-    name = observable.title
+    name, off = observable.title, f"{mean:+.2%} off its target{' on average' if e.heat else ''}"
     return Measured(
         abs(mean),
-        f"the {name} is {mean:+.2%} off its target on average, where its modulus, {modulus:.3g} kT, "
+        f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
         f"a larger {MODULUS_NAMES[totalOf(observable.name)]} holds it"
         if isSoft

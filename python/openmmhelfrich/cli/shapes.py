@@ -189,7 +189,9 @@ def plot(
     requirePlotFormat(output)
     requireNew([output], table, overwrite)
     units = observableUnits(table)
-    plotObservables(readObservables(table), output, units["area"].removesuffix("^2"), units["energy"], size, dpi)
+    plotObservables(
+        readObservables(table), output, units["area"].removesuffix("^2"), units["energy"], size=size, dpi=dpi
+    )
     print(output)
 
 

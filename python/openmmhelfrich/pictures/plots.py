@@ -12,7 +12,16 @@ import numpy as np
 
 from ..files import PathLike, replacingAtOnce
 from ..geometry.mesh import Mesh
-from ..sampling.observables import PANELS, Observable, curves, isTarget, observablesIn, shownValues
+from ..sampling.observables import (
+    MOST_DRAWN,
+    PANELS,
+    Observable,
+    curves,
+    isTarget,
+    observablesIn,
+    onlyMinimizes,
+    shownValues,
+)
 from ..sampling.targets import totalOf
 from ..tables import Table, headOf
 from .curvature import shownSurface, simplification
@@ -20,6 +29,9 @@ from .look import BEAD_COLOR, Look, curvatureLabel, speciesColors, speciesCount,
 
 # What a run's picture of its final shape is like.
 SHAPE = Look(azimuth=-60, size=(960, 660), dpi=120)
+
+_LONG_WAY = 30.0  # a factor by which an energy falls
+_MARGIN = 0.05  # of the range of a panel, above and below it
 
 _drawing = threading.RLock()  # matplotlib reads formulas in one thread at a time
 
@@ -89,10 +101,12 @@ def plotObservables(
     file: PathLike,
     lengthUnit: str = "nm",
     energyUnit: str = "kT",
+    descent: Table | None = None,
     size: tuple[float, float] | None = None,
     dpi: float = 120,
 ) -> None:
-    """Plot observables against steps: energies, area, volume and acceptance rates, and the temperature if it changes.
+    """Plot observables against steps: energies, area, volume and acceptance rates, the area difference if it has a
+    modulus, and the temperature if it changes.
 
     Parameters
     ----------
@@ -102,17 +116,24 @@ def plotObservables(
         the picture to write; its suffix tells the format
     lengthUnit, energyUnit : str
         names for the axes
+    descent : Table, optional
+        the "iteration" and the "energy" after each, if all that the rows are of is the start and the end of a
+        minimization: the energy is drawn against iterations, and the start and end of all else
     size : pair of float, optional
         width and height, in inches; by default as high as it takes
     dpi : float
         pixels an inch, of formats that have pixels
     """
-    observablesPicture(table, lengthUnit, energyUnit, size).save(file, dpi)
+    observablesPicture(table, lengthUnit, energyUnit, descent, size).save(file, dpi)
 
 
 @ownStyle()
 def observablesPicture(
-    table: Table, lengthUnit: str = "nm", energyUnit: str = "kT", size: tuple[float, float] | None = None
+    table: Table,
+    lengthUnit: str = "nm",
+    energyUnit: str = "kT",
+    descent: Table | None = None,
+    size: tuple[float, float] | None = None,
 ) -> Picture:
     """Return what :func:`plotObservables` writes."""
     from matplotlib.figure import Figure
@@ -121,26 +142,55 @@ def observablesPicture(
     shown = [(panel, observables) for panel in PANELS if (observables := curves(panel, table))]
     figure = Figure(figsize=size or (8, 1 + 2 * len(shown)), layout="constrained")
     rows = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    rows[-1].set_xlabel("Monte Carlo step")
+    steps, label = table["step"], "Monte Carlo step"
+    if descent is not None:
+        steps, label = steps * descent["iteration"][-1], "iteration; dots are the start and the end"
+    elif onlyMinimizes(table):
+        label = "minimization"
+        rows[-1].xaxis.get_major_locator().set_params(integer=True)
+    rows[-1].set_xlabel(label)
     for axes, (panel, observables) in zip(rows, shown):
         for observable in observables:
-            _plotCurve(axes, table["step"], shownValues(panel, observable, table), observable)
+            values = shownValues(panel, observable, table)
+            _plotCurve(axes, steps, values, observable, onlyMinimizes(table), descent is None)
         axes.set_ylabel(headOf(panel.title, _unitOf(observables[0], lengthUnit, energyUnit)))
         if panel.range:
-            axes.set_ylim(panel.range)
+            low, high = panel.range
+            margin = _MARGIN * (high - low)  # so that no curve lies on the frame
+            axes.set_ylim(low - margin, high + margin)
         axes.ticklabel_format(useOffset=False)
         if len(observables) > 1 and not isTarget(observables[1]):
             axes.legend(fontsize="small", ncols=3 if len(observables) > 3 else 1)
+    if descent is not None:
+        _plotDescent(rows[0], descent)
     return Picture(figure)
 
 
-def _plotCurve(axes: Any, steps: np.ndarray, values: np.ndarray, observable: Observable) -> None:
+def _plotDescent(axes: Any, descent: Table) -> None:
+    """Draw the energy of a minimization against iterations; that of a long way down, too, so that its end is seen."""
+    energies = np.where(np.abs(descent["energy"]) < MOST_DRAWN, descent["energy"], np.nan)
+    axes.plot(descent["iteration"], energies, color="black", lw=1)
+    least, greatest = np.nanmin(np.abs(energies)), np.nanmax(np.abs(energies))
+    if greatest > _LONG_WAY * least > 0:
+        axes.set_yscale("symlog", linthresh=least)
+
+
+def _plotCurve(
+    axes: Any,
+    steps: np.ndarray,
+    values: np.ndarray,
+    observable: Observable,
+    isMarked: bool = False,
+    isJoined: bool = True,
+) -> None:
     if isTarget(observable):
         axes.plot(steps, values, color="0.5", ls="--", lw=1, zorder=0)
         return
     style: dict[str, Any] = {"lw": 1} if observable.isTerm else {}
     isAlone = _isAlone(values)
-    if np.any(isAlone):
+    if isMarked:
+        style |= {"marker": "o", "markersize": 4, "ls": "-" if isJoined else ""}
+    elif np.any(isAlone):
         style |= {"marker": ".", "markevery": np.flatnonzero(isAlone)}
     axes.plot(steps, values, color=observable.color, label=observable.label or observable.title, **style)
 

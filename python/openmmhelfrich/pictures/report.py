@@ -291,7 +291,9 @@ def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, st
         late = lateRows(table)
         facts += [
             ("steps", f"{int(table['step'][-1])}"),
-            ("averages", f"with standard deviations, from step {int(late['step'][0])} on"),
+            ("averages", f"with standard deviations, from step {int(late['step'][0])} on")
+            if len(late["step"]) > 1
+            else ("values", f"at step {int(late['step'][0])}"),
         ]
         facts += [(o.title, _fact(o, table, late, units)) for o in observablesIn(table) if o.onPage]
     versions = f"openmm-helfrich {__version__}, OpenMM {mm.Platform.getOpenMMVersion()}"
@@ -303,7 +305,8 @@ def _fact(observable: Observable, table: Table, late: Table, units: dict[str, st
     name = observable.name
     if observable.onPage == "last":
         return f"{table[name][-1]:.1%}"
-    return f"{late[name].mean():.5g} ± {late[name].std():.2g} {unitText(units.get(name, ''))}"
+    deviation = f" ± {late[name].std():.2g}" if len(late[name]) > 1 else ""
+    return f"{late[name].mean():.5g}{deviation} {unitText(units.get(name, ''))}"
 
 
 def _judge(table: Table | None, mesh: Mesh | None, warnings: list[str]) -> Verdict:

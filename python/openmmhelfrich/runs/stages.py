@@ -76,6 +76,7 @@ class _Memory(TypedDict):
     startTargets: dict[str, float]
     startConditions: NotRequired[dict[str, float]]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
+    energies: NotRequired[list[tuple[float, float]]]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
     marks: NotRequired[list[list[float]]]
@@ -84,6 +85,8 @@ class _Memory(TypedDict):
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
 LEAST_STEP = 1e-6
+# So many energies of a minimization are kept: more than a plot has pixels.
+MOST_ENERGIES = 1000
 
 
 class Stage(ABC):
@@ -285,7 +288,8 @@ class Minimize(Stage):
 
     def __init__(self, *arguments: Any):
         super().__init__(*arguments)
-        self.steps, self._energy = self._settings.max_iterations, 0.0
+        self.steps = self._settings.max_iterations
+        self._energies: list[tuple[float, float]] = []
         self._result: list[str] | None = None
         self._shortfall: dict[str, float] = {}
 
@@ -307,10 +311,12 @@ class Minimize(Stage):
         setConditions(simulation.context, self._force, self._endConditions())
         tolerance = settings.tolerance and settings.tolerance * self._scene.kT
         isStopped, start = False, simulation.context.getState(energy=True).getPotentialEnergy()._value
+        self._energies = [(0, start / self._scene.kT)]
 
         def progress(iterations: int, energy: float) -> bool:
             nonlocal isStopped
-            self.position, self._energy = iterations, energy
+            self.position = iterations
+            self._energies.append((iterations, energy / self._scene.kT))
             isStopped = self.listen()
             return isStopped
 
@@ -343,14 +349,28 @@ class Minimize(Stage):
 
     def status(self, energy: Callable[[], float]) -> str:
         """Return the energy of the present iteration, in a few words."""
-        return f"energy {self._energy / self._scene.kT:.6g} kT"
+        return f"energy {self._energies[-1][1]:.6g} kT"
+
+    @property
+    def descent(self) -> Table:
+        """The iterations and the energy after each, in kT, from the start on: of many, some at equal distances.  While
+        penalties are softened they count as such.
+        """
+        return Table.ofRows([{"iteration": iteration, "energy": energy} for iteration, energy in self._keptEnergies()])
+
+    def _keptEnergies(self) -> list[tuple[float, float]]:
+        last = len(self._energies) - 1
+        chosen = np.linspace(0, last, min(last + 1, MOST_ENERGIES)).round().astype(int)
+        return [self._energies[i] for i in chosen]
 
     def getState(self) -> dict[str, Any]:
-        return {**super().getState(), "result": self._result, "shortfall": self._shortfall}
+        own = {"result": self._result, "shortfall": self._shortfall, "energies": self._keptEnergies()}
+        return {**super().getState(), **own}
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
         self._result, self._shortfall = state["result"], state.get("shortfall", {})
+        self._energies = state.get("energies", [])  # earlier versions kept none
 
     def notes(self) -> list[str]:
         return self._result or []

@@ -43,7 +43,7 @@ from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, createScene
-from .stages import Stage, averagesOf, checkStages, createStage
+from .stages import Minimize, Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
 
@@ -482,6 +482,7 @@ class Study:
             shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,
             flipAcceptance=flipAcceptance,
+            descent=self.stage.descent if isinstance(self.stage, Minimize) else Table(),
             notes=self.notes,
             stageVerdicts=[(self.scene.stages[i].title, self.verdicts[i]) for i in sorted(self.verdicts)],
             verdict=self.verdict,
@@ -493,7 +494,7 @@ class Study:
         lengthUnit = self.scene.lengthUnit
         mesh = currentMesh(self.simulation, self.force, self.scene.speciesNames)
         mesh.write(self.outputs.mesh)
-        plotObservables(summary.table, self.outputs.plot, lengthUnit)
+        plotObservables(summary.table, self.outputs.plot, lengthUnit, "kT", summary.loneDescent)
         drawMesh(mesh, self.outputs.picture, lengthUnit)
         paths = [
             averages

@@ -39,6 +39,9 @@ class Summary:
         the shape of each surface at the end, if there are several: see :func:`classifyShape`
     acceptance, flipAcceptance : float
         fractions of trajectories and flips that were accepted in the last stage
+    descent : Table
+        the "iteration" and the "energy" after each, in kT, if the last stage is a minimization: of many, some at equal
+        distances
     notes : list of str
         what the run found out, or has to warn of
     stageVerdicts : list of (str, Verdict)
@@ -63,6 +66,7 @@ class Summary:
     shapeClasses: list[str]
     acceptance: float
     flipAcceptance: float
+    descent: Table
     notes: list[str]
     stageVerdicts: list[tuple[str, Verdict]]
     verdict: Verdict | None
@@ -83,7 +87,12 @@ class Summary:
 
     def plot(self) -> Picture:
         """Return a Picture of the observables against steps, which a notebook shows."""
-        return observablesPicture(self.table, self.config.mesh.length_unit)
+        return observablesPicture(self.table, self.config.mesh.length_unit, descent=self.loneDescent)
+
+    @property
+    def loneDescent(self) -> Table | None:
+        """The energy by iteration, if the run is a single minimization."""
+        return self.descent if len(self.config.stages) == 1 and len(self.descent) else None
 
     @unwarned
     def drift(self, name: str) -> float:
@@ -110,7 +119,9 @@ class Summary:
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
             ("steps", self._stepsLine()),
-            ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:"),
+            ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:")
+            if last.isMonteCarlo
+            else ("values", self._valuesLine()),
         ]
         lines += [
             (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
@@ -127,12 +138,8 @@ class Summary:
         if all(kappas):
             energies = self.mean("E_bending"), self.table["E_bending"][0]
             ratios = [energy / (8 * math.pi * kappa) for energy, kappa in zip(energies, kappas)]
-            lines.append(
-                (
-                    "E_B/8 pi kappa",
-                    f"{ratios[0]:.3f}, from {ratios[1]:.3f} at the start; thermal undulations add about kT/2 a vertex",
-                )
-            )
+            undulations = "; thermal undulations add about kT/2 a vertex" if last.isMonteCarlo else ""
+            lines.append(("E_B/8 pi kappa", f"{ratios[0]:.3f}, from {ratios[1]:.3f} at the start{undulations}"))
         lines += [("note", note) for note in self.notes]
         lines += self._verdictLines()
         lines.append(("files", ", ".join(map(str, self.outputs.paths()))))
@@ -166,7 +173,18 @@ class Summary:
         )
         return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
+    def _valuesLine(self) -> str:
+        """Return what the values of a minimization are."""
+        if not len(self.descent):
+            return "at the end:"
+        count = int(self.descent["iteration"][-1])
+        made = f"{count} iteration{'' if count == 1 else 's'}"
+        return f"after {made}{', and at the start' if self.loneDescent else ''}:"
+
     def _average(self, observable: Observable) -> str:
         name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
         text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
-        return text + f", always within {self.drift(name):.2%} of its target" if name in self.targets else text
+        if self.loneDescent:
+            text += f", from {self.table[name][0]:{observable.digits}}"
+        always = "always " if self.config.stages[-1].isMonteCarlo else ""
+        return text + f", {always}within {self.drift(name):.2%} of its target" if name in self.targets else text

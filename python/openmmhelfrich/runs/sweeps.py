@@ -189,8 +189,9 @@ def sweep(
         if the grid will not do, a point has been begun with other settings, or the scheduler cannot be reached; no
         point has been touched then
     """
-    _requirePickled(setup)
     requireProgress(progress, hasBars=True)
+    _requireLibraries()
+    _requirePickled(setup)
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers is {workers} and scheduler {scheduler}; a scheduler has workers of its own")
     if retry not in (None, FAILED):
@@ -248,6 +249,12 @@ def runPoint(config: Config, name: str, sweepName: str, setup: Setup | None = No
         return {"status": "failed", "reason": str(error)}
     except Exception as error:  # whatever goes wrong in a point is its own affair
         return {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+
+
+def _requireLibraries() -> None:
+    """Raise a ValueError unless the libraries of the extra are there; cryptography makes the certificate."""
+    for module in ("distributed", "dask", "cryptography"):
+        require(module, "a sweep", "sweep")
 
 
 def _requirePickled(setup: Setup | None) -> None:
@@ -487,7 +494,9 @@ def _client(scheduler: str | None, workers: int | None, points: list[GridPoint])
 
     The ports of the latter take the certificate that it makes for itself, and are open to nobody else.
     """
-    distributed = require("distributed", "a sweep", "sweep")
+    import dask
+    import distributed
+
     if scheduler is not None:
         try:
             client = distributed.Client(scheduler, timeout=10)
@@ -496,13 +505,12 @@ def _client(scheduler: str | None, workers: int | None, points: list[GridPoint])
         with client:
             yield client
         return
-    require("cryptography", "a sweep", "sweep")  # for the certificate
     # Dask's HTTP servers cannot be done without; they have nothing to tell, and close as soon as they can.
-    cores = require("dask", "a sweep", "sweep").system.CPU_COUNT
+    cores = dask.system.CPU_COUNT
     threads = max(point.config.platform.threads or 1 for point in points)
     silent: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with (
-        require("dask", "a sweep", "sweep").config.set(silent),
+        dask.config.set(silent),
         _workersWithoutScript(),
         distributed.LocalCluster(
             n_workers=workers or max(1, cores // threads),

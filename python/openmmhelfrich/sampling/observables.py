@@ -21,7 +21,7 @@ from ..tables import Table, headOf, plainName, readHeads, unitsOf
 from ..units import valueIn
 from .conditions import CURVATURE, TERMS, currentConditions
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
-from .targets import currentTargets, nameOf, totalOf
+from .targets import currentTargets, inWords, nameOf, totalOf
 
 # Every table has columns for these, and one for another term where the force has it: a table that is as old as version
 # 0.1.0 and a run of today that goes on with it have the same columns.
@@ -128,12 +128,15 @@ class Panel:
         whether what it shows is a rate since the beginning, which there is not where nothing was tried
     onlyChanges : bool
         whether it is left out where nothing changes
+    term : str
+        the energy of the term without which it is left out, if there is one
     """
 
     title: str
     range: tuple[float, float] | None = None
     isRate: bool = False
     onlyChanges: bool = False
+    term: str = ""
 
 
 @dataclass(frozen=True)
@@ -321,8 +324,8 @@ def _term(name: str) -> Observable:
         f"E_{name}",
         lambda m: m.energies[name] if name in TERMS_OF_EVERY_TABLE or m.force.hasTerm(name) else None,
         "energy",
-        f"{name} energy",
-        name,
+        f"{inWords(name)} energy",
+        inWords(name),
         panel="energy",
         isTerm=True,
         onPath=name == "bending",
@@ -429,6 +432,8 @@ OBSERVABLES = (
         "length^2",
         "area difference",
         target="targetAreaDifference",
+        panel="area difference",
+        color="C4",
         digits=".6g",
         onPath=True,
     ),
@@ -517,6 +522,7 @@ OBSERVABLES = (
         "length^2",
         "area difference target",
         isDefault=False,
+        panel="area difference",
     ),
     *(_condition(name, unit) for name, unit in _CONDITIONS.items()),
 )
@@ -525,6 +531,7 @@ PANELS = (
     Panel("area"),
     Panel("volume"),
     Panel("reduced volume"),
+    Panel("area difference", term="E_areaDifference"),
     Panel("accepted so far", range=(0, 1), isRate=True),
     Panel("temperature", onlyChanges=True),
     *(Panel(o.panel, onlyChanges=True) for o in OBSERVABLES if o.condition),
@@ -594,6 +601,8 @@ def observablesIn(table: Table) -> list[Observable]:
 
 def curves(panel: Panel, table: Table) -> list[Observable]:
     """Return the observables of a panel that a table has; none if the panel is to be left out."""
+    if panel.term and not np.any(table.get(panel.term, np.zeros(1))):
+        return []
     found = [
         o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
     ]
@@ -622,7 +631,12 @@ def _isIdle(rate: Observable, table: Table) -> bool:
         return False
     if rate.name == "flipAcceptance" and "flipsForbidden" in table:
         return not np.any(table["flipsForbidden"])
-    return "stage" in table and table["step"][-1] <= table["stage"][-1]
+    return onlyMinimizes(table)
+
+
+def onlyMinimizes(table: Table) -> bool:
+    """Return whether all stages of a table are minimizations, each of which counts as a step."""
+    return "stage" in table and bool(table["step"][-1] <= table["stage"][-1])
 
 
 def isTarget(observable: Observable) -> bool:
