@@ -223,6 +223,24 @@ def test_inside_out(platform):
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_flat_but_for_rounding(platform, size):
+    """A surface of next to no volume for its area is flat at any size; a thin one is not."""
+    sphere = mh.Mesh.icosphere(2)
+    for thickness, isFlat in ((0.0, True), (1e-16, True), (1e-14, True), (1e-6, False)):
+        mesh = mh.Mesh(size * sphere.vertices * [1, 1, thickness], sphere.triangles)
+        force = mh.HelfrichForce()
+        force.setTriangles(mesh.triangles)
+        force.setPressure(1 / size**3)
+        context = createContext(mesh, force, platform)
+        if isFlat:
+            with pytest.raises(mm.OpenMMException, match="inside out or flat"):
+                energyOf(context)
+        else:
+            assert energyOf(context) < 0
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize("terms", [[term] for term in TERMS] + [TERMS], ids=[*TERMS, "all"])
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e200])
 def test_positions(platform, terms, bad):

@@ -261,6 +261,27 @@ def test_handles_that_are_too_thin_to_remesh_are_said(inFolder):
     assert "handles, of which some are thinner" in result.output and "smooth the segmentation" in result.output
 
 
+def test_periodic_meshes_are_replaced_and_not_remeshed(inFolder):
+    """No advice is given that fails: remesh takes no periodic mesh."""
+    sheet = mh.Mesh.sheet(10, 10, 1)
+    x, wave = sheet.vertices.copy(), 2 * np.pi / 10
+    x[:, 0] += 0.97 * np.sin(wave * x[:, 0]) / wave
+    mh.Mesh(x, sheet.triangles, sheet.box).write("cell.ply")
+    checked = invoke("check", "cell.ply")
+    configure(mesh='file = "cell.ply"')
+    run = invoke("run", "run.toml")
+    tether = "[tether]\nmodulus = 10\nmin_length = 0.3\nmax_length = 0.5\n"
+    configure(f"{tether}[[stages]]\nkind = 'minimize'\nwithin_bounds = true\n", "sheet = [10, 10, 1]")
+    minimized = invoke("run", "run.toml")
+    for result, source, length in (
+        (checked, "cell.ply", 1.09),
+        (run, "cell.ply", 1.09),
+        (minimized, "[mesh] sheet", 0.4),
+    ):
+        assert result.exit_code == 1 and f"{source}: " in result.output and not commandsOf(result.output)
+        assert f"begin with another mesh, with even edges about {length} nm long" in result.output
+
+
 def test_lengths_are_in_the_unit_of_the_user(unevenFolder):
     result = invoke("check", "cell.stl", "--length-unit", "angstrom")
     assert "0.0382 to 0.276 angstrom long" in result.output

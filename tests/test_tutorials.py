@@ -16,7 +16,7 @@ SAYS = {  # what a script prints at the small size
     "domains.py": r"step   30: .* domains, the largest has \d+%",
     "first_vesicle.py": r"prolate|oblate|sphere",
     "fluctuations.py": r"kappa = [\d.]+ \+- [\d.]+ kT",
-    "minimize_and_anneal.py": r"oblate_minimized: oblate, v = 0.80.*sphere_annealed: prolate, v = 0.80",
+    "minimize_and_anneal.py": r"oblate_minimized: oblate, v = 0.80.*sphere_minimized: prolate, v = 0.80",
     "phase_diagram.py": r"prolate to 0.75: prolate, E/8πκ = 1\.4",
     "sheet.py": r"tension 0: kappa = [\d.]+ \+- [\d.]+ kT.*tension 1: kappa = [\d.]+ \+- [\d.]+ kT",
     "tether.py": r"pole at 1\.2\d nm: 0\.[1-4]\d f0",

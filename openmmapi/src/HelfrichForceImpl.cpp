@@ -158,6 +158,12 @@ PeriodicBox HelfrichForceImpl::getBox(ContextImpl& context) const {
     return PeriodicBox(sides[0][0], sides[1][1], sides[2][2]);
 }
 
+/**
+ * The least volume of a surface that is not flat, over its area to the power of 3/2: some thousand times the rounding
+ * error of a number.
+ */
+static const double LEAST_VOLUME = 1e-12;
+
 void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichParameters& parameters) {
     // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held
     // to this.
@@ -168,7 +174,7 @@ void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichPar
     kernel.getAs<CalcHelfrichForceKernel>().computeGeometry(context, parameters.box, geometry);
     for (int i = 0; i < mesh->getNumSurfaces(); i++) {
         double volume = geometry.surfaces[i].volume;
-        if (volume <= 0) {
+        if (volume <= LEAST_VOLUME * pow(geometry.surfaces[i].area, 1.5)) {
             stringstream message;
             message << owner.getName() << ": the energy depends on "
                     << (parameters.hasSpontaneousCurvature() ? "which side of the surface is outside" : "the volume")

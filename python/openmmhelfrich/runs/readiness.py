@@ -86,19 +86,31 @@ def beyondBounds(scene: Scene, simulation: app.Simulation, force: HelfrichForce)
 
 
 def remeshFirst(scene: Scene, sentence: str) -> ValueError:
-    """Return an error with the advice to make the mesh anew."""
+    """Return an error with the advice to make the mesh anew, or to take another one."""
     section = scene.config.mesh
+    source = section.file or f"[mesh] {'icosphere' if section.sheet is None else 'sheet'}"
+    if scene.mesh.isPeriodic:
+        return ValueError(f"{source}: {sentence}; {_another(scene)}")
     instead = " instead of subdivide" if section.subdivide else ""
     advice = f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]{instead}"
     if section.file is None:
-        return ValueError(f"[mesh] icosphere: {sentence}; it is ready with {advice}")
+        return ValueError(f"{source}: {sentence}; it is ready with {advice}")
     commands, file = [], Path(section.file)
     if section.repair:
         file = _named(file, "repaired")
         commands = [repairing(section.file, file)]
     commands.append(remeshing(file, scene, scene.mesh))
     after = f"it is ready after{', without subdivide,' if section.subdivide else ''}"
-    return ValueError("\n".join([f"{section.file}: {sentence}; {after}", *commands, f"or with {advice}"]))
+    return ValueError("\n".join([f"{source}: {sentence}; {after}", *commands, f"or with {advice}"]))
+
+
+def _another(scene: Scene) -> str:
+    """Return the advice to take another mesh in place of a periodic one, which is not made anew."""
+    tether = scene.tether
+    return (
+        f"begin with another mesh, with even edges about {(tether.minLength + tether.maxLength) / 2:.3g} "
+        f"{scene.lengthUnit} long, as remesh takes no periodic one"
+    )
 
 
 class Coarse(NamedTuple):
@@ -185,6 +197,8 @@ def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness
         return found._replace(commands=repair, notes=notes)
     if left.scene is None:
         return found
+    if mesh.isPeriodic:
+        return found._replace(reason=f"{found.reason}; {_another(left.scene)}")
     if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
         failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
         if failure is not None:

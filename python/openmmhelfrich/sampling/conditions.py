@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import openmm as mm
+from numpy.typing import NDArray
 from openmm import app
 
 from ..geometry.mesh import Mesh
@@ -132,6 +133,12 @@ def requireConditions(force: HelfrichForce, names: Iterable[str], others: Iterab
 def boxOf(state: mm.State, force: HelfrichForce) -> Any:
     """Return the box vectors of a State if its membrane is periodic, otherwise None."""
     return state.getPeriodicBoxVectors(asNumpy=True) if force.usesPeriodicBoundaryConditions() else None
+
+
+def positionsOf(context: mm.Context) -> NDArray[np.float64]:
+    """Return the present positions of all particles, in nm: an (N, 3) array."""
+    positions: NDArray[np.float64] = context.getState(positions=True).getPositions(asNumpy=True)._value
+    return positions
 
 
 def currentMesh(simulation: app.Simulation, force: HelfrichForce, speciesNames: Iterable[str] = ()) -> Mesh:

@@ -3,7 +3,8 @@
 import numpy as np
 import openmm as mm
 from numpy.typing import NDArray
-from openmm import unit
+
+from .conditions import positionsOf
 
 # Of so many vertices it is remembered where they were.
 MARKS = 100
@@ -11,9 +12,8 @@ MARKS = 100
 
 def markedPositions(context: mm.Context, vertices: NDArray[np.integer]) -> NDArray[np.float64]:
     """Return where some of these vertices are, in nm: an (n, 3) array."""
-    positions = context.getState(positions=True).getPositions(asNumpy=True)
     chosen = np.unique(np.linspace(0, len(vertices) - 1, min(len(vertices), MARKS)).astype(int))
-    return positions[vertices[chosen]].value_in_unit(unit.nanometer)
+    return positionsOf(context)[vertices[chosen]]
 
 
 def displacement(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:

@@ -15,7 +15,7 @@ from ..geometry.connectivity import labelComponents, nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
 from ..units import valueIn, wholeNumber
-from .conditions import moduliOf
+from .conditions import moduliOf, positionsOf
 from .moves import findMove
 from .progress import requireProgress
 from .symmetry import displacementsOut
@@ -274,7 +274,7 @@ class _Descent:
         if self.force.usesPeriodicBoundaryConditions() or penalty <= _PENALTY_SHARE * bending:
             return
         context, triangles = self.simulation.context, self.force.getTrianglesInContext(self.simulation.context)
-        positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        positions = positionsOf(context)
         forces, length = self._evaluate()[1], float(currentEdgeLengths(self.simulation, self.force).mean())
         _, surfaces = labelComponents(triangles, len(positions))
         out = np.zeros(positions.shape)
@@ -296,7 +296,7 @@ class _Descent:
         energy, rmsForce = self._measure()
         if self.multilevelWeight == 0 or valueIn(modulus, _ENERGY) == 0 or rmsForce <= self.tolerance:
             return None
-        before = context.getState(positions=True).getPositions(asNumpy=True)
+        before = positionsOf(context)
         scale = self.force.getTetherLengthScale()
         with _narrowTether(self.simulation, self.force, _EVEN_MARGIN, modulus, scale):
             reason = self.run(_EVENING, _LOOSE)
@@ -357,7 +357,7 @@ class _Descent:
         The Context may be left at a step that the line search has tried: the best positions are the last reported.
         """
         context, recorder = self.simulation.context, _Recorder(self, tolerance)
-        start = context.getState(positions=True).getPositions(asNumpy=True)
+        start = positionsOf(context)
         try:
             if byWaves:
                 self._descendByWaves(iterations, recorder)
@@ -375,7 +375,7 @@ class _Descent:
     def _descendByWaves(self, iterations: int, recorder: "_Recorder") -> None:
         """Run L-BFGS with the stiffness of the membrane's waves."""
         context = self.simulation.context
-        start = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        start = positionsOf(context)
 
         def evaluate(positions: np.ndarray) -> tuple[float, np.ndarray]:
             context.setPositions(positions)
@@ -414,7 +414,7 @@ class _Descent:
         if self.force.usesPeriodicBoundaryConditions():
             return []
         context, found = self.simulation.context, []
-        positions = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        positions = positionsOf(context)
         for surface in numbers:
             own = surfaces == surface
             if np.any(self._isFixed[own]):
@@ -608,7 +608,7 @@ def currentEdgeLengths(simulation: app.Simulation, force: HelfrichForce) -> np.n
 
 def currentSides(simulation: app.Simulation, force: HelfrichForce) -> np.ndarray:
     """Return the vectors along the sides of the triangles, from each corner to the next, in nm: a (T, 3, 3) array."""
-    positions = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    positions = positionsOf(simulation.context)
     triangles = force.getTrianglesInContext(simulation.context)
     sides = positions[np.roll(triangles, -1, axis=1)] - positions[triangles]
     if force.usesPeriodicBoundaryConditions():
@@ -649,10 +649,7 @@ def _zeroTemperatureFlips(simulation: app.Simulation, sweeps: int = 5) -> Iterat
 def _restoredOnError(simulation: app.Simulation, force: HelfrichForce) -> Iterator[None]:
     """Put positions and triangles back if something fails."""
     context = simulation.context
-    positions, triangles = (
-        context.getState(positions=True).getPositions(asNumpy=True),
-        force.getTrianglesInContext(context),
-    )
+    positions, triangles = positionsOf(context), force.getTrianglesInContext(context)
     try:
         yield
     except BaseException:

@@ -19,7 +19,7 @@ from ..geometry.measures import reducedAreaDifference, reducedVolume
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator, SpeciesExchangeIntegrator
 from ..tables import Table, headOf, plainName, readHeads, unitsOf
 from ..units import valueIn
-from .conditions import CURVATURE, TERMS, currentConditions
+from .conditions import CURVATURE, TERMS, currentConditions, positionsOf
 from .moves import findMove, isMixture, numDiverged, trajectoriesOf
 from .targets import currentTargets, inWords, nameOf, totalOf
 
@@ -87,7 +87,7 @@ class Moment:
     @cached_property
     def positions(self) -> NDArray[np.float64]:
         """The positions of all particles, in nm: an (N, 3) array."""
-        return self.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        return positionsOf(self.context)
 
     @cached_property
     def triangles(self) -> NDArray[np.int32]:
