@@ -137,6 +137,34 @@ def testWhatALoneMinimizationShows(tmp_path):
     assert np.array_equal(again.descent["energy"], energies) and again.outputs.plot.read_bytes() == drawn
 
 
+def testRatesOfFlipsAreThoseOfSampling(tmp_path):
+    """Minimizations try flips, too, which rates leave out, also in a run that was stopped after them."""
+    low, sample = {"kind": "minimize", "max_iterations": 30}, {"kind": "sample", "steps": 12}
+    plain = asDict(configure(tmp_path, "a", sampling={"seed": 5, "flip_probability": 0.5}))
+    del plain["sampling"]["steps"]
+    plain["output"]["observables_interval"], plain["membrane"]["bending_modulus"] = 1, 2.0
+
+    def configOf(prefix):
+        return parseConfig({**plain, "stages": [low, sample, low], "output": {**plain["output"], "prefix": prefix}})
+
+    def stop(study):
+        if study.simulation.currentStep == 9:
+            raise KeyboardInterrupt
+
+    done = run(configOf(str(tmp_path / "whole")))
+    table = done.table
+    for name in ("flipAcceptance", "flipRate", "flipsForbidden"):
+        assert np.all(table[name][table["stage"] == 1] == 0)
+        assert table[name][-1] == table[name][-2]  # the second minimization
+    assert 0.01 < done.flipAcceptance < 1 and done.flipAcceptance == table["flipAcceptance"][-1]
+    assert done.acceptance == table["acceptance"][-1] > 0
+    prefix = str(tmp_path / "parts")
+    assert run(configOf(prefix), stop).interrupted
+    again = resume(prefix)
+    assert again.outputs.table.read_bytes() == done.outputs.table.read_bytes()
+    assert again.flipAcceptance == done.flipAcceptance
+
+
 def testSameSeedSameResultWhateverTheThreads(done, tmp_path):
     again = run(configure(tmp_path, "a", platform={"threads": 2}))
     assert again.outputs.table.read_bytes() == done.outputs.table.read_bytes()

@@ -38,7 +38,8 @@ class Summary:
     shapeClasses : list of str
         the shape of each surface at the end, if there are several: see :func:`classifyShape`
     acceptance, flipAcceptance : float
-        fractions of trajectories and flips that were accepted in the last stage
+        fractions of trajectories and flips that were accepted in the last stage; if that is a minimization, in all
+        stages that sampled
     descent : Table
         the "iteration" and the "energy" after each, in kT, if the last stage is a minimization: of many, some at equal
         distances
