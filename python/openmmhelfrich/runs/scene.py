@@ -38,7 +38,7 @@ from ..sampling.targets import (
 )
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, fixedVertices
-from .approach import FAR, MODULUS_NAMES, withApproaches
+from .approach import FAR, MODULUS_NAMES, targetInWords, withApproaches
 from .config import Config, asConfig, asDict, during, hasBurnIn, namingSource, stagesOf, valueOf
 from .material import (
     bendingModulusOf,
@@ -503,8 +503,10 @@ def _requireComparableTargets(config: Config, measured: MeasuredMesh, targets: d
     for name, scale in _targetScales(config, measured).items():
         total = totalOf(name)
         if total != "areaDifference" or total in _held(config):
+            isReduced = total == "volume" and config.membrane.reduced_volume is not None
             key = _TARGET_KEYS[total][1][0] + name.removeprefix(total)
-            requireComparableTarget(f"[membrane] {key}", name, targets[name], scale)
+            what = targetInWords(config.membrane, name) if isReduced else key
+            requireComparableTarget(f"[membrane] {what}", name, targets[name], scale)
 
 
 def _targetScales(config: Config, measured: MeasuredMesh) -> dict[str, float]:
