@@ -131,6 +131,14 @@ def testWhatALoneMinimizationShows(tmp_path):
     (line,) = (line for line in first.lines if len(line.get_xdata()) == len(iterations))
     assert np.array_equal(line.get_ydata(), energies) and "iteration" in others[-1].get_xlabel()
     assert all(each.lines[0].get_xdata().tolist() == [0, len(iterations) - 1] for each in others)
+
+    def stop(study):
+        if study.stage.position == 3:
+            raise KeyboardInterrupt
+
+    config.output.prefix = str(tmp_path / "stopped")
+    ((_, values),) = (line for line in run(config, stop).lines() if line[0] == "values")
+    assert values.startswith("at the start")
     drawn = done.outputs.plot.read_bytes()
     done.outputs.plot.write_bytes(b"")
     again = resume(done.config.output.prefix)
@@ -159,7 +167,8 @@ def testRatesOfFlipsAreThoseOfSampling(tmp_path):
     assert 0.01 < done.flipAcceptance < 1 and done.flipAcceptance == table["flipAcceptance"][-1]
     assert done.acceptance == table["acceptance"][-1] > 0
     prefix = str(tmp_path / "parts")
-    assert run(configOf(prefix), stop).interrupted
+    stopped = run(configOf(prefix), stop)
+    assert stopped.interrupted and ("averages", "over the second half of the last stage:") in stopped.lines()
     again = resume(prefix)
     assert again.outputs.table.read_bytes() == done.outputs.table.read_bytes()
     assert again.flipAcceptance == done.flipAcceptance
