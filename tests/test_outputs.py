@@ -131,10 +131,47 @@ def testWhatALoneMinimizationShows(tmp_path):
     (line,) = (line for line in first.lines if len(line.get_xdata()) == len(iterations))
     assert np.array_equal(line.get_ydata(), energies) and "iteration" in others[-1].get_xlabel()
     assert all(each.lines[0].get_xdata().tolist() == [0, len(iterations) - 1] for each in others)
+
+    def stop(study):
+        if study.stage.position == 3:
+            raise KeyboardInterrupt
+
+    config.output.prefix = str(tmp_path / "stopped")
+    ((_, values),) = (line for line in run(config, stop).lines() if line[0] == "values")
+    assert values.startswith("at the start")
     drawn = done.outputs.plot.read_bytes()
     done.outputs.plot.write_bytes(b"")
     again = resume(done.config.output.prefix)
     assert np.array_equal(again.descent["energy"], energies) and again.outputs.plot.read_bytes() == drawn
+
+
+def testRatesOfFlipsAreThoseOfSampling(tmp_path):
+    """Minimizations try flips, too, which rates leave out, also in a run that was stopped after them."""
+    low, sample = {"kind": "minimize", "max_iterations": 30}, {"kind": "sample", "steps": 12}
+    plain = asDict(configure(tmp_path, "a", sampling={"seed": 5, "flip_probability": 0.5}))
+    del plain["sampling"]["steps"]
+    plain["output"]["observables_interval"], plain["membrane"]["bending_modulus"] = 1, 2.0
+
+    def configOf(prefix):
+        return parseConfig({**plain, "stages": [low, sample, low], "output": {**plain["output"], "prefix": prefix}})
+
+    def stop(study):
+        if study.simulation.currentStep == 9:
+            raise KeyboardInterrupt
+
+    done = run(configOf(str(tmp_path / "whole")))
+    table = done.table
+    for name in ("flipAcceptance", "flipRate", "flipsForbidden"):
+        assert np.all(table[name][table["stage"] == 1] == 0)
+        assert table[name][-1] == table[name][-2]  # the second minimization
+    assert 0.01 < done.flipAcceptance < 1 and done.flipAcceptance == table["flipAcceptance"][-1]
+    assert done.acceptance == table["acceptance"][-1] > 0
+    prefix = str(tmp_path / "parts")
+    stopped = run(configOf(prefix), stop)
+    assert stopped.interrupted and ("averages", "over the second half of the last stage:") in stopped.lines()
+    again = resume(prefix)
+    assert again.outputs.table.read_bytes() == done.outputs.table.read_bytes()
+    assert again.flipAcceptance == done.flipAcceptance
 
 
 def testSameSeedSameResultWhateverTheThreads(done, tmp_path):

@@ -426,6 +426,17 @@ def testAreaDifferencesOfAnotherScale(target, approach):
         mh.continueTo(simulation, force, {"areaDifference": target}, windows=1)
 
 
+def testReducedVolumesOfAnotherScale():
+    """Messages about the volume that a reduced one gives say where it is from."""
+    mesh, small = mh.Mesh.icosphere(1), {"reduced_volume": 0.001}
+    for where, config in (
+        ("[membrane] the", {"membrane": small}),
+        ("stage 1 (sample): the", {"stages": [{"kind": "sample", "steps": 1} | small]}),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"{where} target volume that reduced_volume gives is 0.0")):
+            checkStages(mh.Scene.of({**config, "sampling": {"seed": 1}}, mesh))
+
+
 @pytest.mark.parametrize("target", [-400.0, -0.1, 0.01, 30.0, 2000.0])
 def testAreaDifferencesOfTheMesh(target):
     """Stomatocytes have small ones and negative ones, chains of buds and tubes large ones, of any separation."""

@@ -136,6 +136,34 @@ def test_a_quantity_of_another_dimension_is_named():
             lambda: mh.continueTo(simulation, force, {"area": 12 * u.nanometer}, **to),
             r"the unit of the target area is nm; .* dimension of nm\*\*2$",
         ),
+        (lambda: mh.minimize(simulation, force, "1"), "^tolerance is '1'; it must be a number, or a Quantity$"),
+        (
+            lambda: mh.minimize(simulation, force, [1, 2]),
+            r"^tolerance is \[1, 2\]; it must be a number, or a Quantity$",
+        ),
+        (
+            lambda: mh.minimize(simulation, force, multilevelWeight="2"),
+            "^multilevelWeight is '2'; it must be a number$",
+        ),
+        (
+            lambda: mh.minimizeFluid(simulation, force, multilevelWeight=None),
+            "^multilevelWeight is None; it must be a n",
+        ),
+        (lambda: mh.adaptStepSize(simulation, 10, "x"), "the acceptance is 'x'; it must be a number$"),
+        (lambda: mh.StepSizeTracker(1, 0.7, "x"), "the gain is 'x'; it must be a number$"),
+        (lambda: mh.StepSizeAdapter("1"), "the step size is '1'; it must be a number, or a Quantity$"),
+        (
+            lambda: mh.continueTo(simulation, force, {"volume": "4"}, **to),
+            "the target volume is '4'; it must be a number",
+        ),
+        (
+            lambda: mh.continueTo(simulation, force, {"reducedVolume": None}, **to),
+            "the target reducedVolume is None; it",
+        ),
+        (lambda: mh.tradeoff.tradeoff({}, error="x"), "^tradeoff: the error is 'x'; it must be a number$"),
+        (lambda: mh.tradeoff.tradeoff({}, effort=None), "^tradeoff: the effort is None; it must be a number$"),
+        (lambda: mh.tradeoff.tradeoff({}, minutes="x"), "^tradeoff: minutes is 'x'; it must be a number$"),
+        (lambda: thermalEnergy("300"), "^the temperature is '300'; it must be a number$"),
     ):
         with pytest.raises(TypeError, match=message):
             call()

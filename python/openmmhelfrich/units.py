@@ -124,6 +124,18 @@ def valueIn(value: Any, wanted: Any, name: str = "a number") -> Any:
     return value.value_in_unit(wanted)
 
 
+def realNumber(value: Any, name: str, wanted: Any = None) -> float:
+    """Return a number, or a Quantity in a unit, as a float; raise a TypeError that names it if it is neither."""
+    plain = value if wanted is None else valueIn(value, wanted, name)
+    try:
+        if not isinstance(plain, str | bytes):
+            return float(plain)
+    except (TypeError, ValueError):
+        pass
+    allowed = "a number" if wanted is None else "a number, or a Quantity"
+    raise TypeError(f"{name} is {quoted(plain)}; it must be {allowed}")
+
+
 def wholeNumber(value: Any, name: str, least: int, most: int | None = None) -> int:
     """Return a whole number as an int, also one of another type, as 3.0; raise a ValueError that names it if it is none
     or out of range.
@@ -140,7 +152,7 @@ def thermalEnergy(temperature: Any) -> float:
     """Return kT, in kJ/mol, of a temperature in K; raise a ValueError if it is not positive."""
     if isQuantity(temperature):
         temperature = valueIn(temperature, _openmmUnit("temperature"), "the temperature")
-    if not (math.isfinite(temperature) and temperature > 0):
+    if not (math.isfinite(realNumber(temperature, "the temperature")) and temperature > 0):
         raise ValueError(f"the temperature is {temperature} K; it must be positive")
     return GAS_CONSTANT * temperature * 0.001
 

@@ -13,7 +13,7 @@ from openmm import app, unit
 
 from ..display import drawing
 from ..files import PathLike
-from ..units import valueIn, wholeNumber
+from ..units import realNumber, valueIn, wholeNumber
 from . import connectivity, mending, meshfiles
 from .formats.content import Content
 from .measures import reducedVolume
@@ -131,7 +131,7 @@ class Mesh:
             its radius, in nm
         """
         subdivisions = wholeNumber(subdivisions, "icosphere: subdivisions", 0)
-        radius = _inUnit(radius, unit.nanometer, "radius")
+        radius = realNumber(radius, "radius", unit.nanometer)
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
         sphere = cls(*_icosahedron())
@@ -162,7 +162,7 @@ class Mesh:
             if an argument is out of range
         """
         given = {"R": R, "r": r, "edgeLength": edgeLength}
-        R, r, length = (_inUnit(value, unit.nanometer, name) for name, value in given.items())
+        R, r, length = (realNumber(value, name, unit.nanometer) for name, value in given.items())
         if not (math.isfinite(R) and 0 < r < R):
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
@@ -196,8 +196,8 @@ class Mesh:
         ValueError
             if an argument is out of range
         """
-        sides = [_inUnit(width, unit.nanometer, "width"), _inUnit(height, unit.nanometer, "height")]
-        length = _inUnit(edgeLength, unit.nanometer, "edgeLength")
+        sides = [realNumber(width, "width", unit.nanometer), realNumber(height, "height", unit.nanometer)]
+        length = realNumber(edgeLength, "edgeLength", unit.nanometer)
         if not (all(map(math.isfinite, sides)) and min(sides) > 0):
             raise ValueError(f"sheet: width is {sides[0]:g} and height {sides[1]:g}; they must be positive")
         if not 0 < length <= min(sides) / 5:
@@ -493,7 +493,7 @@ class Mesh:
         self.check()
         if self.isPeriodic:
             raise ValueError("remeshed: the mesh is periodic; make another one with Mesh.sheet()")
-        length = None if edgeLength is None else _inUnit(edgeLength, unit.nanometer, "edgeLength")
+        length = None if edgeLength is None else realNumber(edgeLength, "edgeLength", unit.nanometer)
         result = remesh(Triangulation(self.vertices, self.triangles), numVertices, length)
         for sentence in result.shortcomings():
             warnings.warn(f"remeshed: {sentence}", stacklevel=2)
@@ -563,7 +563,7 @@ class Mesh:
         ValueError, TypeError
             if it is negative, or no mass
         """
-        mass = _inUnit(mass, unit.dalton, "mass")
+        mass = realNumber(mass, "mass", unit.dalton)
         if not (math.isfinite(mass) and mass >= 0):
             raise ValueError(f"mass is {mass} Da; it must be finite, and not negative")
         system = mm.System()
@@ -847,21 +847,13 @@ def _indices(triangles: Any, numVertices: int) -> np.ndarray:
     return triangles.astype(np.int32)
 
 
-def _inUnit(value: Any, wanted: unit.Unit, name: str) -> float:
-    """Return a number, or a Quantity, in a unit; raise a TypeError that names it if it is neither."""
-    plain = valueIn(value, wanted, name)
-    if isinstance(plain, str | bytes):
-        raise TypeError(f"{name} is {plain!r}; it must be a number, or a Quantity")
-    return float(plain)
-
-
 def _lengthOf(length: Any) -> float:
     """Return a length unit in nm."""
     try:
         value = float(
             (1 * length).value_in_unit(unit.nanometer)
             if unit.is_unit(length)
-            else _inUnit(length, unit.nanometer, "unit")
+            else realNumber(length, "unit", unit.nanometer)
         )
     except (TypeError, ValueError):
         raise ValueError(f"unit is {length}; it must be a length") from None

@@ -4,7 +4,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from ..sampling.targets import MODULUS_NAMES, TARGET_FACTORS, absoluteTargets, listedTargets, totalOf
+from ..sampling.targets import MODULUS_NAMES, TARGET_FACTORS, absoluteTargets, inWords, listedTargets, totalOf
+from .sections import Targets
 from .stagesettings import ApproachStage, StageSettings
 
 # What targets are called in configurations and elsewhere.
@@ -21,6 +22,12 @@ UNKNOWN = 0.2
 # Steps for each change by a factor of e, of up to so many vertices; of more, whose long waves take longer, more in
 # proportion to the root of their number.  docs/how-to/studies.md has what comes of it.
 STEPS_PER_E_FOLD, VERTICES = 3000, 642
+
+
+def targetInWords(given: Targets, name: str) -> str:
+    """Return what messages call a target of a section or a stage, of which a reduced volume may be given instead."""
+    isReduced = given.reduced_volume is not None and totalOf(name) == "volume"
+    return f"the target {inWords(name)}{' that reduced_volume gives' if isReduced else ''}"
 
 
 def endTargets(settings: StageSettings, start: Mapping[str, float]) -> dict[str, float]:

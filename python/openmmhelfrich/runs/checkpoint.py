@@ -32,6 +32,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator
 from ..messages import inLine
 from ..sampling.conditions import boxOf
+from ..sampling.moves import NO_FLIPS, FlipCounters
 
 FORMAT = 2
 READ_FORMATS = (1, FORMAT)  # in the first, positions and velocities are in the State
@@ -69,6 +70,8 @@ class RunState:
         what tells the run from all others
     verdicts : dict
         the findings on each stage that is done, by its index
+    minimizing : FlipCounters
+        the flips that minimizations have tried
     record : dict
         what :func:`addRecord` added to the checkpoint
     """
@@ -83,6 +86,7 @@ class RunState:
     isComplete: bool
     run: str = field(default_factory=lambda: uuid.uuid4().hex)  # earlier versions' runs get one when they go on
     verdicts: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    minimizing: FlipCounters = NO_FLIPS  # earlier versions did not tell them from others
     record: dict[str, Any] = field(default_factory=dict)
 
     def verdictsOfStages(self) -> dict[int, Verdict]:

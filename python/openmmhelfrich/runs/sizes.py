@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.measured import MeasuredMesh
 from ..sampling.targets import requireComparableTarget, totalOf
+from .approach import targetInWords
 from .config import Config, asDict
 from .material import requireResolved
 from .sections import GREATEST, LEAST, SamplingSection
@@ -62,8 +63,10 @@ def requireComparableTargets(config: Config, measured: MeasuredMesh, targets: di
     for name, scale in targetScales(config, measured).items():
         total = totalOf(name)
         if total != "areaDifference" or total in heldOf(config):
+            isReduced = total == "volume" and config.membrane.reduced_volume is not None
             key = TARGET_KEYS[total][0] + name.removeprefix(total)
-            requireComparableTarget(f"[membrane] {key}", name, targets[name], scale)
+            what = targetInWords(config.membrane, name) if isReduced else key
+            requireComparableTarget(f"[membrane] {what}", name, targets[name], scale)
 
 
 def requireTrajectories(sampling: SamplingSection) -> None:

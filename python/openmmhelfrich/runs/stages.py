@@ -58,7 +58,7 @@ from ..sampling.targets import (
 )
 from ..tables import Table
 from ..units import valueIn
-from .approach import TARGET_NAMES, endTargets
+from .approach import TARGET_NAMES, endTargets, targetInWords
 from .config import conditionOf, conditionParts, namingSource
 from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
@@ -127,7 +127,7 @@ class Stage(ABC):
         for name, scale in scene.targetScales.items():
             isNew = name in end or moduli.get(MODULUS_NAMES[totalOf(name)])
             target = (start | end).get(name) if isNew else None
-            requireComparableTarget(f"the target {inWords(name)}", name, target, scale)
+            requireComparableTarget(targetInWords(settings, name), name, target, scale)
         for name in end:
             setsVolume = totalOf(name) == "area" and settings.reduced_volume is not None
             if scene.moduli[totalOf(name)] == 0 and not setsVolume:
@@ -535,7 +535,7 @@ class Continue(MonteCarlo):
         for window in range(len(path.lambdas)):
             targets = path.targets(window)
             for name, scale in scene.targetScales.items():
-                what = f"the target {inWords(name)} of window {window}"
+                what = f"{targetInWords(settings, name)} of window {window}"
                 requireComparableTarget(what, name, targets.get(name), scale)
         return start | path.targets(len(path.lambdas) - 1)
 

@@ -20,13 +20,14 @@ from openmm import app, unit
 from ..analysis.description import classifyShape
 from ..analysis.verdict import FAILED, Verdict, verdictOfStages
 from ..files import PathLike
-from ..helfrich import HelfrichForce
+from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..io.locks import locked
 from ..io.psf import writePSF
 from ..io.runfiles import beside, prefixOf
 from ..pictures.plots import drawMesh, plotObservables, plotPath, requireMatplotlib
 from ..sampling.conditions import currentMesh
 from ..sampling.interruption import StepInterrupted, interruptible
+from ..sampling.moves import FlipCounters, findMove
 from ..sampling.observables import Moment, Place, observablesOf, observe, readObservables
 from ..sampling.progress import requireProgress
 from ..sampling.targets import currentTargets, setTargets, totalOf
@@ -257,6 +258,7 @@ class Study:
         state = state or RunState({}, 0, None, {}, [], versions(), 0, False)
         self.index, self.notes, self._versions, self._run = state.stage, list(state.notes), state.versions, state.run
         self.verdicts = state.verdictsOfStages()
+        self._minimizing = state.minimizing
         self._recorder: Recorder | None = None
         self._sizes, self._savedAt = state.sizes, (time.monotonic(), simulation.currentStep)
         self.stage = self._createStage()
@@ -336,6 +338,7 @@ class Study:
             self.isComplete,
             self._run,
             verdicts={str(i): verdict.toData() for i, verdict in self.verdicts.items()},
+            minimizing=self._minimizing,
         )
         saveCheckpoint(self.outputs.checkpoint, self.simulation, state)
         self._savedAt = time.monotonic(), self.simulation.currentStep
@@ -367,6 +370,7 @@ class Study:
             self.stage.listen = isToStop
             if self.stage.isWhole and not self.stage.isDone:
                 self.save()  # where it goes on if it is stopped
+            before = self._flips()
             while not self.stage.isDone:
                 try:
                     with interruptible(lambda: stop.signal is not None):
@@ -375,6 +379,7 @@ class Study:
                     isInterrupted = True
                     break
                 if self.stage.isWhole and self.stage.isDone:
+                    self._minimizing = self._minimizing.beside(self._flips().without(before))
                     recorder.report()
                 if self.stage.isDone:
                     self._judge()
@@ -436,7 +441,10 @@ class Study:
 
     def _place(self) -> Place:
         """Return where the run is, for the table."""
-        return Place(self.index + 1, *self.stage.window())
+        return Place(self.index + 1, *self.stage.window(), self._minimizing)
+
+    def _flips(self) -> FlipCounters:
+        return FlipCounters.of(findMove(self.simulation.integrator, EdgeFlipIntegrator))
 
     def _writeSettings(self) -> None:
         lines = [f"versions: {', '.join(f'{name} {number}' for name, number in self._versions.items())}", *self.notes]
@@ -467,7 +475,12 @@ class Study:
         """Return the Summary of what was done."""
         moduli = self.scene.during(self.index).moduli
         targets = currentTargets(self.simulation.context, self.force)
-        acceptance, flipAcceptance = self.stage.acceptance()
+        table = readObservables(self.outputs.table)
+        acceptance, flipAcceptance = (
+            (float(table[name][-1]) if name in table else 0.0 for name in ("acceptance", "flipAcceptance"))
+            if isinstance(self.stage, Minimize)
+            else self.stage.acceptance()
+        )
         surfaces = currentMesh(self.simulation, self.force).components()
         return Summary(
             config=self.config,
@@ -477,7 +490,7 @@ class Study:
             steps=self.simulation.currentStep,
             newSteps=newSteps,
             seconds=seconds,
-            table=readObservables(self.outputs.table),
+            table=table,
             targets={name: value for name, value in targets.items() if moduli[totalOf(name)] > 0},
             shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,

@@ -14,6 +14,7 @@ from ..sampling.observables import Observable, observablesIn
 from ..tables import Table, unwarned
 from .config import Config, during
 from .outputs import Outputs
+from .stagesettings import StageSettings
 
 
 @dataclass(repr=False)
@@ -38,7 +39,8 @@ class Summary:
     shapeClasses : list of str
         the shape of each surface at the end, if there are several: see :func:`classifyShape`
     acceptance, flipAcceptance : float
-        fractions of trajectories and flips that were accepted in the last stage
+        fractions of trajectories and flips that were accepted in the last stage; if that is a minimization, in all
+        stages that sampled
     descent : Table
         the "iteration" and the "energy" after each, in kT, if the last stage is a minimization: of many, some at equal
         distances
@@ -111,10 +113,7 @@ class Summary:
 
     def lines(self) -> list[tuple[str, str]]:
         """Return a label and a text for each thing worth knowing at the end."""
-        last, kappas = (
-            self.config.stages[-1],
-            [self._bendingModulus(stage) for stage in (len(self.config.stages) - 1, -1)],
-        )
+        last, kappas = self._lastStage, [self._bendingModulus(stage) for stage in (self._lastIndex, -1)]
         shown = [observable for observable in observablesIn(self.table) if observable.digits]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
@@ -147,6 +146,15 @@ class Summary:
             lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
         return lines
 
+    @property
+    def _lastIndex(self) -> int:
+        """The stage, from 0, that the last row of the table is of, and averages are over."""
+        return min(int(self.table["stage"][-1]), len(self.config.stages)) - 1
+
+    @property
+    def _lastStage(self) -> StageSettings:
+        return self.config.stages[self._lastIndex]
+
     def _bendingModulus(self, stage: int) -> float:
         """Return the bending modulus at the end of a stage, or of -1, at the start."""
         return during(self.config, stage).membrane.bending_modulus
@@ -175,6 +183,8 @@ class Summary:
 
     def _valuesLine(self) -> str:
         """Return what the values of a minimization are."""
+        if len(self.table["step"]) == 1:
+            return "at the start, from which a minimization that was stopped begins anew:"
         if not len(self.descent):
             return "at the end:"
         count = int(self.descent["iteration"][-1])
@@ -184,7 +194,7 @@ class Summary:
     def _average(self, observable: Observable) -> str:
         name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
         text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
-        if self.loneDescent:
+        if self.loneDescent and len(self.table["step"]) > 1:
             text += f", from {self.table[name][0]:{observable.digits}}"
-        always = "always " if self.config.stages[-1].isMonteCarlo else ""
+        always = "always " if self._lastStage.isMonteCarlo else ""
         return text + f", {always}within {self.drift(name):.2%} of its target" if name in self.targets else text

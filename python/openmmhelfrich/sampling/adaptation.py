@@ -23,7 +23,7 @@ from ..geometry.mesh import Mesh
 from ..geometry.quality import triangleAngles
 from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce, ShearWaveIntegrator, TrajectoryMove
 from ..optional import dataFrame
-from ..units import thermalEnergy, valueIn, wholeNumber
+from ..units import realNumber, thermalEnergy, valueIn, wholeNumber
 from .conditions import boxOf
 from .moves import findMove, movesOf, trajectoriesOf
 from .progress import requireProgress
@@ -65,12 +65,12 @@ class _Adapter:
     QUANTITY, UNIT = "step size", unit.picosecond
 
     def __init__(self, stepSize: float | unit.Quantity, acceptance: float = DEFAULT_ACCEPTANCE):
-        stepSize = float(valueIn(stepSize, self.UNIT, f"the {self.QUANTITY}"))
+        stepSize = realNumber(stepSize, f"the {self.QUANTITY}", self.UNIT)
         if not (math.isfinite(stepSize) and stepSize > 0):
             raise ValueError(
                 f"the {self.QUANTITY} is {stepSize} {self.UNIT.get_symbol()}; it must be positive and finite"
             )
-        if not 0 < acceptance < 1:
+        if not 0 < realNumber(acceptance, "the acceptance") < 1:
             raise ValueError(f"the acceptance is {acceptance}; it must be between 0 and 1")
         self._acceptance = float(acceptance)
         self._logStepSize = math.log(stepSize)
@@ -289,7 +289,7 @@ class StepSizeTracker(_Adapter):
             if one of them is out of range
         """
         super().__init__(stepSize, acceptance)
-        if not 0 < gain <= 1:
+        if not 0 < realNumber(gain, "StepSizeTracker: the gain") <= 1:
             raise ValueError(f"StepSizeTracker: the gain is {gain}; it must be above 0 and at most 1")
         self._gain = float(gain)
 

@@ -14,7 +14,7 @@ from ..display import Brief
 from ..geometry.connectivity import labelComponents, nearestImages
 from ..helfrich import EdgeFlipIntegrator, HelfrichForce
 from ..optional import dataFrame
-from ..units import valueIn, wholeNumber
+from ..units import realNumber, valueIn, wholeNumber
 from .conditions import moduliOf, positionsOf
 from .moves import findMove
 from .progress import requireProgress
@@ -250,12 +250,12 @@ class _Descent:
         requireProgress(progress)
         self.simulation, self.force, self.progress = simulation, force, progress
         self.tolerance = (
-            defaultTolerance(simulation, force) if tolerance is None else float(valueIn(tolerance, _FORCE, "tolerance"))
+            defaultTolerance(simulation, force) if tolerance is None else realNumber(tolerance, "tolerance", _FORCE)
         )
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"the tolerance is {self.tolerance} kJ/mol/nm; it must be positive and finite")
         self.maxIterations = wholeNumber(maxIterations, "maxIterations", 0)
-        if not (math.isfinite(multilevelWeight) and multilevelWeight >= 0):
+        if not (math.isfinite(realNumber(multilevelWeight, "multilevelWeight")) and multilevelWeight >= 0):
             raise ValueError(f"the multilevel weight is {multilevelWeight}; it must be finite, 0 or more")
         self.multilevelWeight = multilevelWeight
         masses = map(simulation.system.getParticleMass, range(simulation.system.getNumParticles()))

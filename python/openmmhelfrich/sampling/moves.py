@@ -71,6 +71,33 @@ def countersOf(integrator: Any) -> Counters:
     )
 
 
+class FlipCounters(NamedTuple):
+    """How many sweeps of flips there were, how many flips they tried, and what came of them."""
+
+    sweeps: int = 0
+    attempted: int = 0
+    accepted: int = 0
+    forbidden: int = 0
+
+    @classmethod
+    def of(cls, move: Any) -> "FlipCounters":
+        """Return those of an EdgeFlipIntegrator; none of None."""
+        if move is None:
+            return cls()
+        return cls(move.getNumSweeps(), move.getNumAttempted(), move.getNumAccepted(), move.getNumForbidden())
+
+    def without(self, others: "FlipCounters") -> "FlipCounters":
+        """Return these without some of them."""
+        return FlipCounters(*(all - some for all, some in zip(self, others)))
+
+    def beside(self, others: "FlipCounters") -> "FlipCounters":
+        """Return these and others."""
+        return FlipCounters(*map(sum, zip(self, others)))
+
+
+NO_FLIPS = FlipCounters()
+
+
 def makesTrajectories(integrator: Any) -> bool:
     """Return whether an integrator makes trajectories of Hybrid Monte Carlo."""
     return any(isinstance(move, TrajectoryMove) for move in movesOf(integrator, onlyUsed=True))

@@ -20,7 +20,7 @@ from ..helfrich import EdgeFlipIntegrator, HelfrichForce, ShearWaveIntegrator, S
 from ..tables import Table, headOf, plainName, readHeads, unitsOf
 from ..units import valueIn
 from .conditions import CURVATURE, TERMS, currentConditions, positionsOf
-from .moves import findMove, isMixture, numDiverged, trajectoriesOf
+from .moves import NO_FLIPS, FlipCounters, findMove, isMixture, numDiverged, trajectoriesOf
 from .targets import currentTargets, inWords, nameOf, totalOf
 
 # Every table has columns for these, and one for another term where the force has it: a table that is as old as version
@@ -31,13 +31,14 @@ MOST_DRAWN = 1e100  # what draws computes with squares
 
 
 class Place(NamedTuple):
-    """Where in a run a moment is: the number of its stage, from 1, the window of a path, and whether that is
-    equilibrated.
+    """Where in a run a moment is: the number of its stage, from 1, the window of a path, whether that is equilibrated,
+    and the flips that minimizations before it have tried, which rates leave out.
     """
 
     stage: int = 1
     window: int = 0
     isEquilibrated: bool = True
+    minimizing: FlipCounters = NO_FLIPS
 
 
 BEGINNING = Place()
@@ -235,6 +236,26 @@ def _move(kind: type, ask: Callable[[Any], float], isPart: bool = False) -> Call
         return None if move is None or (isPart and move is moment.integrator) else ask(move)
 
     return compute
+
+
+def _flips(ask: Callable[[Any, FlipCounters], float], isPart: bool = False) -> Callable[[Moment], float | None]:
+    """Return a function that asks the first move that flips, and what it made while it sampled."""
+
+    def compute(moment: Moment) -> float | None:
+        def ofMove(move: Any) -> float:
+            return ask(move, FlipCounters.of(move).without(moment.place.minimizing))
+
+        return _move(EdgeFlipIntegrator, ofMove, isPart)(moment)
+
+    return compute
+
+
+def _flipRate(flips: Any, made: FlipCounters) -> float:
+    """Return the flips of an edge in a sweep, of those that were made."""
+    every = FlipCounters.of(flips)
+    if made == every:
+        return flips.getFlipRate()
+    return flips.getFlipRate() * (made.accepted / max(1, every.accepted)) * (every.sweeps / max(1, made.sweeps))
 
 
 def _mixture(ask: Callable[[Any], float]) -> Callable[[Moment], float | None]:
@@ -460,7 +481,7 @@ OBSERVABLES = (
     ),
     Observable(
         "flipAcceptance",
-        _move(EdgeFlipIntegrator, _acceptance, isPart=True),
+        _flips(lambda _, made: made.accepted / max(1, made.attempted), isPart=True),
         title="flips accepted",
         label="flips",
         isAveraged=False,
@@ -484,12 +505,8 @@ OBSERVABLES = (
         _move(ShearWaveIntegrator, lambda waves: valueIn(waves.getAmplitude(), unit.nanometer), isPart=True),
         "length",
     ),
-    Observable("flipRate", _move(EdgeFlipIntegrator, lambda flips: flips.getFlipRate()), isAveraged=False),
-    Observable(
-        "flipsForbidden",
-        _move(EdgeFlipIntegrator, lambda flips: flips.getNumForbidden() / max(1, flips.getNumAttempted())),
-        isAveraged=False,
-    ),
+    Observable("flipRate", _flips(_flipRate), isAveraged=False),
+    Observable("flipsForbidden", _flips(lambda _, made: made.forbidden / max(1, made.attempted)), isAveraged=False),
     Observable(
         "exchangesAlike",
         _move(SpeciesExchangeIntegrator, lambda move: move.getNumAlike() / max(1, move.getNumAttempted())),

@@ -13,7 +13,7 @@ from openmm import unit
 
 from ..geometry.measures import volumeOfReduced
 from ..helfrich import HelfrichForce
-from ..units import valueIn
+from ..units import realNumber, valueIn
 
 _UNITS = {"area": unit.nanometer**2, "volume": unit.nanometer**3, "areaDifference": unit.nanometer**2}
 _PARAMETERS: dict[str, Callable[..., str]] = {
@@ -185,7 +185,7 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
     for name, value in targets.items():
         if name != "reducedVolume":
             absolute |= {
-                known: float(valueIn(number, _UNITS[totalOf(name)], f"the target {name}"))
+                known: realNumber(number, f"the target {name}", _UNITS[totalOf(name)])
                 for known, number in _spread(name, value, start).items()
             }
     for name, value in absolute.items():
@@ -193,7 +193,7 @@ def absoluteTargets(targets: Mapping[str, Any], start: Mapping[str, float]) -> d
             raise ValueError(f"the target {name} is {value}; it must be finite")
     if "reducedVolume" in targets:
         for name, number in _spread("volume", targets["reducedVolume"], start).items():
-            v = float(number)
+            v = realNumber(number, "the target reducedVolume")
             if not 0 < v <= 1:
                 raise ValueError(f"the target reducedVolume is {v}; it must be above 0 and at most 1")
             absolute[name] = volumeOfReduced(v, _areaBeside(name, {**start, **absolute}))

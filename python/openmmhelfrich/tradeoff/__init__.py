@@ -12,6 +12,7 @@ from ..files import PathLike
 from ..io.locks import locked
 from ..runs.config import Config, parseConfig, readConfig
 from ..sampling.progress import requireProgress
+from ..units import realNumber
 from .report import recommendationText, tableText, writeReport
 from .search import OutOfTime, Search, SearchPoint
 
@@ -65,10 +66,12 @@ def tradeoff(
         if an argument or the scene will not do, the files are those of another scene, or another search writes them
     """
     requireProgress(progress)
-    if not 0 < error < 1:
+    if not 0 < realNumber(error, "tradeoff: the error") < 1:
         raise ValueError(f"tradeoff: the error is {error}; it must be between 0 and 1")
-    if not effort > 0:
+    if not realNumber(effort, "tradeoff: the effort") > 0:
         raise ValueError(f"tradeoff: the effort is {effort}; it must be positive")
+    if minutes is not None:
+        realNumber(minutes, "tradeoff: minutes")
     config = (
         config
         if isinstance(config, Config)
