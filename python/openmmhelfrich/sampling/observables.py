@@ -618,7 +618,8 @@ def observablesIn(table: Table) -> list[Observable]:
 
 def curves(panel: Panel, table: Table) -> list[Observable]:
     """Return the observables of a panel that a table has; none if the panel is to be left out."""
-    if panel.term and not np.any(table.get(panel.term, np.zeros(1))):
+    isEmpty = panel.term and not np.any(table.get(panel.term, np.zeros(1)))
+    if isEmpty or (panel.isRate and onlyMinimizes(table)):
         return []
     found = [
         o for o in observablesIn(table) if o.panel == panel.title and not (o.isTerm and np.all(table[o.name] == 0))
