@@ -2,8 +2,9 @@
 
     python benchmarks/long_waves.py SUBDIVISIONS WEIGHT STEP STEPS SECONDS [--volume 0.95] [--flips 0.3] [--seed 1]
 
-One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4 and of the bending energy, in
-computations of forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
+One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4, of the sum of squares of each
+degree ("ofShape": it stays when the vesicle turns) and of the bending energy, in computations of forces and in
+processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
 bending modulus 30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT
 between 0.85 and 1.35.
 Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
@@ -68,9 +69,13 @@ def deflate(force, context, volume, moves):
                 move.step(1)
 
 
-def autocorrelationTime(series):
-    """Return the integrated autocorrelation time of vectors, in samples, with a window of five times itself."""
-    a = series - series.mean(axis=0)
+def autocorrelationTime(a):
+    """Return the integrated autocorrelation time of vectors whose mean is zero, in samples, with a window of five times
+    itself.
+
+    The mean of modes is zero, since all orientations are alike.  That of a run is not: without it the time would be too
+    short, the more so the fewer independent samples there are.
+    """
     n, total = len(a), 1.0
     c = np.fft.irfft(np.abs(np.fft.rfft(a, 2 * n, axis=0)) ** 2, axis=0)[:n].sum(axis=1)
     for k in range(1, n):
@@ -140,7 +145,8 @@ def measure(arguments):
         columns = rows[:, first : first + 2 * l + 1]
         first += 2 * l + 1
         tau = arguments.every * autocorrelationTime(columns)
-        shapeTau = arguments.every * autocorrelationTime((columns**2).sum(axis=1, keepdims=True))
+        squares = (columns**2).sum(axis=1, keepdims=True)
+        shapeTau = arguments.every * autocorrelationTime(squares - squares.mean())
         result[f"l{l}"] = {
             "evaluations": tau * evaluations / n,
             "seconds": tau * used / n,
@@ -153,7 +159,7 @@ def measure(arguments):
                 "samples": arguments.every * len(rows) / shapeTau,
             },
         }
-    tau = arguments.every * autocorrelationTime(rows[:, -1:])
+    tau = arguments.every * autocorrelationTime(rows[:, -1:] - rows[:, -1].mean())
     result["bending"] = {
         "evaluations": tau * evaluations / n,
         "seconds": tau * used / n,

@@ -159,10 +159,10 @@ PeriodicBox HelfrichForceImpl::getBox(ContextImpl& context) const {
 }
 
 /**
- * The least volume of a surface that is not flat, over its area to the power of 3/2: some thousand times the rounding
- * error of a number.
+ * The least volume of a surface that is not flat, over its area to the power of 3/2: some times the rounding error of
+ * a number.
  */
-static const double LEAST_VOLUME = 1e-12;
+static const double LEAST_VOLUME = 1e-15;
 
 void HelfrichForceImpl::checkOrientation(ContextImpl& context, const HelfrichParameters& parameters) {
     // A trajectory may turn the surface inside out and be rejected for it: only the positions that a user set are held
