@@ -91,6 +91,40 @@ def squaredChanges(series, evaluations):
     return {lag: float(np.mean((series[k:] - series[:-k]) ** 2)) for lag, k in lags.items() if 0 < k < len(series) / 3}
 
 
+def decayTimes(runs, evaluations):
+    """Return what an independent sample takes, in computations, by the correlation that is left after some numbers of
+    them, and the standard error of its logarithm.
+
+    If the correlation decays exponentially, it is twice the time constant.  That is known better than the integrated
+    time, which adds up the noise of long lags.  Errors are from a bootstrap over modes and sixths of each run.
+
+    Parameters
+    ----------
+    runs : list of array
+        the modes of each run, of shape (samples, modes), whose mean is zero
+    evaluations : float
+        the computations that a sample takes
+    """
+    parts = [part[:, [mode]] for run in runs for part in np.array_split(run, 6) for mode in range(run.shape[1])]
+    random, found = np.random.default_rng(1), {}
+    for lag in (800 * 2**n for n in range(8)):
+        k = round(lag / evaluations)
+        if not 0 < k < min(map(len, parts)) / 2:
+            continue
+        sums = np.array([((p[k:] * p[:-k]).sum(), len(p) - k, (p**2).sum(), len(p)) for p in parts])
+        drawn = [sums[random.integers(0, len(parts), len(parts))] for _ in range(300)]
+        kept = [_correlation(each) for each in [sums, *drawn]]
+        if min(kept) > 0 and max(kept) < 1:
+            times = -2 * lag / np.log(kept)
+            found[lag] = [float(times[0]), float(np.std(np.log(times[1:])))]
+    return found
+
+
+def _correlation(sums):
+    products, pairs, squares, count = sums.sum(axis=0)
+    return products / pairs / (squares / count)
+
+
 def modesOf(x, triangles):
     """Return the coefficients of the radius, in units of its mean, in real spherical harmonics of degrees 2, 3 and 4.
 
@@ -153,6 +187,7 @@ def measure(arguments):
             "samples": arguments.every * len(rows) / tau * (2 * l + 1),
             "power": float(np.mean(columns**2)),
             "squaredChanges": squaredChanges(columns, arguments.every * evaluations / n),
+            "decayTimes": decayTimes([columns], arguments.every * evaluations / n),
             "ofShape": {
                 "evaluations": shapeTau * evaluations / n,
                 "seconds": shapeTau * used / n,

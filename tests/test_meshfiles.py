@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from openmm import unit
 
 import openmmhelfrich as mh
@@ -127,6 +127,7 @@ def testFreeDTSFindsAllVerticesInItsBox(tmp_path_factory, seed, suffix, room):
     """Numbers in the file are from 0 to the box's lengths, and the mesh is read where it was."""
     plain, file = randomMesh(seed), tmp_path_factory.mktemp("boxes") / f"a.{suffix}"
     mesh = mh.Mesh(plain.vertices, plain.triangles, None if room is None else room * np.ptp(plain.vertices, axis=0))
+    assume(not mesh.isPeriodic)  # as one is with an edge longer than half of its box
     mesh.write(file)
     lines = [line.split() for line in file.read_text().splitlines()]
     first = 3 if suffix == "tsi" else 2

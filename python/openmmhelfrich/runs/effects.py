@@ -1,25 +1,22 @@
 """What keys of a configuration do to its scene: those without effect are errors, what was chosen or changed is told."""
 
 import math
-from typing import TYPE_CHECKING
 
 from ..geometry.measured import MeasuredMesh
+from ..geometry.mesh import Mesh
 from ..messages import shortened
 from ..sampling.targets import MODULUS_NAMES, totalOf
-from .config import Config, hasBurnIn
+from .config import Config, during, hasBurnIn, valueOf
 from .defaults import GROWING_MODULI, MODULUS_PER_VERTEX
-from .sections import MembraneSection
+from .sections import MODULI, MembraneSection
 from .stepsizes import MULTILEVEL_SIZE
-from .surfaces import TARGET_KEYS, ownAreaDifferences
-
-if TYPE_CHECKING:
-    from .scene import Scene
+from .surfaces import TARGET_KEYS, measuresOf, ownAreaDifferences, surfacesOf, targetsOf
 
 
-def requireEffect(config: Config, scene: "Scene") -> None:
-    """Raise a ValueError if something that a Config, which is not resolved, gives has no effect in its Scene."""
+def requireEffect(config: Config, resolved: Config, mesh: Mesh) -> None:
+    """Raise a ValueError if something that a Config gives has no effect, from what it is when it is resolved."""
     _requireEffectiveKeys(config)
-    _requireEffectiveTargets(config, scene)
+    _requireEffectiveTargets(config, resolved, MeasuredMesh(mesh))
 
 
 # The keys of a section that have no effect where another one is 0, as it is by default.
@@ -51,17 +48,17 @@ def _requireEffectiveKeys(config: Config) -> None:
         )
 
 
-def _requireEffectiveTargets(config: Config, scene: "Scene") -> None:
+def _requireEffectiveTargets(config: Config, resolved: Config, measured: MeasuredMesh) -> None:
     """The mesh's own area, volume or area difference does no harm."""
     membrane = config.membrane
-    parts = [scene.during(index) for index in range(-1, len(scene.stages))]
+    parts = [during(resolved, index) for index in range(-1, len(resolved.stages))]
     for total, keys in TARGET_KEYS.items():
         given = [key for key in keys if getattr(membrane, key) is not None]
-        if not given or any(part.moduli[total] > 0 for part in parts):
+        if not given or any(valueOf(part, MODULI[total]) > 0 for part in parts):
             continue
-        own = ownAreaDifferences(config, MeasuredMesh(scene.mesh)) if total == "areaDifference" else scene.targetScales
-        targets = {name: value for name, value in scene.targets.items() if totalOf(name) == total}
-        isIdle = not all(math.isclose(targets[name], own[name]) for name in targets)
+        own = ownAreaDifferences(config, measured) if total == "areaDifference" else measuresOf(measured)
+        targets = targetsOf(surfacesOf(resolved, measured))
+        isIdle = not all(math.isclose(targets[name], own[name]) for name in own if totalOf(name) == total)
         if isIdle and not (total == "area" and membrane.reduced_volume is not None):
             raise ValueError(
                 f"{config.source}: [membrane] {given[0]} is {shortened(str(getattr(membrane, given[0])))}, and has no "
@@ -69,28 +66,28 @@ def _requireEffectiveTargets(config: Config, scene: "Scene") -> None:
             )
 
 
-def chosenForSize(config: Config, scene: "Scene") -> list[str]:
-    """Return sentences about what the Scene of a Config, which is not resolved, has for the size of its mesh where this
-    leaves it open: momenta on coarser meshes, and larger moduli of area and volume.
+def chosenForSize(config: Config, resolved: Config) -> list[str]:
+    """Return sentences about what a Config leaves open, and a resolved one has for the size of the mesh: momenta on
+    coarser meshes, and larger moduli of area and volume.
     """
-    weight, sentences = scene.config.sampling.multilevel_weight, []
+    weight, sentences = resolved.sampling.multilevel_weight, []
     if config.sampling.multilevel_weight == "auto" and weight != 0:
         sentences = [f"[sampling] multilevel_weight is {weight:g}, as a surface has {MULTILEVEL_SIZE} vertices or more"]
     for key in GROWING_MODULI:
-        modulus, default = getattr(scene.config.membrane, key), MembraneSection.model_fields[key].default
+        modulus, default = getattr(resolved.membrane, key), MembraneSection.model_fields[key].default
         if key not in config.membrane.model_fields_set and modulus > default:
             sentences.append(f"[membrane] {key} is {modulus:.3g} kT, {MODULUS_PER_VERTEX} for each vertex")
     return sentences
 
 
-def changedIntervals(config: Config, scene: "Scene") -> list[str]:
-    """Return a sentence for each interval of a Config, which is not resolved, that is shorter in its Scene."""
+def changedIntervals(config: Config, resolved: Config) -> list[str]:
+    """Return a sentence for each interval of a Config that is shorter when it is resolved."""
     sentences = []
     for key, why in (
         ("observables_interval", "so that each window, and the run, has a row"),
         ("trajectory_interval", "so that the run has a frame"),
     ):
-        given, taken = getattr(config.output, key), getattr(scene.config.output, key)
+        given, taken = getattr(config.output, key), getattr(resolved.output, key)
         if key in config.output.model_fields_set and given != taken:
             sentences.append(f"[output] {key} is {taken}, and not {given}, {why}")
     return sentences

@@ -304,7 +304,7 @@ def _checkRun(config: Config, meshes: dict[str, Mesh]) -> tuple[float, list[Coar
     if key not in meshes:
         meshes[key] = loadMesh(config)
     scene = Scene.of(config, meshes[key])
-    requireEffect(config, scene)
+    requireEffect(config, scene.config, scene.mesh)
     targets = checkStages(scene)
     requireMemory(len(scene.mesh.vertices))
     return diskSize(scene.config, len(scene.mesh.vertices)), coarseness(scene, targets)

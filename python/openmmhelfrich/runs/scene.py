@@ -151,7 +151,7 @@ class Scene:
                 requireOnePlace(config, mesh)
         scene = createScene(config, loadMesh(config) if mesh is None else mesh, setup)
         if not isChecked:
-            requireEffect(config, scene)
+            requireEffect(config, scene.config, scene.mesh)
             scene._warnOfFarTargets()
         return scene
 

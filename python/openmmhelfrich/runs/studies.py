@@ -93,7 +93,7 @@ def run(
     config = _asConfig(config)
     scene = Scene.of(config, setup=setup)
     outputs = Outputs.of(scene.config)
-    requireEffect(config, scene)
+    requireEffect(config, scene.config, scene.mesh)
     targets = checkStages(scene)
     requireRoom(scene, outputs)
     requireMatplotlib()
@@ -101,7 +101,11 @@ def run(
     study = Study(scene, outputs, scene.createSimulation(force), force)
     study.requireFinite(targets)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
-    warnings = [*chosenForSize(config, scene), *changedIntervals(config, scene), *map(str, coarseness(scene, targets))]
+    warnings = [
+        *chosenForSize(config, scene.config),
+        *changedIntervals(config, scene.config),
+        *map(str, coarseness(scene, targets)),
+    ]
     study.notes += [*scene.mesh.notes, *additions, *warnings]
     study.requireReady()
     outputs.makeFolder()
