@@ -149,6 +149,7 @@ def test_a_quantity_of_another_dimension_is_named():
             lambda: mh.minimizeFluid(simulation, force, multilevelWeight=None),
             "^multilevelWeight is None; it must be a n",
         ),
+        (lambda: mh.minimize(simulation, force, True), "^tolerance is True; it must be a number, or a Quantity$"),
         (lambda: mh.adaptStepSize(simulation, 10, "x"), "the acceptance is 'x'; it must be a number$"),
         (lambda: mh.StepSizeTracker(1, 0.7, "x"), "the gain is 'x'; it must be a number$"),
         (lambda: mh.StepSizeAdapter("1"), "the step size is '1'; it must be a number, or a Quantity$"),
@@ -167,6 +168,11 @@ def test_a_quantity_of_another_dimension_is_named():
     ):
         with pytest.raises(TypeError, match=message):
             call()
+    for huge in (10**400, 10 * -(10**400)):
+        with pytest.raises(ValueError, match=r"^the target area is -?100+.*; numbers are at most 1\.79769e\+308$"):
+            mh.continueTo(simulation, force, {"area": huge}, **to)
+        with pytest.raises(ValueError, match=r"target_area_difference.*it must be a finite number"):
+            mh.Scene.of({"membrane": {"target_area_difference": huge}}, mesh)
     with pytest.raises(ValueError, match=r"mass is -1\.0 Da; it must be finite, and not negative"):
         mesh.createSystem(-1)
     with pytest.raises(

@@ -7,6 +7,7 @@ Nothing here imports OpenMM, unless it is given one of its Quantities: a configu
 import math
 import numbers
 import re
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,11 +126,15 @@ def valueIn(value: Any, wanted: Any, name: str = "a number") -> Any:
 
 
 def realNumber(value: Any, name: str, wanted: Any = None) -> float:
-    """Return a number, or a Quantity in a unit, as a float; raise a TypeError that names it if it is neither."""
+    """Return a number, or a Quantity in a unit, as a float; raise a TypeError that names it if it is neither,
+    and a ValueError if it is too large.
+    """
     plain = value if wanted is None else valueIn(value, wanted, name)
     try:
-        if not isinstance(plain, str | bytes):
+        if not isinstance(plain, str | bytes | bool):
             return float(plain)
+    except OverflowError:
+        raise ValueError(f"{name} is {shortened(str(plain))}; numbers are at most {sys.float_info.max:g}") from None
     except (TypeError, ValueError):
         pass
     allowed = "a number" if wanted is None else "a number, or a Quantity"

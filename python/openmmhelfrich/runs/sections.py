@@ -7,6 +7,7 @@ length is a label: OpenMM's nm stands for it, whatever the size of the mesh.  A 
 """
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -82,7 +83,7 @@ def _perSurface(kind: str = "", above: float = -math.inf, most: float = math.inf
         number = plainNumber(value, kind, _scalesOf(info)) if kind else value
         if not isinstance(number, (int, float)) or isinstance(number, bool):
             raise ValueError("it must be a number, or a list of numbers, one for each surface")
-        if not math.isfinite(number):
+        if not abs(number) <= sys.float_info.max:
             raise ValueError("it must be a finite number")
         if number <= above:
             raise ValueError(f"it must be greater than {above:g}")
