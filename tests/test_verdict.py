@@ -21,6 +21,7 @@ from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs import sweeps
 from openmmhelfrich.runs.checkpoint import verdictOf
 from openmmhelfrich.runs.grids import coarsePoints, readGrid
+from openmmhelfrich.sampling import minimization
 from openmmhelfrich.sampling.moves import Counters
 from openmmhelfrich.tables import Table
 
@@ -328,6 +329,15 @@ SCENES = {
         "",
     ),
 }
+
+
+def testADentedSphere(inFolder, monkeypatch):
+    """Where a minimization does not leave the symmetry of its mesh, the verdict says so."""
+    monkeypatch.setattr(minimization, "displacementsOut", lambda positions, *_: np.zeros(positions.shape))
+    result = mh.run(configure(stages=[{"kind": "minimize", "fluid": False, "reduced_volume": 0.9}]))
+    assert result.verdict.level == "doubtful"
+    words = "it has kept the symmetry of the mesh that it began with, and others have less energy; begin with another"
+    assert words in str(result.verdict)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -100,6 +100,7 @@ def _leaveOutVolume(config: Config, measured: MeasuredMesh) -> None:
         membrane.area_modulus = 0.0
 
 
+# The moduli that grow with the mesh where they are not given, and by how many kT for each vertex.
 GROWING_MODULI, MODULUS_PER_VERTEX = ("area_modulus", "volume_modulus"), 390
 
 
@@ -109,10 +110,10 @@ def _holdLargeSurfaces(membrane: MembraneSection, measured: MeasuredMesh) -> Non
     Vertices press on each other in the plane as the molecules of a gas do, so that the same modulus would be too soft
     for more of them.  Up to 2,562 vertices the defaults are those of any small mesh.
     """
+    modulus = float(MODULUS_PER_VERTEX * max(len(surface.vertices) for surface in measured.surfaces))
     for key in GROWING_MODULI:
         if key not in membrane.model_fields_set:
-            numVertices = max(len(surface.vertices) for surface in measured.surfaces)
-            setattr(membrane, key, max(getattr(membrane, key), float(MODULUS_PER_VERTEX * numVertices)))
+            setattr(membrane, key, max(getattr(membrane, key), modulus))
 
 
 def _measuresHeld(config: Config, measured: MeasuredMesh) -> dict[str, float]:

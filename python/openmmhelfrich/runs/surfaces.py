@@ -82,6 +82,7 @@ def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
 
 
 def ownAreaDifferences(config: Config, measured: MeasuredMesh) -> dict[str, float]:
+    """Return the area difference of each surface."""
     height = config.membrane.leaflet_separation
     values = [2 * height * float(curvature) for curvature in measured.meanCurvatures]
     return numberedTargets("areaDifference", values)
