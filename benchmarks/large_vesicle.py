@@ -4,8 +4,9 @@
 
 begins with 642 vertices and ends with 10,242, with so many computations of forces at each size.  A line of JSON for
 each size and time: how many computations there were since the subdivision, and E_B, the energy of the tether, the share
-of vertices with other than six neighbors, and the mean squares of the modes of degree 2, 3 and 4, each with its
-standard error over the runs.  Where there is no icosphere of so many vertices, it takes openmm-helfrich[remesh].
+of vertices with other than six neighbors, the mean squares of the modes of degree 2, 3 and 4, and the elongation, each
+with its standard error over the runs.  Where there is no icosphere of so many vertices, it takes
+openmm-helfrich[remesh].
 The step is found in the first 1,000 computations at each size that begins with a mesh, and then kept.
 
 The scene is that of long_waves.py up to 10,242 vertices.  Beyond, the moduli of area and volume grow with the number of
@@ -19,11 +20,11 @@ import math
 import time
 
 import numpy as np
-from long_waves import DEGREES, KT, createScene, deflate, modesOf, ofUnitEdges, setShape
+from long_waves import DEGREES, KT, createScene, deflate, elongations, modesOf, ofUnitEdges, setShape
 
 import openmmhelfrich as mh
 
-MEASURED = "bending", "tether", "defects", "l2", "l3", "l4"
+MEASURED = "bending", "tether", "defects", "l2", "l3", "l4", "elongation"
 TIMES = [0, *(round(50 * 2 ** (k / 2)) for k in range(30))]  # in computations
 SETTLING = 1000  # computations in which the step is found
 ICOSPHERES = {10 * 4**n + 2: n for n in range(2, 9)}
@@ -50,7 +51,7 @@ class Level:
             weight=2,
             step=stepSize,
             steps=30,
-            volume=0.99 * (1 - 1.5 * max(0, math.log(larger)) / (8 * math.pi * 30)),
+            volume=arguments.volume * (1 - 1.5 * max(0, math.log(larger)) / (8 * math.pi * 30)),
             penalty=1e6 * max(1, larger),
             flips=1,
             jitter=0.2,
@@ -100,6 +101,7 @@ class Level:
             "tether": terms["tether"]._value / KT,
             "defects": float(np.mean(np.bincount(mesh.triangles.ravel()) != 6)),
             **{f"l{degree}": float(np.mean(part**2)) for degree, part in zip(DEGREES, parts)},
+            "elongation": float(elongations(modes)),
         }
 
     def run(self, computations):
@@ -153,6 +155,7 @@ if __name__ == "__main__":
     parser.add_argument("--refreshment", type=float, default=1, help="the part of momenta that is drawn anew")
     parser.add_argument("--start", help="a mesh file to go on with, of a call with the same VERTICES")
     parser.add_argument("--write", help="a mesh file for the last shape")
+    parser.add_argument("--volume", type=float, default=0.99, help="the reduced volume at 10,242 vertices and less")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)
     main(parser.parse_args())

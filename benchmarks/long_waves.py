@@ -3,15 +3,15 @@
     python benchmarks/long_waves.py SUBDIVISIONS WEIGHT STEP STEPS SECONDS [--volume 0.95] [--flips 0.3] [--seed 1]
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4, of the sum of squares of each
-degree ("ofShape": it stays when the vesicle turns) and of the bending energy, in computations of forces and in
-processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md:
-bending modulus 30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT
-between 0.85 and 1.35.
-Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
+degree ("ofShape": it stays when the vesicle turns), of the elongation and of the bending energy, in computations of
+forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md: bending modulus
+30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT between 0.85 and
+1.35.  Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
 
 import argparse
 import json
+import math
 import time
 
 import numpy as np
@@ -137,6 +137,17 @@ def modesOf(x, triangles):
     return (weights * r) @ realHarmonics(directions, max(DEGREES))[:, 4:] / np.average(r, weights=weights)
 
 
+def elongations(modes):
+    """Return the greatest eigenvalue of the tensor that the modes of degree 2 are, for each row of modes.
+
+    It does not see orientation, and tells prolates from oblates: sqrt(2/3) and sqrt(1/6) times the norm of the modes.
+    """
+    xy, yz, zz, xz, xx = modes[..., :5].T
+    third = zz / math.sqrt(3)
+    tensors = np.array([[xx - third, xy, xz], [xy, -xx - third, yz], [xz, yz, 2 * third]]) / math.sqrt(2)
+    return np.linalg.eigvalsh(np.moveaxis(tensors, (0, 1), (-2, -1)))[..., -1]
+
+
 def measure(arguments):
     mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
     force, integrator, context = createScene(arguments, mesh)
@@ -158,50 +169,68 @@ def measure(arguments):
             flips.step(1)
         used += time.process_time() - begin
         changes.append(trajectories.getLastEnergyChange()._value / KT)
-        if len(changes) % arguments.every != 0:
-            continue
-        x = context.getState(positions=True).getPositions(asNumpy=True)._value
-        modes = modesOf(x, force.getTrianglesInContext(context))
-        rows.append([*modes, force.getEnergyTermsInContext(context)["bending"]._value / KT])
-    rows = np.array(rows)[len(rows) // 5 :]
+        if len(changes) % arguments.every == 0:
+            rows.append(measured(force, context))
     n = len(changes)
-    rate = (trajectories.getNumAccepted() - accepted) / (trajectories.getNumAttempted() - attempted)
-    result = {
+    return {
         **vars(arguments),
         "vertices": len(mesh.vertices),
         "trajectories": n,
-        "accepted": rate,
+        "accepted": (trajectories.getNumAccepted() - accepted) / (trajectories.getNumAttempted() - attempted),
         "flipsAccepted": flips.getNumAccepted() / max(1, flips.getNumAttempted()),
         "meanExp": float(np.mean(np.exp(-np.array(changes)))),
+        **summary(np.array(rows)[len(rows) // 5 :], arguments.every * evaluations / n, used / evaluations),
     }
-    first = 0
+
+
+def measured(force, context):
+    """Return the modes of degrees 2, 3 and 4, and E_B in kT."""
+    x = context.getState(positions=True).getPositions(asNumpy=True)._value
+    bending = force.getEnergyTermsInContext(context)["bending"]._value / KT
+    return [*modesOf(x, force.getTrianglesInContext(context)), bending]
+
+
+def summary(rows, evaluations, seconds):
+    """Return what a run's rows of modes and E_B tell.
+
+    Parameters
+    ----------
+    rows : array
+        of shape (samples, 22)
+    evaluations, seconds : float
+        the computations that a sample takes, and the processor time that a computation takes
+    """
+    result, first = {}, 0
     for l in DEGREES:
-        columns = rows[:, first : first + 2 * l + 1]
+        modes = rows[:, first : first + 2 * l + 1]
         first += 2 * l + 1
-        tau = arguments.every * autocorrelationTime(columns)
-        squares = (columns**2).sum(axis=1, keepdims=True)
-        shapeTau = arguments.every * autocorrelationTime(squares - squares.mean())
         result[f"l{l}"] = {
-            "evaluations": tau * evaluations / n,
-            "seconds": tau * used / n,
-            "samples": arguments.every * len(rows) / tau * (2 * l + 1),
-            "power": float(np.mean(columns**2)),
-            "squaredChanges": squaredChanges(columns, arguments.every * evaluations / n),
-            "decayTimes": decayTimes([columns], arguments.every * evaluations / n),
-            "ofShape": {
-                "evaluations": shapeTau * evaluations / n,
-                "seconds": shapeTau * used / n,
-                "samples": arguments.every * len(rows) / shapeTau,
-            },
+            **costs(modes, evaluations, seconds),
+            "power": float(np.mean(modes**2)),
+            "squaredChanges": squaredChanges(modes, evaluations),
+            "ofShape": costs(aroundMean((modes**2).sum(axis=1)), evaluations, seconds),
         }
-    tau = arguments.every * autocorrelationTime(rows[:, -1:] - rows[:, -1].mean())
-    result["bending"] = {
-        "evaluations": tau * evaluations / n,
-        "seconds": tau * used / n,
-        "mean": float(rows[:, -1].mean()),
-        "error": float(rows[:, -1].std() * (tau / (arguments.every * len(rows))) ** 0.5),
+    result["elongation"] = costs(aroundMean(elongations(rows)), evaluations, seconds)
+    bending, alone = rows[:, -1], costs(aroundMean(rows[:, -1]), evaluations, seconds)
+    error = bending.std() / alone["samples"] ** 0.5
+    return {**result, "bending": {**alone, "mean": float(bending.mean()), "error": float(error)}}
+
+
+def costs(columns, evaluations, seconds):
+    """Return what an independent sample of columns whose mean is zero costs, by the integrated time and by the decay of
+    the correlation, and how many independent numbers the run has.
+    """
+    tau = autocorrelationTime(columns)
+    return {
+        "evaluations": tau * evaluations,
+        "seconds": tau * evaluations * seconds,
+        "samples": columns.size / tau,
+        "decayTimes": decayTimes([columns], evaluations),
     }
-    return result
+
+
+def aroundMean(numbers):
+    return (numbers - numbers.mean())[:, np.newaxis]
 
 
 if __name__ == "__main__":
