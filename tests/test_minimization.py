@@ -18,6 +18,7 @@ import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
 from openmmhelfrich.geometry.shapes import invaginatedSphere
+from openmmhelfrich.sampling.minimization import _Descent
 from openmmhelfrich.sampling.waves import WaveStiffness
 
 KAPPA = 50.0
@@ -65,11 +66,20 @@ def test_a_sphere_of_icosahedral_symmetry_becomes_a_prolate(minimize, subdivisio
 
 
 def displaced(mesh, reducedVolume=0.9, **options):
-    """Return whether a minimization of no iterations moves a mesh."""
+    """Return whether a minimization moves a mesh before its first iteration."""
     force, simulation = createSimulation(mesh, reducedVolume, **options)
     before = positionsOf(simulation.context)
-    mh.minimize(simulation, force, progress=lambda *_: True, tolerance=1e9)
+    _Descent(simulation, force, None, 1, None, 0).leaveSymmetry()
     return not np.array_equal(before, positionsOf(simulation.context))
+
+
+@pytest.mark.parametrize("minimize", [mh.minimize, mh.minimizeFluid])
+def test_a_start_within_the_tolerance_stays(minimize):
+    force, simulation = createSimulation(mh.Mesh.icosphere(2), 0.9)
+    before = positionsOf(simulation.context)
+    result = minimize(simulation, force, tolerance=1e12)
+    assert result.converged and result.iterations == 0
+    assert np.array_equal(before, positionsOf(simulation.context))
 
 
 def test_only_symmetric_starts_far_from_their_targets_are_displaced():

@@ -117,7 +117,7 @@ class Summary:
         shown = [observable for observable in observablesIn(self.table) if observable.digits]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
-            ("steps", self._stepsLine()),
+            ("time", self._timeLine()) if self.loneDescent else ("steps", self._stepsLine()),
             ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:")
             if last.isMonteCarlo
             else ("values", self._valuesLine()),
@@ -176,10 +176,13 @@ class Summary:
         made = (
             f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
         )
+        return f"{made} {self._timeLine()}"
+
+    def _timeLine(self) -> str:
         stopped = (
             f", interrupted: openmm-helfrich resume {self.config.output.prefix} goes on" if self.interrupted else ""
         )
-        return f"{made} {self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
+        return f"{self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
     def _valuesLine(self) -> str:
         """Return what the values of a minimization are."""

@@ -269,9 +269,13 @@ class _Descent:
         self._pairs.clear()
 
     def leaveSymmetry(self) -> None:
-        """Lengthen surfaces a little that are far from their targets and would keep the symmetry of their mesh."""
+        """Lengthen surfaces a little that are far from their targets and would keep the symmetry of their mesh.
+
+        A start that needs no iteration stays, since the energy there may be less.
+        """
         bending, penalty = _bendingAndPenalty(self.simulation, self.force)
-        if self.force.usesPeriodicBoundaryConditions() or penalty <= _PENALTY_SHARE * bending:
+        isNear = penalty <= _PENALTY_SHARE * bending or self._measure()[1] <= self.tolerance
+        if isNear or self.force.usesPeriodicBoundaryConditions():
             return
         context, triangles = self.simulation.context, self.force.getTrianglesInContext(self.simulation.context)
         positions = positionsOf(context)
