@@ -22,6 +22,7 @@ from openmmhelfrich.analysis.fluctuations import _solidAngles, realHarmonics
 
 KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
+AVERAGES = ("bending", "area", "volume")  # of a row, after the modes
 
 
 def ofUnitEdges(mesh):
@@ -184,19 +185,23 @@ def measure(arguments):
 
 
 def measured(force, context):
-    """Return the modes of degrees 2, 3 and 4, and E_B in kT."""
+    """Return the modes of degrees 2, 3 and 4, E_B in kT, and the area and volume over their targets."""
     x = context.getState(positions=True).getPositions(asNumpy=True)._value
-    bending = force.getEnergyTermsInContext(context)["bending"]._value / KT
-    return [*modesOf(x, force.getTrianglesInContext(context)), bending]
+    bending, geometry = (
+        force.getEnergyTermsInContext(context)["bending"]._value / KT,
+        force.getGeometryInContext(context),
+    )
+    modes = modesOf(x, force.getTrianglesInContext(context))
+    return [*modes, bending, geometry.area / force.getTargetArea(), geometry.volume / force.getTargetVolume()]
 
 
 def summary(rows, evaluations, seconds):
-    """Return what a run's rows of modes and E_B tell.
+    """Return what a run's rows of modes and averages tell.
 
     Parameters
     ----------
     rows : array
-        of shape (samples, 22)
+        of shape (samples, 24)
     evaluations, seconds : float
         the computations that a sample takes, and the processor time that a computation takes
     """
@@ -204,16 +209,23 @@ def summary(rows, evaluations, seconds):
     for l in DEGREES:
         modes = rows[:, first : first + 2 * l + 1]
         first += 2 * l + 1
+        power = average(np.mean(modes**2, axis=1), evaluations, seconds)
         result[f"l{l}"] = {
             **costs(modes, evaluations, seconds),
-            "power": float(np.mean(modes**2)),
+            "power": power.pop("mean"),
+            "powerError": power.pop("error"),
             "squaredChanges": squaredChanges(modes, evaluations),
-            "ofShape": costs(aroundMean((modes**2).sum(axis=1)), evaluations, seconds),
+            "ofShape": power,
         }
-    result["elongation"] = costs(aroundMean(elongations(rows)), evaluations, seconds)
-    bending, alone = rows[:, -1], costs(aroundMean(rows[:, -1]), evaluations, seconds)
-    error = bending.std() / alone["samples"] ** 0.5
-    return {**result, "bending": {**alone, "mean": float(bending.mean()), "error": float(error)}}
+    result["elongation"] = average(elongations(rows), evaluations, seconds)
+    averages = {name: average(rows[:, first + k], evaluations, seconds) for k, name in enumerate(AVERAGES)}
+    return {**result, **averages}
+
+
+def average(numbers, evaluations, seconds):
+    """Return what an independent sample of numbers costs, their mean, and its standard error."""
+    found = costs((numbers - numbers.mean())[:, np.newaxis], evaluations, seconds)
+    return {**found, "mean": float(numbers.mean()), "error": float(numbers.std() / found["samples"] ** 0.5)}
 
 
 def costs(columns, evaluations, seconds):
@@ -227,10 +239,6 @@ def costs(columns, evaluations, seconds):
         "samples": columns.size / tau,
         "decayTimes": decayTimes([columns], evaluations),
     }
-
-
-def aroundMean(numbers):
-    return (numbers - numbers.mean())[:, np.newaxis]
 
 
 if __name__ == "__main__":
