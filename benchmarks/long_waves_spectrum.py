@@ -20,41 +20,43 @@ from scipy.optimize import minimize_scalar
 import openmmhelfrich as mh
 from openmmhelfrich.analysis import fluctuationSpectrum, meshStiffness
 
-KAPPA, EDGE, MAX_DEGREE = 30, 1.0, 10
+KAPPA, MAX_DEGREE = 30, 10
 
 
 def sample(arguments):
-    """Return positions, and the computations that there were from one to the next."""
+    """Return positions, the mean edge length, and the computations that there were from one to the next."""
     mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
     force, integrator, context = createScene(arguments, mesh)
     trajectories, flips = integrator.getMove(0), integrator.getMove(1)
     deflate(force, context, mesh.volume, (trajectories, flips))
-    frames, begin, computations = [], time.process_time(), 0
+    frames, edgeLengths, begin, computations = [], [], time.process_time(), 0
     while time.process_time() - begin < arguments.seconds:
         for _ in range(arguments.every):
             trajectories.step(1)
             computations += trajectories.getLastNumSteps()
             flips.step(1)
         frames.append(context.getState(positions=True).getPositions(asNumpy=True)._value)
-    return frames[len(frames) // 5 :], computations / len(frames)
+        edgeLengths.append(mh.Mesh(frames[-1], force.getTrianglesInContext(context)).edgeLengths.mean())
+    first = len(frames) // 5
+    return frames[first:], float(np.mean(edgeLengths[first:])), computations / len(frames)
 
 
-def theory(spectrum, tension, numVertices):
+def theory(spectrum, tension, numVertices, edgeLength):
     """Return the mean squares of modes on a mesh (Milner and Safran, Phys. Rev. A 36, 4371, 1987), whose modulus
     undulations renormalize (Peliti and Leibler, Phys. Rev. Lett. 54, 1690, 1985), as many as there are vertices.
     """
     l = spectrum.degrees
     kappa = KAPPA - 3 / (4 * math.pi) * np.log((math.sqrt(numVertices) - 1) / l)
-    stiffness = (l - 1) * (l + 2) * (l * (l + 1) + tension) * meshStiffness(l, EDGE / spectrum.radius)
+    stiffness = (l - 1) * (l + 2) * (l * (l + 1) + tension) * meshStiffness(l, edgeLength / spectrum.radius)
     return 1 / (kappa * stiffness)
 
 
-def compare(frames):
+def compare(frames, edgeLength):
     spectrum = fluctuationSpectrum(frames, MAX_DEGREE)
-    fit = spectrum.fit(2, MAX_DEGREE, EDGE)
+    fit = spectrum.fit(2, MAX_DEGREE, edgeLength)
 
     def expected(tension):
-        return theory(spectrum, tension, len(frames[0]))
+        return theory(spectrum, tension, len(frames[0]), edgeLength)
 
     def misfit(tension):
         return float(np.sum(((spectrum.powers - expected(tension)) / spectrum.errors) ** 2))
@@ -87,5 +89,6 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.set_defaults(flips=1, jitter=0.2, tether=[100, 0.85, 1.35], precision="mixed", threads=1)
     arguments = parser.parse_args()
-    frames, computations = sample(arguments)
-    print(json.dumps({**vars(arguments), "frames": len(frames), "computations": computations, **compare(frames)}))
+    frames, edgeLength, computations = sample(arguments)
+    found = {"frames": len(frames), "edgeLength": edgeLength, "computations": computations}
+    print(json.dumps({**vars(arguments), **found, **compare(frames, edgeLength)}))
