@@ -186,9 +186,9 @@ void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, const vector<int>& c
 
 void CpuHelfrichLayout::fillRings(const HelfrichMesh& mesh, const int* chosen, int count) {
     // A ring begins at the vertex's lowest halfedge: which one the mesh has at hand depends on its past.  Vertices of
-    // lower valence go round again, for it costs less than to stop.
+    // lower valence go round again, for it costs less than to stop.  Padding has no valence, and yet one neighbor.
 
-    int halfedge[MAX_WIDTH], lowest[MAX_WIDTH], start[MAX_WIDTH] = {}, longest = 0;
+    int halfedge[MAX_WIDTH], lowest[MAX_WIDTH], start[MAX_WIDTH] = {}, longest = 1;
     for (int lane = 0; lane < count; lane++) {
         halfedge[lane] = lowest[lane] = mesh.outgoing(vertices[chosen[lane]]);
         longest = max(longest, valences[chosen[lane]]);

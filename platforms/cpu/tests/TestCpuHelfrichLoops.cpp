@@ -201,16 +201,40 @@ static void assertFresh(const CpuHelfrichLayout& layout, const HelfrichMesh& mes
         for (int lane = 0; lane < layout.width; lane++)
             for (int i = 0; i < group.length; i++) {
                 int place = group.start + i * layout.width + lane, valence = layout.valences[g * layout.width + lane];
-                // After the last neighbor comes the first one again, and padding may have any.
+                // After the last neighbor comes the first one again, and padding may have any but its own vertex.
                 int neighbor = (valence > 0 ? fresh.neighbors[expected.start + i * layout.width + lane]
                                             : layout.neighbors[group.start + lane]);
                 ASSERT_EQUAL(neighbor, layout.neighbors[place]);
+                ASSERT(neighbor % 4 == 0 && neighbor >= 0 && neighbor < 4 * layout.getNumSlots());
+                ASSERT(valence > 0 || layout.valences[neighbor / 4] > 0);
+                ASSERT(valence > 0 || neighbor / 4 != layout.slots[0]);
                 places.insert(place);
                 size++;
             }
     }
     ASSERT_EQUAL(size, places.size());
     ASSERT(*places.begin() >= 0 && *places.rbegin() < (int) layout.neighbors.size());
+}
+
+/**
+ * More slots of padding than rings that are found together have a neighbor, too, of which no length is 0.
+ */
+void testPaddingIsNoPoint() {
+    TestRandom random(9);
+    Membrane membrane = createBlob(2);
+    ASSERT_EQUAL(2, membrane.positions.size() % 16);
+    HelfrichMesh mesh(membrane.triangles, membrane.positions.size());
+    for (int round = 0; round < 2000; round++) {
+        for (int i = 0; i < 20; i++) {
+            int h = random.index(mesh.getNumHalfedges());
+            if (mesh.canFlip(h))
+                mesh.flip(h);
+        }
+        CpuHelfrichLayout layout;
+        layout.initialize(mesh, 16);
+        layout.update(mesh, 1);
+        assertFresh(layout, mesh);
+    }
 }
 
 void testLayoutFollowsFlips() {
@@ -261,6 +285,7 @@ int main() {
             testDifferentModuli<float>(3e-6);
         }
         ASSERT(numSupported > 0);
+        testPaddingIsNoPoint();
         testLayoutFollowsFlips();
     }
     catch (const exception& e) {
