@@ -433,10 +433,10 @@ def testStagesOfTriMem(tmp_path):
     own, targets = PEER["sphere"], PEER["sphere"]["targets"]
     assert (move.kind, move.windows, move.totalSteps, sample.steps) == (
         "continue",
-        20,
-        42,
+        19,
+        40,
         60,
-    ) and "lambda moves in 20 windows" in text
+    ) and "lambda moves in 19 windows" in text
     assert (config.membrane.target_area, config.membrane.target_volume) == pytest.approx(
         (own["area"], own["volume"]), rel=1e-9
     )
@@ -453,13 +453,80 @@ def testStagesOfTriMem(tmp_path):
     [
         ({"bond_type": "Area"}, "only tethers of edges"),
         ({"kappa_b": "x"}, r"\[ENERGY\] kappa_b is 'x'; it must be a number"),
-        ({"initial_temperature": 0}, "initial_temperature is 0; it must be positive"),
+        ({"initial_temperature": 0}, r"\[HMC\] initial_temperature is 0; it must be a number from 1e-30 to 1e\+30"),
         ({"input": "no.stl"}, "no mesh file no.stl"),
+        ({"num_steps": 0}, r"\[HMC\] num_steps is 0; it must be a whole number from 1 to 1e\+15"),
+        ({"num_steps": -5}, r"\[HMC\] num_steps is -5; it must be a whole number from 1"),
+        ({"num_steps": 1.5}, r"\[HMC\] num_steps is '1.5'; it must be a whole number from 1"),
+        ({"algorithm": "minimize", "maxiter": 0}, r"\[MINIMIZATION\] maxiter is 0; it must be a whole number from 1"),
+        ({"algorithm": "HMC"}, r"\[GENERAL\] algorithm is 'HMC'; it must be one of hmc, minimize"),
+        ({"flip_type": "batch"}, r"\[HMC\] flip_type is 'batch'; it must be one of none, serial, parallel"),
+        ({"bond_type": "edge"}, r"\[BONDS\] bond_type is 'edge'; it must be one of Edge, Area"),
+        ({"n_search": "tree"}, r"\[SURFACEREPULSION\] n_search is 'tree'; it must be one of cell-list, verlet-list"),
+        ({"exclusion_level": 3}, r"\[SURFACEREPULSION\] exclusion_level is 3; it must be a whole number from 0 to 2"),
+        ({"flip_ratio": -0.1}, r"\[HMC\] flip_ratio is -0.1; it must be a number from 0"),
+        ({"momentum_variance": 0}, r"\[HMC\] momentum_variance is 0; it must be a number from 1e-30"),
+        ({"cooling_factor": -1}, r"\[HMC\] cooling_factor is -1; it must be a number from 0"),
+        ({"area_fraction": 0}, r"\[ENERGY\] area_fraction is 0; it must be a number from 1e-30"),
+        ({"kappa_r": -1}, r"\[ENERGY\] kappa_r is -1; it must be a number from 0"),
+        ({"continuation_delta": -0.1}, r"\[ENERGY\] continuation_delta is -0.1; it must be a number from 0"),
+        ({"lc0": 0.1, "lc1": 0.5}, r"\[BONDS\] lc1 is 0.5 and lc0 0.1; lc1 must be less"),
+        ({"kappa_c": 1, "curvature_fraction": 0}, r"\[ENERGY\] curvature_fraction is 0; it must not be"),
+        ({"kappa_b": 1e-30}, r"\[ENERGY\] kappa_b is 1e-30, here 5e-31; it must be 0, or from"),
     ],
 )
 def testWrongFilesOfTriMem(tmp_path, values, message):
-    with pytest.raises((ValueError, FileNotFoundError), match=message):
+    """What is wrong is said of TriMem's own key, after the name of the file."""
+    with pytest.raises((ValueError, FileNotFoundError), match=message) as error:
         convert(tmp_path, **values)
+    assert f"{tmp_path / 'a.inp'}" in str(error.value)
+
+
+def testKeysOfTheOtherAlgorithmMayBeAnything(tmp_path):
+    assert convert(tmp_path, algorithm="minimize", num_steps=0)[0].stages[0].kind == "minimize"
+    assert convert(tmp_path, maxiter=0)[0].stages[0].kind == "sample"
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 20, 21, 22, 30, 43, 100])
+@pytest.mark.parametrize("delta", [0.001, 0.3, 2.0])
+def testStepsOfAContinuationAddUp(tmp_path, steps, delta):
+    """They are num_steps, and nearly all of those in which TriMem's lambda moves are in windows."""
+    config, _ = convert(tmp_path, num_steps=steps, continuation_delta=delta, continuation_lambda=0.0)
+    assert sum(stage.totalSteps for stage in config.stages) == steps
+    path = [stage for stage in config.stages if stage.kind == "continue"]
+    assert len(path) == (steps > 1)
+    for stage in path:
+        moving, own = min(int(np.ceil(1 / delta)), steps), PEER["sphere"]
+        assert stage.windows <= 20 and abs(stage.totalSteps - moving) <= max(1, moving // 11)
+        reached = min(1.0, moving * delta)
+        target = (1 - reached) * own["area"] + reached * own["targets"]["area"]
+        assert stage.target_area == pytest.approx(target, rel=1e-9)
+
+
+def testContinuationOfSeveralSurfaces(tmp_path):
+    """Each surface has a target of its own at the end of the path, too."""
+    spheres = together(
+        mh.Mesh.icosphere(1), mh.Mesh(3 + 2 * mh.Mesh.icosphere(1).vertices, mh.Mesh.icosphere(1).triangles)
+    )
+    spheres.write(tmp_path / "two.ply")
+    config, _ = convert(
+        tmp_path,
+        input=tmp_path / "two.ply",
+        kappa_c=0,
+        continuation_delta=0.1,
+        continuation_lambda=0.0,
+        area_fraction=0.9,
+    )
+    areas = [surface.area for surface in spheres.components()]
+    assert config.membrane.target_area == pytest.approx(areas)
+    assert config.stages[0].target_area == pytest.approx([0.9 * area for area in areas])
+
+
+def testUnknownSectionsOfTriMemAreSaid(tmp_path):
+    """TriMem tells capitals from small letters in names of sections."""
+    (tmp_path / "a.inp").write_text(f"[GENERAL]\ninput = {tmp_path / 'a.stl'}\n[ENERGY]\n[hmc]\nnum_steps = 3\n")
+    mh.Mesh.icosphere(1).write(tmp_path / "a.stl")
+    assert "Unknown, and left out: [hmc] num_steps." in convertConfig(tmp_path / "a.inp")
 
 
 def testNoFileOfTriMem(tmp_path):

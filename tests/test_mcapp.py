@@ -21,7 +21,7 @@ import openmmhelfrich as mh
 from conftest import ROOT
 from openmmhelfrich.cli import app
 from openmmhelfrich.runs.config import readConfig
-from openmmhelfrich.runs.mcapp import backUp, runLikeTriMem
+from openmmhelfrich.runs.mcapp import Checkpoints, backUp, runLikeTriMem
 from openmmhelfrich.runs.trimem import Source, converted
 
 MOSAIC = """\
@@ -161,11 +161,16 @@ def testRestartsGoOn(cell):
     assert invoke("run", "--conf", cell, "--restart").exit_code == 0
     moving, cooling = readConfig("cell.p1.resolved.toml").stages[-2:]
     assert moving.target_volume == pytest.approx(0.9 * mh.Mesh.read("cell.stl").volume)
-    assert (moving.totalSteps, cooling.steps, cooling.cooling_start, cooling.start_temperature) == (5, 2, 0, 300)
+    assert (moving.totalSteps, cooling.steps, cooling.cooling_start, cooling.start_temperature) == (4, 2, 0, 300)
     assert np.array_equal(mesh("cell.cpt.p1.h5").triangles, mh.Mesh.read("cell.p1.ply").triangles)
     second = configurationOf(cell.with_name("cell.p1.cpt"))
     assert float(second["ENERGY"]["continuation_lambda"]) == 1
     assert sum(json.loads(second["HMC"]["init_step"]).values()) == 12
+    for name in ("cell", "cell.p1"):
+        stages = readConfig(f"{name}.resolved.toml").stages
+        assert sum(stage.totalSteps for stage in stages if stage.kind != "approach") == 6
+        made = np.loadtxt(f"{name}.csv", delimiter=",", skiprows=1)[-1, 0]
+        assert made == sum(stage.totalSteps for stage in stages)
     assert not list(cell.parent.glob("#*"))
 
 
@@ -246,6 +251,13 @@ def testAStoppedRunLeavesACheckpoint(cell):
         (("--conf", "bad.conf", "--restart", 2), 1, "bad.p2.cpt is not a checkpoint of TriMem: "),
         (("--conf", "count.conf"), 1, r"\[HMC\] init_step is 'many'; it must be like {\"move\": 10, \"flip\": 5}"),
         (("--conf", "open.conf"), 1, "open.stl: "),
+        (("--conf", "none.conf"), 1, r"none.conf: \[HMC\] num_steps is 0; it must be a whole number from 1 to "),
+        (("--conf", "none.conf", "--restart", 3), 1, r"none.conf: \[HMC\] num_steps is 0; it must be a whole number"),
+        (
+            ("--conf", "far.conf"),
+            1,
+            r"far.conf: \[ENERGY\] volume_fraction is 1e9, here .*; it must be within a factor",
+        ),
     ],
 )
 def testWhatIsWrongIsSaid(cell, arguments, code, message):
@@ -254,6 +266,10 @@ def testWhatIsWrongIsSaid(cell, arguments, code, message):
     cell.with_name("bad.p1.cpt").write_text("no XML")
     cell.with_name("bad.p2.cpt").write_text("<cpt><points>a/b:/points</points><config>[[1]]</config></cpt>")
     cell.with_name("count.conf").write_text(SAMPLING + "init_step = many\n")
+    cell.with_name("none.conf").write_text(SAMPLING.replace("num_steps = 6", "num_steps = 0"))
+    Checkpoints(cell.with_name("none")).write(3, mh.Mesh.icosphere(1), "[ENERGY]\n[HMC]\n")
+    far = SAMPLING.replace("volume_fraction = 0.9", "volume_fraction = 1e9")
+    cell.with_name("far.conf").write_text(far.replace("continuation_lambda = 0.0", "continuation_lambda = 1.0"))
     cell.with_name("open.conf").write_text(SAMPLING.replace("cell.stl", "open.stl"))
     mh.Mesh(mh.Mesh.icosphere(2).vertices, mh.Mesh.icosphere(2).triangles[1:]).write("open.stl")
     before = set(os.listdir())

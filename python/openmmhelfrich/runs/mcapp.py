@@ -73,20 +73,22 @@ def runLikeTriMem(
     if note is not None:
         for comment in comments:
             note(comment)
-    config = parseConfig(data, str(file))
+    with source.namingItsKeys():
+        config = parseConfig(data, str(file))
     outputs = Outputs.of(config)
     outputs.makeFolder()
     with locked(outputs.prefix):
         if begin is None:
             backUp({*outputs.paths(), *_parts(prefix), *checkpoints.files()}, source.mesh)
-        summary = runStudy(config, progress)
-    steps = summary.steps if summary.interrupted else source.number("HMC", "num_steps", 10)
-    if source.text("GENERAL", "algorithm", "hmc") == "minimize":
-        steps = 0
-    start, delta = (source.number("ENERGY", f"continuation_{key}", x) for key, x in (("lambda", 1.0), ("delta", 0.0)))
-    reached = start if start >= 1 else min(1.0, start + max(delta, 0.0) * steps)
-    checkpoints.write(part, Mesh.read(outputs.mesh), source.textAfter(reached, steps))
+        with source.namingItsKeys():
+            summary = runStudy(config, progress)
+    checkpoints.write(part, Mesh.read(outputs.mesh), source.textAfter(0 if source.minimizes else _stepsOf(summary)))
     return summary
+
+
+def _stepsOf(summary: Summary) -> int:
+    """Return the number of steps that count for lambda and cooling: those of approaches come before they go on."""
+    return max(0, summary.steps - sum(stage.totalSteps for stage in summary.config.stages if stage.isAdded))
 
 
 @dataclass

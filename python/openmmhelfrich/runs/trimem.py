@@ -6,12 +6,14 @@ mean curvature; ours are areas and volumes.  Terms and their exponents are the s
 """
 
 import configparser
+import contextlib
 import io
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 from ..files import PathLike
 from ..geometry.mesh import Mesh
@@ -19,18 +21,93 @@ from ..messages import quoted, shortened
 from ..units import thermalEnergy
 from .config import parseConfig
 from .configfile import configText
+from .sections import GREATEST, GREATEST_COUNT, GREATEST_WHOLE, LEAST
 
 TEMPERATURE = 300.0
 MINIMAL_TEMPERATURE = 1e-6  # in TriMem's unit
 LARGEST_WINDOWS = 20
+ANY = (-GREATEST_WHOLE, GREATEST_WHOLE)  # whole numbers
 
-# What concerns the way in which TriMem computes or prints, and has no counterpart.
-_WITHOUT_COUNTERPART = {
-    "general": {"output_format", "restart_prefix"},
-    "surfacerepulsion": {"n_search", "rlist", "refresh"},
-    "bonds": {"a0"},
-    "minimization": {"out_every"},
+Targets: TypeAlias = Callable[[float], dict[str, Any]]
+
+
+class Key(NamedTuple):
+    """A key of TriMem's.
+
+    Attributes
+    ----------
+    ours : str or None
+        the section and key here that have its value, "" if it decides on more, None if it is not needed
+    default : object
+        of the type that its values have; NaN and None where it depends on the mesh or the file
+    least, most : float
+        what is allowed, if its values are numbers
+    choices : tuple of str
+        what is allowed, if only some words are
+    """
+
+    ours: str | None
+    default: Any = None
+    least: float = 0.0
+    most: float = GREATEST
+    choices: tuple[str, ...] = ()
+
+
+# Every key of TriMem's.
+_KEYS = {
+    "GENERAL": {
+        "algorithm": Key("", "hmc", choices=("hmc", "minimize")),
+        "input": Key("mesh.file"),
+        "info": Key("output.observables_interval", 1, *ANY),
+        "output_prefix": Key("output.prefix"),
+        "restart_prefix": Key(None),
+        "checkpoint_every": Key("output.checkpoint_interval", 0, *ANY),
+        "output_format": Key(None, "vtu", choices=("vtu", "xyz", "xdmf")),
+    },
+    "BONDS": {
+        "bond_type": Key("", "Edge", choices=("Edge", "Area")),
+        "r": Key("tether.exponent", 2, 1, 100),
+        "lc0": Key("tether.max_length", math.nan, LEAST),
+        "lc1": Key("tether.min_length", math.nan, LEAST),
+        "a0": Key(None),
+    },
+    "SURFACEREPULSION": {
+        "n_search": Key(None, "cell-list", choices=("cell-list", "verlet-list")),
+        "rlist": Key(None),
+        "refresh": Key(None),
+        "exclusion_level": Key("repulsion.exclusion_level", 2, 0, 2),
+        "lc1": Key("repulsion.onset", 0.0),
+        "r": Key("repulsion.exponent", 2, 1, 100),
+    },
+    "ENERGY": {
+        "kappa_b": Key("membrane.bending_modulus", 1.0),
+        "kappa_a": Key("membrane.area_modulus", 1.0),
+        "kappa_v": Key("membrane.volume_modulus", 1.0),
+        "kappa_c": Key("membrane.area_difference_modulus", 1.0),
+        "kappa_t": Key("tether.modulus", 1.0),
+        "kappa_r": Key("repulsion.modulus", 1.0),
+        "area_fraction": Key("membrane.target_area", 1.0, LEAST),
+        "volume_fraction": Key("membrane.target_volume", 1.0, LEAST),
+        "curvature_fraction": Key("membrane.target_area_difference", 1.0, -GREATEST),
+        "continuation_delta": Key("", 0.0),
+        "continuation_lambda": Key("", 1.0),
+    },
+    "HMC": {
+        "num_steps": Key("stages.steps", 10, 1, GREATEST_WHOLE),
+        "init_step": Key("", "{}"),
+        "step_size": Key("sampling.step_size", 1.0, LEAST),
+        "traj_steps": Key("sampling.steps_per_trajectory", 10, 1, GREATEST_COUNT),
+        "momentum_variance": Key("sampling.mass", 1.0, LEAST),
+        "thin": Key("output.trajectory_interval", 10, *ANY),
+        "flip_ratio": Key("sampling.flip_fraction", 0.1),
+        "flip_type": Key("", "serial", choices=("none", "serial", "parallel")),
+        "initial_temperature": Key("", 1.0, LEAST),
+        "cooling_factor": Key("stages.rate", 1e-4),
+        "start_cooling": Key("stages.cooling_start", 0, *ANY),
+    },
+    "MINIMIZATION": {"maxiter": Key("stages.max_iterations", 10, 1, GREATEST_COUNT), "out_every": Key(None)},
 }
+_EACH = [(section, name, key) for section, keys in _KEYS.items() for name, key in keys.items()]
 
 
 def convertConfig(file: PathLike) -> str:
@@ -49,15 +126,17 @@ def convertConfig(file: PathLike) -> str:
         if it is not a configuration of TriMem, or asks for what there is no counterpart of
     """
     path = Path(file)
-    data, comments = converted(Source(path))
-    parseConfig(data, str(path))
+    source = Source(path)
+    data, comments = converted(source)
+    with source.namingItsKeys():
+        parseConfig(data, str(path))
     return configText(
         data, [f"Converted from TriMem's {path.name}.  300 K stands for its initial temperature.", *comments]
     )
 
 
 class Source:
-    """TriMem's configuration, which notes the keys that were asked for."""
+    """TriMem's configuration."""
 
     def __init__(self, path: Path) -> None:
         if not path.exists():
@@ -65,7 +144,6 @@ class Source:
         self.stem = str(path.with_suffix(""))
         self._parser, self.path = configparser.ConfigParser(inline_comment_prefixes=("#", ";")), path
         self.stepsDone = 0  # before this run
-        self._asked: set[tuple[str, str]] = set()
         try:
             self._parser.read_string(path.read_text(encoding="utf-8"))
         except (configparser.Error, UnicodeDecodeError) as error:
@@ -74,12 +152,18 @@ class Source:
             ) from None
         if not self._parser.has_section("ENERGY"):
             raise ValueError(f"{path} is not a configuration of TriMem: it has no section [ENERGY]")
+        self._checkChoices()
         self.mesh = Path(self.text("GENERAL", "input", str(path.with_suffix(".stl"))))
         if not self.mesh.exists():
             raise FileNotFoundError(
                 f"there is no mesh file {self.mesh}, which {path} names; its area and edge lengths are needed"
             )
-        self.stepsDone = self._counted(self.text("HMC", "init_step", "{}"))
+        self.stepsDone = self._counted(self.text("HMC", "init_step"))
+
+    @property
+    def minimizes(self) -> bool:
+        """Whether it asks for a minimization, rather than for sampling."""
+        return bool(self.text("GENERAL", "algorithm") == "minimize")
 
     def goOnFrom(self, checkpoint: Mapping[str, str]) -> None:
         """Take from a checkpoint what TriMem takes: continuation_lambda, continuation_delta, and init_step unless the
@@ -91,19 +175,20 @@ class Source:
         if not self._parser.has_option("HMC", "init_step"):
             self.stepsDone = self._counted(checkpoint.get("init_step", "{}"))
 
-    def textAfter(self, progress: float, steps: int) -> str:
-        """Return the text of the configuration that goes on from here, as checkpoints have it, from the lambda that was
-        reached and the number of steps made.
-        """
+    def textAfter(self, steps: int) -> str:
+        """Return the text of the configuration that goes on after a number of steps, as checkpoints have it."""
+        progress, delta = (self.number("ENERGY", f"continuation_{name}") for name in ("lambda", "delta"))
+        reached = progress if progress >= 1 else min(1.0, progress + delta * steps)
         parser = configparser.ConfigParser(interpolation=None)
         for section in self._parser.sections():
             parser[section] = {key: self._parser.get(section, key, raw=True) for key in self._parser[section]}
         for section in ("ENERGY", "HMC"):
             if not parser.has_section(section):
                 parser.add_section(section)
-        parser["ENERGY"]["continuation_lambda"] = repr(progress)
-        parser["ENERGY"]["continuation_delta"] = repr(self.number("ENERGY", "continuation_delta", 0.0))
-        parser["HMC"]["init_step"] = json.dumps({"move": self.stepsDone + steps, "flip": 0}) if steps else "{}"
+        parser["ENERGY"]["continuation_lambda"] = repr(reached)
+        parser["ENERGY"]["continuation_delta"] = repr(delta)
+        counters = {} if self.minimizes else {"move": self.stepsDone + steps, "flip": 0}
+        parser["HMC"]["init_step"] = json.dumps(counters)
         text = io.StringIO()
         parser.write(text)
         return text.getvalue()
@@ -120,27 +205,64 @@ class Source:
             ) from None
         return sum(counters.values())
 
-    def text(self, section: str, key: str, default: str | None) -> Any:
-        """Return a value as a string."""
-        self._asked.add((section.lower(), key))
+    def _checkChoices(self) -> None:
+        """Raise a ValueError if a key has none of the words that TriMem allows."""
+        for section, name, key in _EACH:
+            text = self.text(section, name)
+            if key.choices and text not in key.choices:
+                raise ValueError(
+                    f"{self.path}: [{section}] {name} is {quoted(text)}; it must be one of {', '.join(key.choices)}"
+                )
+
+    def text(self, section: str, key: str, default: str | None = None) -> Any:
+        """Return a value as a string, or a default, or TriMem's."""
         try:
-            return self._parser.get(section, key, fallback=default)
+            return self._parser.get(section, key, fallback=_KEYS[section][key].default if default is None else default)
         except configparser.Error as error:
             raise ValueError(f"{self.path}: {shortened(' '.join(str(error).split()))}") from None
 
-    def number(self, section: str, key: str, default: float) -> Any:
-        """Return a value as a number of the type of the default."""
-        text = self.text(section, key, None)
+    def number(self, section: str, key: str, default: float | None = None) -> Any:
+        """Return a value as a number, or a default, or TriMem's.  Raise a ValueError if it is not allowed."""
+        allowed, given = _KEYS[section][key], self.text(section, key)
+        if not isinstance(given, str):
+            return given if default is None else default
         try:
-            value = default if text is None else type(default)(text)
+            value = type(allowed.default)(given)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
-            raise ValueError(
-                f"{self.path}: [{section}] {key} is {quoted(text)}; it must be "
-                f"{'a whole number' if isinstance(default, int) else 'a number'}"
-            )
+        if not allowed.least <= value <= allowed.most:
+            kind = "a whole number" if isinstance(allowed.default, int) else "a number"
+            limits = f"from {allowed.least:g} to {allowed.most:g}"
+            shown = quoted(given) if math.isnan(value) else shortened(given)
+            raise ValueError(f"{self.path}: [{section}] {key} is {shown}; it must be {kind} {limits}")
         return value
+
+    @contextlib.contextmanager
+    def namingItsKeys(self) -> Iterator[None]:
+        """Name, in a ValueError about keys of ours, the keys that they come from, and their values."""
+        try:
+            yield
+        except ValueError as error:
+            text = str(error)
+            for section, name, key in _EACH:
+                if key.ours:
+                    text = self._renamed(text, section, name, *key.ours.split("."))
+            if text == str(error):
+                raise
+            raise ValueError(text) from None
+
+    def _renamed(self, text: str, section: str, key: str, ourSection: str, ourKey: str) -> str:
+        """Return a message with a key of TriMem's in the place of ours, and its value beside another one of ours."""
+        own = self.text(section, key)
+
+        def renamed(match: re.Match[str]) -> str:
+            value = match["value"]
+            if value is None or not isinstance(own, str):
+                return f"[{section}] {key}" + ("" if value is None else f" is {value}")
+            return f"[{section}] {key} is {shortened(own)}" + ("" if _areSame(own, value) else f", here {value}")
+
+        place = rf"(?:\[{ourSection}\]|stage \d+ \(\w+\)) {ourKey}\b(?:\[\d+\])?"
+        return re.sub(rf"{place}(?: is (?P<value>\[.*?\]|[^\s;,]+))?", renamed, text)
 
     def meshForAnyFolder(self) -> Path:
         """Return the mesh file as our configuration names it, relative to its own folder: that is not known unless
@@ -149,19 +271,20 @@ class Source:
         return self.mesh if self.path.parent == Path() else self.mesh.resolve()
 
     def leftOut(self) -> list[str]:
-        """Return a comment on the keys that had no counterpart, and one on those that are unknown."""
-        keys = [
-            (section, key)
-            for section in self._parser.sections()
-            for key in self._parser[section]
-            if (section.lower(), key) not in self._asked
-        ]
-        known = [key for section, key in keys if key in _WITHOUT_COUNTERPART.get(section.lower(), ())]
-        unknown = [
-            f"[{section}] {key}" for section, key in keys if key not in _WITHOUT_COUNTERPART.get(section.lower(), ())
-        ]
+        """Return a comment on the keys that are not needed, and one on those that are unknown."""
+        keys = [(section, key) for section in self._parser.sections() for key in self._parser[section]]
+        unknown = [f"[{section}] {key}" for section, key in keys if key not in _KEYS.get(section, ())]
+        known = [key for section, key in keys if key in _KEYS.get(section, ()) and _KEYS[section][key].ours is None]
         lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
         return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+
+
+def _areSame(text: str, value: str) -> bool:
+    """Return whether a text and a value of a message are the same text, or the same number as far as this shows it."""
+    try:
+        return math.isclose(float(text), float(value), rel_tol=1e-4)
+    except ValueError:
+        return text == value.strip("'")
 
 
 def converted(source: Source) -> tuple[dict[str, Any], list[str]]:
@@ -171,79 +294,81 @@ def converted(source: Source) -> tuple[dict[str, Any], list[str]]:
         mesh.check()
     except ValueError as error:
         raise ValueError(f"{source.mesh}: {error}") from None
-    if source.text("BONDS", "bond_type", "Edge") != "Edge":
-        raise ValueError(f"{source.path}: [BONDS] bond_type is not Edge; only tethers of edges have a counterpart")
-    unit = source.number("HMC", "initial_temperature", 1.0)
-    if unit <= 0:
-        raise ValueError(f"{source.path}: [HMC] initial_temperature is {unit:g}; it must be positive")
+    unit = source.number("HMC", "initial_temperature")
 
     def energy(key: str) -> float:
-        return source.number("ENERGY", key, 1.0) / unit
+        return source.number("ENERGY", key) / unit
 
-    length = float(mesh.edgeLengths.mean())
     moduli = {
         "bending_modulus": energy("kappa_b"),
         "area_modulus": energy("kappa_a"),
         "volume_modulus": energy("kappa_v"),
         "area_difference_modulus": energy("kappa_c"),
     }
-    start, end = _targets(source, mesh)
-    for name in [name for name in start if not moduli[name.removeprefix("target_") + "_modulus"]]:
-        del start[name], end[name]  # of a term that is off
+    targets = _targets(source, mesh, moduli)
     data: dict[str, Any] = {
         "mesh": {"file": str(source.meshForAnyFolder())},
-        "membrane": {**moduli, **start},
-        "tether": {
-            "modulus": energy("kappa_t"),
-            "min_length": source.number("BONDS", "lc1", 0.75 * length),
-            "max_length": source.number("BONDS", "lc0", 1.25 * length),
-            "exponent": source.number("BONDS", "r", 2),
-        },
+        "membrane": {**moduli, **targets(source.number("ENERGY", "continuation_lambda"))},
+        "tether": {"modulus": energy("kappa_t"), **_bonds(source, float(mesh.edgeLengths.mean()))},
         "sampling": _sampling(source, unit),
         "output": _output(source),
     }
-    onset, modulus = source.number("SURFACEREPULSION", "lc1", 0.0), energy("kappa_r")
-    exponent, level = source.number("SURFACEREPULSION", "r", 2), source.number("SURFACEREPULSION", "exclusion_level", 2)
+    onset, exponent, level = (source.number("SURFACEREPULSION", key) for key in ("lc1", "r", "exclusion_level"))
+    modulus = energy("kappa_r")
     if onset > 0 and modulus > 0:
         data["repulsion"] = {"modulus": modulus, "onset": onset, "exponent": exponent, "exclusion_level": level}
-    data["stages"], comments = _stages(source, start, end)
+    data["stages"], comments = _stages(source, targets)
     return data, [*comments, *source.leftOut()]
 
 
-def _targets(source: Source, mesh: Mesh) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return our targets, of each surface by itself, at TriMem's continuation_lambda, and at its lambda of 1."""
+def _bonds(source: Source, length: float) -> dict[str, Any]:
+    """Return the bounds and the exponent of our section [tether], of a mesh with a mean edge length."""
+    if source.text("BONDS", "bond_type") != "Edge":
+        raise ValueError(
+            f"{source.path}: [BONDS] bond_type is Area; it must be Edge, since only tethers of edges have a counterpart"
+        )
+    lower, upper = source.number("BONDS", "lc1", 0.75 * length), source.number("BONDS", "lc0", 1.25 * length)
+    if lower >= upper:
+        raise ValueError(f"{source.path}: [BONDS] lc1 is {lower:g} and lc0 {upper:g}; lc1 must be less")
+    return {"min_length": lower, "max_length": upper, "exponent": source.number("BONDS", "r")}
+
+
+def _targets(source: Source, mesh: Mesh, moduli: Mapping[str, float]) -> Targets:
+    """Return what gives our targets at a lambda, of each surface by itself, without those of terms that are off."""
     surfaces = mesh.components()
     own = {
-        "target_area": ("area_fraction", [surface.area for surface in surfaces]),
-        "target_volume": ("volume_fraction", [surface.volume for surface in surfaces]),
-        "target_area_difference": (
+        "area": ("area_fraction", [surface.area for surface in surfaces]),
+        "volume": ("volume_fraction", [surface.volume for surface in surfaces]),
+        "area_difference": (
             "curvature_fraction",
             [2 * float(surface.vertexMeanCurvatures.sum()) for surface in surfaces],
         ),
     }
-    fractions = {name: source.number("ENERGY", key, 1.0) for name, (key, _) in own.items()}
+    fractions = {name: source.number("ENERGY", key) for name, (key, _) in own.items()}
 
     def at(progress: float) -> dict[str, Any]:
         values = {
-            name: [(1 - progress * (1 - fractions[name])) * value for value in each] for name, (_, each) in own.items()
+            f"target_{name}": [(1 - progress * (1 - fractions[name])) * value for value in each]
+            for name, (_, each) in own.items()
+            if moduli[f"{name}_modulus"]
         }
         return {name: each[0] if len(each) == 1 else each for name, each in values.items()}
 
-    return at(source.number("ENERGY", "continuation_lambda", 1.0)), at(1.0)
+    return at
 
 
 def _sampling(source: Source, unit: float) -> dict[str, Any]:
     """Return our section [sampling]."""
-    fraction = source.number("HMC", "flip_ratio", 0.1)
-    mass = source.number("HMC", "momentum_variance", 1.0)
+    fraction = source.number("HMC", "flip_ratio")
+    mass = source.number("HMC", "momentum_variance")
     # A step is as long against the motion of a vertex when step^2 energy/(mass length^2) is the same number.
-    step = source.number("HMC", "step_size", 1.0) * math.sqrt(unit / thermalEnergy(TEMPERATURE))
+    step = source.number("HMC", "step_size") * math.sqrt(unit / thermalEnergy(TEMPERATURE))
     return {
         "temperature": TEMPERATURE,
         "step_size": step,
-        "steps_per_trajectory": source.number("HMC", "traj_steps", 10),
+        "steps_per_trajectory": source.number("HMC", "traj_steps"),
         "mass": mass,
-        "flip_fraction": 0.0 if source.text("HMC", "flip_type", "serial") == "none" else fraction,
+        "flip_fraction": 0.0 if source.text("HMC", "flip_type") == "none" else fraction,
         "multilevel_weight": 0.0,  # TriMem has plain trajectories
     }
 
@@ -254,48 +379,32 @@ def _output(source: Source) -> dict[str, Any]:
     if Path(output["prefix"] + ".ply").resolve() == source.mesh.resolve():  # which the final mesh would replace
         output["mesh_format"] = "vtu"
     for key, value in (
-        ("trajectory_interval", source.number("HMC", "thin", 10)),
-        ("observables_interval", source.number("GENERAL", "info", 1)),
-        ("checkpoint_interval", source.number("GENERAL", "checkpoint_every", 0)),
+        ("trajectory_interval", source.number("HMC", "thin")),
+        ("observables_interval", source.number("GENERAL", "info")),
+        ("checkpoint_interval", source.number("GENERAL", "checkpoint_every")),
     ):
         if value > 0:
             output[key] = value
     return output
 
 
-def _stages(source: Source, start: dict[str, float], end: dict[str, float]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return our stages, and comments on them."""
-    iterations, steps = source.number("MINIMIZATION", "maxiter", 10), source.number("HMC", "num_steps", 10)
-    rate, first = source.number("HMC", "cooling_factor", 1e-4), source.number("HMC", "start_cooling", 0)
-    first -= source.stepsDone
-    cold = max(math.exp(min(0.0, rate * min(first, 0))), MINIMAL_TEMPERATURE)  # by the steps before
-    first = max(first, 0)
-    delta, progress = (
-        source.number("ENERGY", "continuation_delta", 0.0),
-        source.number("ENERGY", "continuation_lambda", 1.0),
-    )
-    if source.text("GENERAL", "algorithm", "hmc") == "minimize":
-        isTethered = source.number("ENERGY", "kappa_t", 1.0) > 0
+def _stages(source: Source, targets: Targets) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return our stages, whose steps add up to TriMem's, and comments on them."""
+    if source.minimizes:
+        iterations, isTethered = source.number("MINIMIZATION", "maxiter"), source.number("ENERGY", "kappa_t") > 0
         return [
             {"kind": "minimize", "fluid": False, "max_iterations": iterations, "within_bounds": isTethered},
         ], []
-    stages, comments = [], []
-    if delta > 0 and progress < 1 and start != end:
-        moving = min(math.ceil((1 - progress) / delta), steps)
-        reached = min(1.0, moving * delta / (1 - progress))
-        windows = min(LARGEST_WINDOWS, moving)
-        goals = {name: start[name] + reached * (end[name] - start[name]) for name in start if end[name] != start[name]}
-        stages.append(
-            {
-                "kind": "continue",
-                "windows": windows,
-                "equilibration": 0,
-                "steps": max(1, round(moving / (windows + 1))),
-                **goals,
-            }
-        )
-        comments.append(f"lambda moves in {windows} windows instead of at every step.")
-        steps, first = steps - moving, first - moving
+    steps, rate = source.number("HMC", "num_steps"), source.number("HMC", "cooling_factor")
+    first = source.number("HMC", "start_cooling") - source.stepsDone
+    cold = max(math.exp(min(0.0, rate * min(first, 0))), MINIMAL_TEMPERATURE)  # by the steps before
+    first, stages, comments = max(first, 0), [], []
+    moving = _continuation(source, steps, targets)
+    if moving is not None:
+        stages.append(moving)
+        comments.append(f"lambda moves in {moving['windows']} windows instead of at every step.")
+        made = moving["steps"] * (moving["windows"] + 1)
+        steps, first = steps - made, first - made
         if first < 0 and rate > 0:
             comments.append("Cooling begins after the continuation, and not during it.")
     if steps > 0:
@@ -310,3 +419,19 @@ def _stages(source: Source, start: dict[str, float], end: dict[str, float]) -> t
         }
         stages.append(cooling if cools else {"kind": "sample", "steps": steps})
     return stages, comments
+
+
+def _continuation(source: Source, steps: int, targets: Targets) -> dict[str, Any] | None:
+    """Return the stage in which lambda moves, of no more than a number of steps; None if it stays, or has a single
+    step, before which it does not move.
+    """
+    delta, progress = source.number("ENERGY", "continuation_delta"), source.number("ENERGY", "continuation_lambda")
+    if delta == 0 or progress >= 1 or steps == 1:
+        return None
+    moving = math.ceil(min((1 - progress) / delta, steps))
+    start, end = targets(progress), targets(min(1.0, progress + moving * delta))
+    goals = {name: end[name] for name in start if end[name] != start[name]}
+    # A window more has its steps, too: that at lambda = 0.
+    each = math.ceil(moving / (LARGEST_WINDOWS + 1))
+    windows = max(1, moving // each - 1)
+    return {"kind": "continue", "windows": windows, "equilibration": 0, "steps": each, **goals} if goals else None
