@@ -9,6 +9,8 @@ import pytest
 
 import openmmhelfrich as mh
 from openmmhelfrich.io.conversion import convert
+from openmmhelfrich.runs.additions import requireFinite
+from openmmhelfrich.sampling.marks import displacement, markedPositions
 
 KT = 0.00831446261815324 * 300
 POLES = [[-2, -2, 0.8], [2, 2, 2]]
@@ -31,9 +33,9 @@ def tie(system, scene):
     return np.array([1.3 * scene.mesh.vertices[0], [2.0, 0.0, 0.0]])
 
 
-def pull(file, vertices=(0,)):
-    """Write the XML of a force that pulls vertices along x, and return it."""
-    force = mm.CustomExternalForce("-20*x")
+def pull(file, vertices=(0,), energy="-20*x"):
+    """Write the XML of a force that pulls vertices along x, or has another energy, and return it."""
+    force = mm.CustomExternalForce(energy)
     for vertex in vertices:
         force.addParticle(vertex)
     file.write_text(mm.XmlSerializer.serialize(force))
@@ -264,6 +266,121 @@ def test_mistakes_are_named(tmp_path, section, words, monkeypatch):
     with pytest.raises((ValueError, FileNotFoundError), match=words):
         mh.run(configuration(tmp_path, system=section))
     assert not list(tmp_path.glob("run*"))
+
+
+@pytest.mark.parametrize(
+    "file, words",
+    [
+        ("unknown", "CustomExternalForce of .*unknown.xml cannot be used: Unknown variable in expression: zz"),
+        ("far", "CustomExternalForce of .*far.xml cannot be used: .*Illegal particle index: 200"),
+        ("few", "CustomNonbondedForce of .*few.xml cannot be used: .* as many particles as the System"),
+        ("stiffer", "CustomExternalForce of .*stiffer.xml cannot be used: .* different default values"),
+        ("root", "CustomExternalForce of .*root.xml has the energy nan kJ/mol at the start; it must be finite"),
+        ("both", "CustomExternalForce 'the second' of .*both.xml has the energy nan kJ/mol"),
+        (
+            "kink",
+            r"CustomExternalForce of .*kink.xml has the force \(-inf, 0, 0\) kJ/mol/nm on particle 4 at the start",
+        ),
+    ],
+)
+def test_forces_that_cannot_be_computed_are_named(tmp_path, file, words):
+    """Of several files that one is named, before anything is written, whatever the stages are."""
+    everywhere = range(162)
+    for name, energy, vertices in (
+        ("pull", "-20*x", [0]),
+        ("unknown", "20*zz", [0]),
+        ("far", "x", [200]),
+        ("root", "sqrt(x)", everywhere),
+        ("kink", "sqrt(abs(x))", everywhere),
+    ):
+        pull(tmp_path / f"{name}.xml", vertices, energy)
+    few, both = mm.CustomNonbondedForce("r"), system(162)
+    for _ in range(100):
+        few.addParticle([])
+    for name in ("first", "second"):
+        force = pull(tmp_path / "again.xml", everywhere, "x" if name == "first" else "log(x)")
+        force.setName(f"the {name}")
+        both.addForce(force)
+    soft, stiffer = mm.CustomExternalForce("k*x"), mm.CustomExternalForce("k*x")
+    soft.addGlobalParameter("k", 1)
+    stiffer.addGlobalParameter("k", 2)
+    for name, what in (("few", few), ("both", both), ("soft", soft), ("stiffer", stiffer)):
+        (tmp_path / f"{name}.xml").write_text(mm.XmlSerializer.serialize(what))
+    files = [str(tmp_path / f"{name}.xml") for name in ("pull", "soft", file)]
+    stages = [{"kind": "minimize"}, {"kind": "sample", "steps": 5}]
+    with pytest.raises(ValueError, match=rf"^\[system\] forces: the {words}"):
+        mh.run(configuration(tmp_path, system={"forces": files}, stages=stages))
+    assert not list(tmp_path.glob("run*")) and not list(tmp_path.glob(".run*"))
+
+
+@pytest.mark.parametrize(
+    "energy, words",
+    [("1/r^12", "has the energy inf kJ/mol at the start; it must be finite"), ("q*r", "cannot be used: Unknown var")],
+)
+def test_forces_of_a_setup_are_named(tmp_path, energy, words):
+    """Here of a bead where a vertex is, beside a file with nothing wrong."""
+    pull(tmp_path / "pull.xml")
+
+    def setup(system, scene):
+        bond = mm.CustomBondForce(energy)
+        bond.addBond(0, system.addParticle(1.0))
+        system.addForce(bond)
+        return scene.mesh.vertices[:1]
+
+    with pytest.raises(ValueError, match=f"^setup: the CustomBondForce {words}"):
+        mh.run(configuration(tmp_path, system={"forces": str(tmp_path / "pull.xml")}), setup=setup)
+    assert not list(tmp_path.glob("run*"))
+
+
+def test_energies_that_are_finite_only_alone_are_refused(tmp_path):
+    """Also where it is not known from which file a force is, as in a checkpoint."""
+    pull(tmp_path / "a.xml", [0], "1e308+x")
+    config = configuration(tmp_path, system={"forces": [str(tmp_path / "a.xml")] * 2})
+    with pytest.raises(
+        ValueError, match="the membrane and all that is beside it have, together, the energy inf kJ/mol"
+    ):
+        mh.run(config)
+    pull(tmp_path / "a.xml", [0], "1e308*(x+20)")
+    scene = mh.Scene.of(config)
+    context = scene.createSimulation(scene.createForce()).context
+    with pytest.raises(ValueError, match=r"^the CustomExternalForce beside the membrane has the energy inf"):
+        requireFinite(context, None, 162)
+
+
+def test_forces_on_fixed_vertices_need_not_be_finite(tmp_path):
+    """They move nothing, in trajectories and minimizations."""
+    pull(tmp_path / "kink.xml", range(162), "sqrt(abs(x))")
+    held = np.flatnonzero(mh.Mesh.icosphere(2).vertices[:, 0] == 0).tolist()
+    stages = [{"kind": "minimize", "max_iterations": 5}, {"kind": "sample", "steps": 5}]
+    config = configuration(tmp_path, system={"fixed": held, "forces": str(tmp_path / "kink.xml")}, stages=stages)
+    result = mh.run(config)
+    assert len(held) > 0 and result.steps == 6 and np.all(np.isfinite(result.table["E_other"]))
+    assert result.acceptance > 0
+
+
+def test_the_vertices_that_can_move_tell_how_far_they_have_come(tmp_path):
+    """Those that a configuration or a setup holds do not count, and a single one does not drift."""
+
+    def hold(system, scene):
+        for vertex in range(82, 162):
+            system.setParticleMass(vertex, 0.0)
+
+    config = configuration(tmp_path, system={"fixed": list(range(81))}, sampling={"steps": 30})
+    assert "vertices moved" not in str(mh.run(config, setup=hold).verdict)
+
+
+@pytest.mark.parametrize("held, way", [((), 0.0), ((0,), 2.0)])
+def test_a_drift_is_no_way_unless_a_particle_is_held(held, way):
+    mesh = mh.Mesh.icosphere(2)
+    made = mesh.createSystem()
+    for vertex in held:
+        made.setParticleMass(vertex, 0.0)
+    context = mm.Context(made, mm.VerletIntegrator(0.1), mm.Platform.getPlatformByName("Reference"))
+    marks = []
+    for x in (0, 2):
+        context.setPositions(mesh.vertices + np.array([x, 0, 0]))
+        marks.append(markedPositions(context, np.arange(162)))
+    assert marks[0].shape == (100, 3) and displacement(*marks) == pytest.approx(way, abs=1e-12)
 
 
 @pytest.mark.parametrize("positions", [None, [[0, 0]], [[0, 0, float("nan")]], "here"])

@@ -5,6 +5,7 @@ import math
 import mdtraj
 import numpy as np
 import pytest
+from openmm import unit
 
 import openmmhelfrich as mh
 from membranes import createContext, energyOf, kelvin, positionsOf
@@ -233,6 +234,12 @@ def test_frames_of_a_dcd_file(tmp_path):
     )
 
 
+def test_frames_may_have_units_each_by_itself():
+    x = mh.Mesh.icosphere(2).vertices
+    frames = [unit.Quantity(10 * scale * x, unit.angstrom) for scale in (1, 2)]
+    assert analysis.fluctuationSpectrum(frames, 3).radius == pytest.approx(1.5, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     "call, problem",
     [
@@ -242,6 +249,22 @@ def test_frames_of_a_dcd_file(tmp_path):
             "frame 0 has a coordinate that is not finite",
         ),
         (lambda: analysis.fluctuationSpectrum(np.ones((2, 9, 3)), 2), "coefficients must be fewer than the 9 vertices"),
+        (
+            lambda: analysis.fluctuationSpectrum([mh.Mesh.icosphere(1)] * 2),  # type: ignore[arg-type]
+            r"the frames are a list of Mesh; .*np.array\(\[frame.mesh.vertices for frame in trajectory\]\)",
+        ),
+        (
+            lambda: mh.heightSpectrum([mh.MeshFrame(0, mh.Mesh.icosphere(1), {})], [9, 9, 8]),  # type: ignore[arg-type]
+            r"the frames are a list of MeshFrame; .* an array of shape \(n, N, 3\)",
+        ),
+        (
+            lambda: analysis.heightSpectrum([np.ones((9, 3)), np.ones((8, 3))], [9, 9, 8]),
+            "the frames are of 8 to 9 points",
+        ),
+        (
+            lambda: analysis.fluctuationSpectrum(mh.Mesh.icosphere(2).vertices[np.newaxis], 4).fit(),
+            "errors above 0, which take two frames or more",
+        ),
         (lambda: analysis.meshStiffness([2, 9], 0.5), "radius is 0.5; it must be from 0 to 0.405"),
         (lambda: analysis.meshStiffness([2], -1), "is -1; it must be from 0 to 1.9"),
         (lambda: analysis.meshStiffness([2], math.nan), "is nan"),

@@ -30,7 +30,8 @@ class FluctuationSpectrum(Brief):
     powers : array of float
         mean of |u_lm|^2 over m and the frames
     errors : array of float
-        their standard errors, from the autocorrelation of each degree's |u_lm|^2 along the trajectory
+        their standard errors, from the autocorrelation of each degree's |u_lm|^2 along the trajectory; NaN of a
+        single frame
     autocorrelationTimes : array of float
         integrated autocorrelation times of the degrees, in frames
     series : (frames, degrees) array of float
@@ -73,7 +74,7 @@ class FluctuationSpectrum(Brief):
         if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
             raise ValueError(
                 f"fit: {chosen.sum()} degrees from {minDegree} to {maxDegree}; there must be two or more, with errors "
-                "that are not 0"
+                "above 0, which take two frames or more"
             )
         l, power, error = self.degrees[chosen], self.powers[chosen], self.errors[chosen]
         y = 1 / ((l - 1) * (l + 2) * power * meshStiffness(l, float(valueIn(edgeLength, unit.nanometer)) / self.radius))
@@ -164,7 +165,7 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
     Parameters
     ----------
     frames : (n, N, 3) array
-        positions, in nm, of a surface that every ray from its center meets once
+        positions, in nm, of a surface that every ray from its center meets once. A single one has powers without errors
     maxDegree : int
         the highest degree to fit, at least 2; (maxDegree+1)^2 coefficients must be fewer than the vertices
 

@@ -28,7 +28,8 @@ class HeightSpectrum(Brief):
     powers : array of float
         mean of |h_q|^2 over the waves of a group and the frames, in nm^2
     errors : array of float
-        their standard errors, from the autocorrelation of each group's |h_q|^2 along the trajectory
+        their standard errors, from the autocorrelation of each group's |h_q|^2 along the trajectory; NaN of a
+        single frame
     autocorrelationTimes : array of float
         integrated autocorrelation times of the groups, in frames
     series : (frames, groups) array of float
@@ -91,8 +92,8 @@ class HeightSpectrum(Brief):
         chosen = self.waveNumbers <= most * (1 + 1e-9)
         if chosen.sum() < 2 or not np.all(self.errors[chosen] > 0):
             raise ValueError(
-                f"fit: {chosen.sum()} wave numbers up to {most:g} per nm; there must be two or more, with errors that "
-                "are not 0"
+                f"fit: {chosen.sum()} wave numbers up to {most:g} per nm; there must be two or more, with errors "
+                "above 0, which take two frames or more"
             )
         q, power, error = self.waveNumbers[chosen], self.powers[chosen], self.errors[chosen]
         y = 1 / (self.area * q**2 * power)
@@ -127,7 +128,7 @@ def heightSpectrum(frames: ArrayLike, box: Any, maxWaveNumber: Any = None) -> He
     Parameters
     ----------
     frames : (n, N, 3) array
-        positions, in nm, of a sheet without overhangs
+        positions, in nm, of a sheet without overhangs. A single one has powers without errors
     box : (3, 3) array, three lengths, or Quantity
         the periodic box, rectangular, in nm
     maxWaveNumber : float or Quantity, optional

@@ -104,6 +104,88 @@ def otherForces(system: mm.System) -> list[mm.Force]:
     return forces[:own] + forces[own + 1 :]
 
 
+def requireCreated(
+    system: mm.System, section: SystemSection, numVertices: int, create: Callable[[mm.System], mm.Context]
+) -> None:
+    """Raise a ValueError if no Context can be created with one of the forces beside the membrane's and those before
+    it; it names that force.
+    """
+    others = otherForces(system)
+    membrane = next(force for force in system.getForces() if HelfrichForce.isinstance(force))
+    for n in range(len(others) + 1):
+        try:
+            create(_withForces(system, [membrane, *others[:n]]))
+        except mm.OpenMMException as error:
+            if n > 0:
+                raise ValueError(f"{_namesOf(others, section, numVertices)[n - 1]} cannot be used: {error}") from None
+            return
+
+
+def requireFinite(context: mm.Context, section: SystemSection | None, numVertices: int) -> None:
+    """Raise a ValueError unless energy and forces in a Context are finite; it names the force of OpenMM that is not.
+
+    Without a [system] it is not known from where they are.  Of the membrane's it is an OpenMMException.
+    """
+    problem = _infinityIn(context)
+    if problem is None:
+        return
+    others = otherForces(context.getSystem())
+    for name, force in zip(_namesOf(others, section, numVertices), others):
+        own = _infinityIn(_contextOf(force, context))
+        if own is not None:
+            raise ValueError(f"{name} has {own}")
+    raise ValueError(f"the membrane and all that is beside it have, together, {problem}")
+
+
+def _namesOf(others: list[mm.Force], section: SystemSection | None, numVertices: int) -> list[str]:
+    """Return what messages call the forces beside the membrane's: those of files, and then those of a setup."""
+    if section is None:
+        return [f"the {_title(force)} beside the membrane" for force in others]
+    files = [file for file in section.forces or () for _ in loadForces(file, numVertices)]
+    names = [f"[system] forces: the {_title(force)} of {file}" for force, file in zip(others, files)]
+    return names + [f"setup: the {_title(force)}" for force in others[len(files) :]]
+
+
+def _title(force: mm.Force) -> str:
+    """Return the class of a force, and its name if it has one."""
+    kind, name = type(force).__name__, force.getName()
+    return kind if name == kind else f"{kind} {name!r}"
+
+
+def _infinityIn(context: mm.Context) -> str | None:
+    """Return what is not finite: the energy, or the force on a particle that can move."""
+    state, system = context.getState(energy=True, forces=True), context.getSystem()
+    energy, forces = state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value
+    if not np.isfinite(energy):
+        return f"the energy {energy} kJ/mol at the start; it must be finite"
+    for i in np.flatnonzero(~np.all(np.isfinite(forces), axis=1)).tolist():
+        if system.getParticleMass(i)._value > 0 or system.isVirtualSite(i):
+            force = ", ".join(f"{x:.4g}" for x in forces[i])
+            return f"the force ({force}) kJ/mol/nm on particle {i} at the start; it must be finite"
+    return None
+
+
+def _contextOf(force: mm.Force, context: mm.Context) -> mm.Context:
+    """Return a Context like another, of one of its forces alone."""
+    system, state = _withForces(context.getSystem(), [force]), context.getState(positions=True)
+    alone = mm.Context(system, mm.VerletIntegrator(0), context.getPlatform())
+    alone.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
+    alone.setPositions(state.getPositions())
+    for name in alone.getParameters():
+        alone.setParameter(name, context.getParameter(name))
+    return alone
+
+
+def _withForces(system: mm.System, forces: list[mm.Force]) -> mm.System:
+    """Return a copy of a System with other forces, which are copied, too."""
+    made = mm.XmlSerializer.clone(system)
+    while made.getNumForces() > 0:
+        made.removeForce(0)
+    for force in forces:
+        made.addForce(mm.XmlSerializer.clone(force))
+    return made
+
+
 def describe(system: mm.System, numVertices: int) -> list[str]:
     """Return what a System has beside a membrane: a sentence, or none."""
     numBeads = system.getNumParticles() - numVertices

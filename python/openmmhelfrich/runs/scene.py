@@ -15,7 +15,7 @@ from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce, HybridMonteCarloIntegrator, ShearWaveIntegrator, SpeciesExchangeIntegrator
 from ..sampling.targets import setDefaultTargets, totalOf
 from ..units import thermalEnergy
-from .additions import Setup, addSection, beadPositions
+from .additions import Setup, addSection, beadPositions, requireCreated
 from .approach import FAR
 from .config import Config, asConfig, during, namingSource, valueOf
 from .defaults import resolve
@@ -224,9 +224,16 @@ class Scene:
         """
         system, mesh = self.createSystem(force)
         integrator, topology = self.createIntegrator(), mesh.topology()
-        simulation = app.Simulation(topology, system, integrator, self.platform, self.platformProperties)
+        try:
+            simulation = app.Simulation(topology, system, integrator, self.platform, self.platformProperties)
+        except mm.OpenMMException:
+            requireCreated(system, self.config.system, len(mesh.vertices), self._createContext)
+            raise
         simulation.context.setPositions(np.concatenate((mesh.vertices, mesh.beads)))
         return simulation
+
+    def _createContext(self, system: mm.System) -> mm.Context:
+        return mm.Context(system, self.createIntegrator(), self.platform, self.platformProperties)
 
     def createSystem(self, force: HelfrichForce) -> tuple[mm.System, Mesh]:
         """Create the System of a force that :meth:`createForce` made, with what is beside the membrane; return it and

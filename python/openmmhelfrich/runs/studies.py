@@ -33,7 +33,7 @@ from ..sampling.progress import requireProgress
 from ..sampling.targets import currentTargets, setTargets, totalOf
 from ..tables import Table
 from ..version import __version__
-from .additions import Setup, describe, requireSame
+from .additions import Setup, describe, requireFinite, requireSame
 from .checkpoint import RunState, addRecord, loadRunState, loadSimulation, naming, saveCheckpoint, understanding
 from .config import Config, asConfig, asDict, parseConfig
 from .configfile import writeSettings
@@ -44,6 +44,7 @@ from .progress import RunProgress, following
 from .readiness import coarseness, requireReady
 from .room import requireRoom
 from .scene import Scene, createScene
+from .sections import SystemSection
 from .stages import Minimize, Stage, averagesOf, checkStages, createStage
 from .summary import Summary
 
@@ -99,7 +100,7 @@ def run(
     requireMatplotlib()
     force = scene.createForce()
     study = Study(scene, outputs, scene.createSimulation(force), force)
-    study.requireFinite(targets)
+    study.requireFinite(targets, scene.config.system)
     additions = describe(study.simulation.system, len(scene.mesh.vertices))
     warnings = [
         *chosenForSize(config, scene.config),
@@ -297,15 +298,15 @@ class Study:
         with understanding(self.outputs.checkpoint) if isLater else contextlib.nullcontext():
             return Recorder(self.outputs, self.scene, self.simulation, self.force, self._place, self._sizes)
 
-    def requireFinite(self, targets: list[dict[str, float]]) -> None:
+    def requireFinite(self, targets: list[dict[str, float]], section: SystemSection | None = None) -> None:
         """Raise a ValueError or an OpenMMException unless the energy and the forces are finite with each of some
-        targets.
+        targets; forces of a [system], if it is given, are called by their files.
         """
         context, before = self.simulation.context, currentTargets(self.simulation.context, self.force)
         try:
             for each in targets:
                 setTargets(context, self.force, each)
-                context.getState(energy=True, forces=True)
+                requireFinite(context, section, len(self.scene.mesh.vertices))
         finally:
             setTargets(context, self.force, before)
 

@@ -11,13 +11,19 @@ MARKS = 100
 
 
 def markedPositions(context: mm.Context, vertices: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return where some of these vertices are, in nm: an (n, 3) array."""
-    chosen = np.unique(np.linspace(0, len(vertices) - 1, min(len(vertices), MARKS)).astype(int))
-    return positionsOf(context)[vertices[chosen]]
+    """Return where some of these vertices are that can move, in nm: an (n, 3) array.
+
+    They are seen from their center, since the whole membrane may drift, unless some particles are held where they are.
+    """
+    system = context.getSystem()
+    particles = range(system.getNumParticles())
+    isHeld = np.array([system.getParticleMass(i)._value == 0 and not system.isVirtualSite(i) for i in particles])
+    free = vertices[~isHeld[vertices]]
+    chosen = np.unique(np.linspace(0, len(free) - 1, min(len(free), MARKS)).astype(int))
+    positions = positionsOf(context)[free[chosen]]
+    return positions if np.any(isHeld) else positions - positions.mean(axis=0)
 
 
 def displacement(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
-    """Return the root mean square of the ways from some positions to others, without that of all, in nm."""
-    moved = after - before
-    moved -= moved.mean(axis=0)  # the whole membrane may drift
-    return float(np.sqrt((moved**2).sum(axis=1).mean()))
+    """Return the root mean square of the ways from some marked positions to later ones, in nm."""
+    return float(np.sqrt(((after - before) ** 2).sum(axis=1).mean()))

@@ -465,10 +465,8 @@ class ReplicaExchange:
     def _markedPositions(self, replica: int) -> NDArray[np.float64]:
         """Return where some of the particles are that can move, vertices where there is a membrane."""
         simulation, force = self.simulations[replica], self.membrane(replica)
-        system = simulation.system
-        count = system.getNumParticles() if force is None else int(force.getTriangles().max()) + 1
-        free = [i for i in range(count) if system.getParticleMass(i).value_in_unit(unit.dalton) > 0]
-        return markedPositions(simulation.context, np.array(free))
+        count = simulation.system.getNumParticles() if force is None else int(force.getTriangles().max()) + 1
+        return markedPositions(simulation.context, np.arange(count))
 
     def _judge(self) -> None:
         """Judge what has been sampled, unless this has been done."""
