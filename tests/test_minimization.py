@@ -95,6 +95,46 @@ def test_only_symmetric_starts_far_from_their_targets_are_displaced():
     assert not any(displaced(mh.spheroid(n, 1)) for n in (162, 642))
 
 
+def createSheet(width, height, pressure):
+    """Return a flat periodic sheet, with edges of about 1, its force and a Simulation of it: its target of the area is
+    larger by a thousandth, so that it resists with a negative tension, the pressure, where it is flat.
+    """
+    mesh = mh.Mesh.sheet(width, height, 1)
+    force = mh.HelfrichForce()
+    force.setTriangles(mesh.triangles)
+    force.setUsesPeriodicBoundaryConditions(True)
+    force.setBendingModulus(KAPPA)
+    force.setTargetArea(1.001 * mesh.area)
+    force.setAreaModulus(pressure * 1.001 * mesh.area / (2 * (1 - 1 / 1.001)))  # of E = K (A/A_0-1)^2
+    system = mesh.createSystem()
+    system.addForce(force)
+    integrator = mh.HybridMonteCarloIntegrator(300, 1e-4)
+    simulation = app.Simulation(mesh.topology(), system, integrator, mm.Platform.getPlatform("CPU"))
+    simulation.context.setPositions(mesh.vertices)
+    return mesh, force, simulation
+
+
+@pytest.mark.parametrize("minimize", [mh.minimize, mh.minimizeFluid])
+@pytest.mark.parametrize("width, height", [(10, 10), (8, 14)])
+def test_a_compressed_flat_sheet_buckles_by_its_longest_wave(minimize, width, height):
+    """Where the pressure is more than what bending resists, kappa q^2, and not below, where the start has no force."""
+    critical = KAPPA * (2 * math.pi / max(width, height)) ** 2
+    for pressure in (0.8 * critical, 1.3 * critical):
+        mesh, force, simulation = createSheet(width, height, pressure)
+        before = simulation.context.getState(energy=True).getPotentialEnergy()
+        result = minimize(simulation, force, maxIterations=500)
+        after, isBent = positionsOf(simulation.context), pressure > critical
+        assert (result.energy < 0.99 * before) == isBent == (np.ptp(after[:, 2]) > 0.03)
+        assert isBent or np.array_equal(after, mesh.vertices)
+
+
+def test_flips_that_cost_nothing_end():
+    """As those of a flat sheet without a tether, all of whose triangulations have an energy of 0."""
+    _, force, simulation = createSheet(8, 8, 0)
+    result = mh.minimizeFluid(simulation, force)
+    assert result.converged and result.energy._value == pytest.approx(0, abs=1e-9)
+
+
 def test_a_domain_bulges_on_a_fluid_mesh():
     """Its line tension shortens the boundary, while flips and L-BFGS keep the species where they are."""
     mesh = mh.Mesh.icosphere(2)

@@ -128,6 +128,7 @@ FOUND = [
     ("minimum", "doubtful", {"fall": 0.01}),
     ("minimum", "failed", {"fall": 0.2}),
     ("forces", "doubtful", {"excess": 128.0}),
+    ("forces", "doubtful", {"slack": 128.0}),
     ("symmetry", "doubtful", {"mesh": dimpled()}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(30, 100), (0, 100)]}),
     ("acceptance of exchanges", "doubtful", {"exchanges": [(1, 6), (30, 100)]}),
@@ -273,6 +274,11 @@ SCENES = {
         configure(membrane={"reduced_volume": 0.6}, approach="none"),
         "failed",
         "off its target.*let it be approached .sampling.approach, or a stage of kind approach or continue",
+    ),
+    "a loose minimization": (
+        configure(membrane={"reduced_volume": 0.9}, stages=[{"kind": "minimize", "tolerance": 1e6}]),
+        "failed",
+        "off its target.*let the minimization go on [^;]*times the default tolerance, as its own is looser; a smaller",
     ),
     "a creeping step": (configure(step_size=1e-9), "failed", "the step size of 1e-09 ps creeps.*a larger step_size"),
     "a soft volume": (

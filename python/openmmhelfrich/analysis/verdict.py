@@ -175,6 +175,8 @@ class Evidence:
         the part of the energy by which a minimization that was cut short came down in the last tenth of its iterations
     excess : float or None
         the forces over the tolerance where a minimization found no lower energy along them
+    slack : float or None
+        the forces over the default tolerance where a minimization met a looser one
     """
 
     rows: Table = field(default_factory=Table)
@@ -195,6 +197,7 @@ class Evidence:
     moved: float | None = None
     fall: float | None = None
     excess: float | None = None
+    slack: float | None = None
 
     @cached_property
     def late(self) -> Table:
@@ -404,11 +407,16 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         abs(mean),
         f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
-        f"a larger {MODULUS_NAMES[totalOf(observable.name)]} holds it"
-        if isSoft
-        else "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)",
+        f"a larger {MODULUS_NAMES[totalOf(observable.name)]} holds it" if isSoft else (_LONGER if e.heat else _NEARER),
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
+
+
+_LONGER = "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)"
+_NEARER = (
+    "let the minimization go on (max_iterations, tolerance), or let a stage of kind approach before it lead to the "
+    "targets"
+)
 
 
 def _acceptance(e: Evidence) -> Iterator[Measured]:
@@ -574,6 +582,11 @@ def _forces(e: Evidence) -> Iterator[Measured]:
         what = f"the minimization found no lower energy along forces that are {e.excess:.3g} times its tolerance"
         isRough = any(found for check in (FOLDS, TRIANGLES, INTERSECTIONS) for found in check.findings(e))
         yield Measured(e.excess, what, f"more iterations do not help: {_ROUGH if isRough else _STIFF}")
+    if e.slack is not None:
+        what = (
+            f"the minimization ended at forces that are {e.slack:.3g} times the default tolerance, as its own is looser"
+        )
+        yield Measured(e.slack, what, "a smaller tolerance, or none, brings it nearer to the minimum")
 
 
 _ROUGH = (

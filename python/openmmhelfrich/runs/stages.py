@@ -80,7 +80,7 @@ class _Memory(TypedDict):
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
     marks: NotRequired[list[list[float]]]
-    shortfall: NotRequired[dict[Literal["fall", "excess"], float]]
+    shortfall: NotRequired[dict[Literal["fall", "excess", "slack"], float]]
 
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
@@ -334,7 +334,7 @@ class Minimize(Stage):
             beyond = beyondBounds(self._scene, simulation, self._force) if settings.within_bounds else None
             if beyond is not None and result.iterations < settings.max_iterations:
                 raise remeshFirst(self._scene, f"after the minimization {beyond}")
-            self._shortfall = _shortfall(result, start, self._nearEnough(tolerance))
+            self._shortfall = _shortfall(result, start, tolerance or 0.0, self._defaultTolerance())
             simulation.context.setStepCount(simulation.currentStep + 1)
             count = f"{result.iterations} iteration{'s' if result.iterations != 1 else ''}"
             self._result = [
@@ -342,10 +342,9 @@ class Minimize(Stage):
                 *(f"{self.title}: {warning}" for warning in (*result.warnings, *filter(None, [beyond]))),
             ]
 
-    def _nearEnough(self, tolerance: float | None) -> float:
-        """Return a tolerance of the forces, in kJ/mol/nm, or the default one where that is larger."""
-        own = defaultTolerance(self._simulation, self._force) if self._scene.moduli["bending"] > 0 else 0.0
-        return max(tolerance or 0.0, own)
+    def _defaultTolerance(self) -> float:
+        """Return the tolerance of the forces that a stage without one has, in kJ/mol/nm; 0 without bending energy."""
+        return defaultTolerance(self._simulation, self._force) if self._scene.moduli["bending"] > 0 else 0.0
 
     def status(self, energy: Callable[[], float]) -> str:
         """Return the energy of the present iteration, in a few words."""
@@ -376,8 +375,9 @@ class Minimize(Stage):
         return self._result or []
 
     def _evidence(self, rows: Table) -> Evidence:
-        fall, excess = self._shortfall.get("fall"), self._shortfall.get("excess")
-        return replace(super()._evidence(rows), rows=rows.where(np.array([-1])), fall=fall, excess=excess)
+        fall, excess, slack = map(self._shortfall.get, ("fall", "excess", "slack"))
+        last = rows.where(np.array([-1]))
+        return replace(super()._evidence(rows), rows=last, fall=fall, excess=excess, slack=slack)
 
     def _heat(self, rows: Table) -> float:
         return 0.0
@@ -731,14 +731,23 @@ def averagesOf(settings: StageSettings, rows: Table) -> Table | None:
     return _KINDS[type(settings)].averages(settings, rows)
 
 
-def _shortfall(result: MinimizationResult, start: float, tolerance: float) -> dict[str, float]:
-    """Return what a minimization from an energy lacks, as attributes of an Evidence: the part of the energy by which it
-    fell in the last tenth of the iterations, if it was cut short, or the forces over the tolerance, in kJ/mol/nm, if it
-    found no way down.
+def _shortfall(result: MinimizationResult, start: float, tolerance: float, default: float) -> dict[str, float]:
+    """Return what a minimization from an energy lacks, as attributes of an Evidence.
+
+    Parameters
+    ----------
+    result : MinimizationResult
+        what it came to
+    start : float
+        the energy, in kJ/mol
+    tolerance, default : float
+        its own tolerance of the forces, 0 if it has none, and the default one, 0 if there is none, in kJ/mol/nm
     """
-    history = [start, *result.history]
+    history, force = [start, *result.history], float(result.rmsForce._value)
     if result.reason == STALLED:
-        return {"excess": result.rmsForce._value / tolerance}
+        return {"excess": force / max(tolerance, default)}
+    if result.converged and 0 < default < tolerance:
+        return {"slack": force / default}
     if result.reason != CUT_SHORT:
         return {}
     last = history[-1 - max(1, len(history) // 10) :]

@@ -18,7 +18,7 @@ from ..units import realNumber, valueIn, wholeNumber
 from .conditions import moduliOf, positionsOf
 from .moves import findMove
 from .progress import requireProgress
-from .symmetry import displacementsOut
+from .symmetry import displacementsOut, waveOut
 from .targets import currentTargets, nameOf, setTargets, totalOf
 from .waves import WaveStiffness, descend
 
@@ -35,6 +35,8 @@ _MARGIN, _FIRMNESS = 0.1, 1e3
 _EVENING, _LOOSE, _EVEN_MARGIN = 80, 300.0, 0.2
 # Other forces push or turn a surface if this part of the forces on it does.
 _PUSH = 1e-6
+# How far flat sheets are bent, in mean edge lengths: the first of these that lowers the energy.
+_BENDS = 0.3, 0.1, 0.03, 0.01
 # A shape is to change where penalties are a larger part of the bending energy than this.
 _PENALTY_SHARE = 0.01
 
@@ -213,7 +215,8 @@ def _settle(
     """Let L-BFGS and flips take turns until neither lowers the energy, or, at penalties to be stiffened yet, until it
     is near enough.
     """
-    rounds = flips = stalled = 0
+    rounds = flips = stalled = idle = 0
+    energy = math.inf
     while True:
         reason = descent.run(iterationsPerRound, looseness)
         accepted = flip()
@@ -224,7 +227,10 @@ def _settle(
             return reason, rounds, flips
         # The flips of a round may open a way that the line search did not find.
         stalled = stalled + 1 if reason == STALLED else 0
-        if (stalled > 0 and accepted == 0) or stalled == 5:
+        # Flips of a flat sheet cost nothing, and need not end.
+        before, energy = energy, descent.energy()
+        idle = 0 if before - energy > 1e-9 * abs(energy) else idle + 1
+        if (stalled > 0 and accepted == 0) or max(stalled, idle) == 5:
             return reason, rounds, flips
 
 
@@ -264,18 +270,25 @@ class _Descent:
         self.isOver = False
         self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
 
+    def energy(self) -> float:
+        """Return the energy, in kJ/mol."""
+        return self._evaluate()[0]
+
     def forget(self) -> None:
         """Forget the second derivatives that were met, since others follow."""
         self._pairs.clear()
 
     def leaveSymmetry(self) -> None:
-        """Lengthen surfaces a little that are far from their targets and would keep the symmetry of their mesh.
+        """Lengthen surfaces a little that are far from their targets and would keep the symmetry of their mesh, or bend
+        flat sheets, if they have less energy then.
 
-        A start that needs no iteration stays, since the energy there may be less.
+        A closed surface that needs no iteration stays, since the energy there may be less.
         """
+        if self.force.usesPeriodicBoundaryConditions():
+            self._bend()
+            return
         bending, penalty = _bendingAndPenalty(self.simulation, self.force)
-        isNear = penalty <= _PENALTY_SHARE * bending or self._measure()[1] <= self.tolerance
-        if isNear or self.force.usesPeriodicBoundaryConditions():
+        if penalty <= _PENALTY_SHARE * bending or self._measure()[1] <= self.tolerance:
             return
         context, triangles = self.simulation.context, self.force.getTrianglesInContext(self.simulation.context)
         positions = positionsOf(context)
@@ -289,6 +302,23 @@ class _Descent:
                 out[own] = displacementsOut(positions[own], forces[own], inside, length)
         if np.any(out):
             context.setPositions(positions + out)
+
+    def _bend(self) -> None:
+        """Bend a flat periodic sheet by its longest wave, if that lowers the energy."""
+        context = self.simulation.context
+        positions, sides = positionsOf(context), currentSides(self.simulation, self.force)
+        isVertex = np.zeros(len(positions), dtype=bool)
+        isVertex[self.force.getTrianglesInContext(context)] = True
+        if np.any(self._isFixed[isVertex]):
+            return
+        box = context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        out = waveOut(positions, sides, box) * isVertex[:, np.newaxis]
+        energy, length = self._evaluate()[0], float(np.linalg.norm(sides, axis=2).mean())
+        for bend in _BENDS if np.any(out) else ():
+            context.setPositions(positions + bend * length * out)
+            if self._evaluate()[0] < energy:
+                return
+        context.setPositions(positions)
 
     def even(self) -> str | None:
         """Bring edges well within the tether's bounds, if the energy is then lower, and return the reason if this is

@@ -1,4 +1,4 @@
-"""Starts from whose symmetry forces do not lead, and the way out of it."""
+"""Starts from whose symmetry forces do not lead, and the ways out of it."""
 
 import numpy as np
 
@@ -32,6 +32,32 @@ def displacementsOut(positions: np.ndarray, forces: np.ndarray, triangles: np.nd
     axis = np.array([3.0, 2.0, 1.0]) @ directions[triangles[0]]
     cosines = directions @ (axis / np.linalg.norm(axis))
     return _OUT * length * (1.5 * cosines**2 - 0.5)[:, np.newaxis] * directions
+
+
+def waveOut(positions: np.ndarray, sides: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Return displacements of size 1 that bend a flat sheet by the longest wave of its box, or zeros for any other
+    surface.
+
+    No force leads out of the plane, where the energy may have a saddle.
+
+    Parameters
+    ----------
+    positions : array
+        of the vertices of a periodic surface, of shape (N, 3)
+    sides : array
+        the vectors along the sides of its triangles, of shape (T, 3, 3)
+    box : array
+        the vectors of the box, of shape (3, 3)
+    """
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    sizes = np.linalg.norm(normals, axis=1)
+    normal = normals.sum(axis=0) / sizes.sum()
+    if np.linalg.norm(normal) < 1 - _ROUNDING:
+        return np.zeros(positions.shape)
+    waves = np.linalg.inv(box).T
+    inPlane = [wave for wave in waves if np.linalg.norm(np.cross(wave, normal)) > 0.5 * np.linalg.norm(wave)]
+    longest = min(inPlane, key=lambda wave: float(np.linalg.norm(wave)))
+    return np.cos(2 * np.pi * positions @ longest)[:, np.newaxis] * normal
 
 
 def _isIsotropic(vectors: np.ndarray, arms: np.ndarray) -> bool:
