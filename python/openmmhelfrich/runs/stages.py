@@ -223,8 +223,7 @@ class Stage(ABC):
 
     def _positionsOfMarks(self) -> NDArray[np.float64]:
         """Return where some of the vertices are that can move."""
-        free = np.delete(np.arange(len(self._scene.mesh.vertices)), self._scene.config.system.fixed or [])
-        return markedPositions(self._simulation.context, free)
+        return markedPositions(self._simulation.context, np.arange(len(self._scene.mesh.vertices)))
 
     def _moved(self, mesh: Mesh) -> float | None:
         """Return how far the marked vertices have come since the stage began, over the mean edge length.
