@@ -149,33 +149,41 @@ def elongations(modes):
     return np.linalg.eigvalsh(np.moveaxis(tensors, (0, 1), (-2, -1)))[..., -1]
 
 
-def measure(arguments):
-    mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
-    force, integrator, context = createScene(arguments, mesh)
+def begin(arguments):
+    """Return the force and the context of a vesicle that is deflated, or has the shape of a file, its sphere, and its
+    trajectories and flips.
+    """
+    sphere = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
+    force, integrator, context = createScene(arguments, sphere)
     trajectories, flips = integrator.getMove(0), integrator.getMove(1)
     if arguments.start:
         setShape(force, context, mh.Mesh.read(arguments.start))
     else:
-        deflate(force, context, mesh.volume, (trajectories, flips))
+        deflate(force, context, sphere.volume, (trajectories, flips))
+    return force, context, sphere, trajectories, flips
+
+
+def measure(arguments):
+    force, context, sphere, trajectories, flips = begin(arguments)
     for _ in range(arguments.settle):
         trajectories.step(1)
         flips.step(1)
     rows, changes, evaluations, used = [], [], 0, 0.0
     accepted, attempted = trajectories.getNumAccepted(), trajectories.getNumAttempted()
     while used < arguments.seconds:
-        begin = time.process_time()
+        before = time.process_time()
         trajectories.step(1)
         evaluations += trajectories.getLastNumSteps()
         if not arguments.frozen:
             flips.step(1)
-        used += time.process_time() - begin
+        used += time.process_time() - before
         changes.append(trajectories.getLastEnergyChange()._value / KT)
         if len(changes) % arguments.every == 0:
             rows.append(measured(force, context))
     n = len(changes)
     return {
         **vars(arguments),
-        "vertices": len(mesh.vertices),
+        "vertices": len(sphere.vertices),
         "trajectories": n,
         "accepted": (trajectories.getNumAccepted() - accepted) / (trajectories.getNumAttempted() - attempted),
         "flipsAccepted": flips.getNumAccepted() / max(1, flips.getNumAttempted()),
@@ -187,11 +195,8 @@ def measure(arguments):
 def measured(force, context):
     """Return the modes of degrees 2, 3 and 4, E_B in kT, and the area and volume over their targets."""
     x = context.getState(positions=True).getPositions(asNumpy=True)._value
-    bending, geometry = (
-        force.getEnergyTermsInContext(context)["bending"]._value / KT,
-        force.getGeometryInContext(context),
-    )
-    modes = modesOf(x, force.getTrianglesInContext(context))
+    modes, geometry = modesOf(x, force.getTrianglesInContext(context)), force.getGeometryInContext(context)
+    bending = force.getEnergyTermsInContext(context)["bending"]._value / KT
     return [*modes, bending, geometry.area / force.getTargetArea(), geometry.volume / force.getTargetVolume()]
 
 

@@ -14,7 +14,7 @@ import math
 import time
 
 import numpy as np
-from long_waves import createScene, deflate, ofUnitEdges
+from long_waves import begin
 from scipy.optimize import minimize_scalar
 
 import openmmhelfrich as mh
@@ -25,12 +25,9 @@ KAPPA, MAX_DEGREE = 30, 10
 
 def sample(arguments):
     """Return positions, the mean edge length, and the computations that there were from one to the next."""
-    mesh = ofUnitEdges(mh.Mesh.icosphere(arguments.subdivisions))
-    force, integrator, context = createScene(arguments, mesh)
-    trajectories, flips = integrator.getMove(0), integrator.getMove(1)
-    deflate(force, context, mesh.volume, (trajectories, flips))
-    frames, edgeLengths, begin, computations = [], [], time.process_time(), 0
-    while time.process_time() - begin < arguments.seconds:
+    force, context, _, trajectories, flips = begin(arguments)
+    frames, edgeLengths, before, computations = [], [], time.process_time(), 0
+    while time.process_time() - before < arguments.seconds:
         for _ in range(arguments.every):
             trajectories.step(1)
             computations += trajectories.getLastNumSteps()
@@ -87,7 +84,7 @@ if __name__ == "__main__":
     parser.add_argument("--penalty", type=float, default=1e6, help="the moduli of area and volume, in kT")
     parser.add_argument("--every", type=int, default=10, help="trajectories from one measurement to the next")
     parser.add_argument("--seed", type=int, default=1)
-    parser.set_defaults(flips=1, jitter=0.2, tether=[100, 0.85, 1.35], precision="mixed", threads=1)
+    parser.set_defaults(start=None, flips=1, jitter=0.2, tether=[100, 0.85, 1.35], precision="mixed", threads=1)
     arguments = parser.parse_args()
     frames, edgeLength, computations = sample(arguments)
     found = {"frames": len(frames), "edgeLength": edgeLength, "computations": computations}

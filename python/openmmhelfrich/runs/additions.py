@@ -16,6 +16,7 @@ from openmm import app, unit
 from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
+from ..sampling.marks import heldParticles
 from ..units import valueIn
 from .sections import SystemSection
 
@@ -158,8 +159,9 @@ def _infinityIn(context: mm.Context) -> str | None:
     energy, forces = state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value
     if not np.isfinite(energy):
         return f"the energy {energy} kJ/mol at the start; it must be finite"
-    for i in np.flatnonzero(~np.all(np.isfinite(forces), axis=1)).tolist():
-        if system.getParticleMass(i)._value > 0 or system.isVirtualSite(i):
+    isInfinite = ~np.all(np.isfinite(forces), axis=1)
+    if np.any(isInfinite):
+        for i in np.flatnonzero(isInfinite & ~heldParticles(system)).tolist():
             force = ", ".join(f"{x:.4g}" for x in forces[i])
             return f"the force ({force}) kJ/mol/nm on particle {i} at the start; it must be finite"
     return None

@@ -15,13 +15,17 @@ def markedPositions(context: mm.Context, vertices: NDArray[np.integer]) -> NDArr
 
     They are seen from their center, since the whole membrane may drift, unless some particles are held where they are.
     """
-    system = context.getSystem()
-    particles = range(system.getNumParticles())
-    isHeld = np.array([system.getParticleMass(i)._value == 0 and not system.isVirtualSite(i) for i in particles])
+    isHeld = heldParticles(context.getSystem())
     free = vertices[~isHeld[vertices]]
     chosen = np.unique(np.linspace(0, len(free) - 1, min(len(free), MARKS)).astype(int))
     positions = positionsOf(context)[free[chosen]]
     return positions if np.any(isHeld) else positions - positions.mean(axis=0)
+
+
+def heldParticles(system: mm.System) -> NDArray[np.bool_]:
+    """Return which particles have no mass, and so stay where they are, unless others carry them."""
+    particles = range(system.getNumParticles())
+    return np.array([system.getParticleMass(i)._value == 0 and not system.isVirtualSite(i) for i in particles])
 
 
 def displacement(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
