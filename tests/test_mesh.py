@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import openmmhelfrich as mh
 from conftest import together
+from openmmhelfrich.geometry import connectivity
+from openmmhelfrich.geometry.quality import triangleAngles
 
 FORMATS = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh"]
 
@@ -403,6 +405,43 @@ def testSubdividedIsTheSameSurface(kind):
     assert fine.edgeLengths.max() / fine.edgeLengths.mean() == pytest.approx(
         mesh.edgeLengths.max() / mesh.edgeLengths.mean(), rel=0.05
     )
+
+
+def flatten(mesh, triangle, part=0.03):
+    """Move a vertex of a triangle to nearly the middle of the side between the other two."""
+    m, a, b = mesh.triangles[triangle]
+    arms = connectivity.edgeVectors(mesh.vertices, np.array([m, m]), np.array([a, b]), mesh.images)
+    mesh.vertices[m] += (1 - part) * arms.mean(axis=0)
+
+
+@pytest.mark.parametrize("kind, triangle", [("sphere", 0), ("sheet", 0), ("two", 81)])
+def testSubdividedFlipsFlatTriangles(kind, triangle):
+    mesh = {"sphere": lambda: mh.Mesh.icosphere(2), "sheet": lambda: mh.Mesh.sheet(6, 5, 1)}.get(
+        kind, lambda: mh.Mesh.merged([mh.Mesh.icosphere(1), mh.Mesh.icosphere(1, 3)])
+    )()
+    flatten(mesh, triangle)
+    before = mesh.triangles.copy()
+    fine = mesh.subdivided()
+    fine.check()
+    assert triangleAngles(mesh).max() > 172 > 160 > triangleAngles(fine).max()
+    assert fine.notes == ["1 flat triangle was flipped before the mesh was subdivided"]
+    assert np.array_equal(mesh.triangles, before) and not mesh.notes and not mesh.subdivided(0).notes
+    assert np.array_equal(fine.vertices[: len(mesh.vertices)], mesh.vertices)
+    assert fine.area == pytest.approx(mesh.area, rel=2e-3)
+    if kind != "sheet":
+        assert fine.volume == pytest.approx(mesh.volume, rel=2e-3)
+
+
+def testSubdividedLeavesCreases():
+    """A flat triangle beside the edge of a roof stays: flipped, it would cut the edge off."""
+    x = np.array([[0, 0, 1], [2, 0, 1], [1, 1, 0], [1, -1, 0], [1, 0.02, 0.98], [1, 0, -1]], dtype=float)
+    roof = [(0, 4, 1)[::-1], (0, 2, 4)[::-1], (2, 1, 4)[::-1], (0, 1, 3)[::-1]]
+    below = [(0, 5, 2)[::-1], (2, 5, 1)[::-1], (1, 5, 3)[::-1], (3, 5, 0)[::-1]]
+    mesh = mh.Mesh(x, [*roof, *below])
+    mesh.check()
+    fine = mesh.subdivided()
+    assert triangleAngles(mesh).max() > 175 and triangleAngles(fine).max() > 175
+    assert fine.volume == pytest.approx(mesh.volume, rel=1e-12) and not fine.notes
 
 
 def testSubdividedKeepsWhatAMeshHas():

@@ -105,6 +105,8 @@ FOUND = [
     ("acceptance of trajectories", "failed", {"acceptance": 0.0}),
     ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (1, 4)}}),
     ("acceptance of trajectories", "doubtful", {"acceptance": None, "few": {"trajectories": (0, 0)}}),
+    ("acceptance of late trajectories", "doubtful", {"lately": (1, 22)}),
+    ("acceptance of late trajectories", "failed", {"lately": (0, 150)}),
     ("diverged trajectories", "doubtful", {"divergence": 0.05}),
     ("diverged trajectories", "failed", {"divergence": 1.0}),
     ("acceptance of flips", "doubtful", {"flipAcceptance": 5e-4}),
@@ -171,6 +173,20 @@ def testFewTriesAreJudgedByTheLeastRate():
             assert (judge(replace(GOOD, **few)).level == "good") == (chance <= 0.05), (accepted, tried)
     ten = judge(replace(GOOD, acceptance=None, few={"trajectories": (3, 7)})).findings[0]
     assert ten.what == "3 of 7 trajectories were accepted, too few to tell whether enough are"
+
+
+def testARunThatFreezesIsNotGood():
+    """Of the second half, so few must be accepted that a rate above the limit is unlikely: 5% or less."""
+    for accepted, tried in itertools.product(range(60), repeat=2):
+        if accepted <= tried:
+            chance = sum(math.comb(tried, k) * 0.2**k * 0.8 ** (tried - k) for k in range(accepted + 1))
+            late = judge(replace(GOOD, lately=(accepted, tried)))
+            assert (late.level == "good") == (chance > 0.05), (accepted, tried)
+    assert judge(replace(GOOD, lately=(0, 30))).findings[0].what == (
+        "0 of 30 trajectories of the second half were accepted, and 75% of all"
+    )
+    few = judge(replace(GOOD, acceptance=0.1, lately=(0, 30))).findings
+    assert [finding.check for finding in few] == ["acceptance of trajectories"], "once is enough"
 
 
 def testWhatIsNotTriedIsNotMissed():
@@ -384,6 +400,28 @@ def testAStoppedRunHasTheSameVerdictLater(inFolder):
     stopped = mh.run(configure("b", step_size=1e-9), stop)
     assert stopped.verdict is None and "verdict" not in dict(stopped.lines()) and verdictOf("b.checkpoint") is None
     assert mh.resume("b").verdict == whole.verdict
+
+
+def testARunThatFreezesLateIsTold(inFolder):
+    """Also where it was interrupted since, and not where all of its second half was accepted."""
+
+    def freezeAt(step, stop=None):
+        def progress(study):
+            if study.simulation.currentStep >= step:
+                study.simulation.integrator.setStepSize(0.02)
+            if study.simulation.currentStep == stop:
+                raise KeyboardInterrupt
+
+        return progress
+
+    whole = mh.run(configure("a"), freezeAt(90)).verdict.findings
+    assert [finding.check for finding in whole] == ["diverged trajectories", "acceptance of late trajectories"]
+    assert whole[1].what.startswith("0 of ")
+    assert mh.run(configure("b"), freezeAt(90, stop=150)).verdict is None
+    resumed = mh.resume("b", progress=freezeAt(90)).verdict.findings  # its first step is a short one
+    assert [finding.check for finding in resumed] == [finding.check for finding in whole]
+    assert resumed[1].what.split()[2] == whole[1].what.split()[2], "as many were tried"
+    assert mh.run(configure("c")).verdict.level == "good"
 
 
 def invoke(*arguments):

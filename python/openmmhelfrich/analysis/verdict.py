@@ -163,6 +163,8 @@ class Evidence:
         the step size, and that of the rule of thumb, in ps
     adaptation : str
         what lets a step size that is found by its acceptance come out better; empty where it is given
+    lately : (int, int)
+        how many trajectories were accepted and tried in the second half
     few : dict of (int, int)
         how many "trajectories" or "flips" were accepted and tried, where these are too few for a rate
     exchanges : sequence of (int, int)
@@ -191,6 +193,7 @@ class Evidence:
     stepSize: float | None = None
     timeScale: float | None = None
     adaptation: str = ""
+    lately: tuple[int, int] = (0, 0)
     few: dict[str, tuple[int, int]] = field(default_factory=dict)
     exchanges: Sequence[tuple[int, int]] = ()
     passages: int | None = None
@@ -426,6 +429,15 @@ def _acceptance(e: Evidence) -> Iterator[Measured]:
         yield _leastRate(*e.few["trajectories"], "trajectories", ACCEPTANCE, "make more steps")
 
 
+def _lateAcceptance(e: Evidence) -> Iterator[Measured]:
+    """The rate that is surpassed with a small probability: where all in all enough are accepted, a run may freeze."""
+    accepted, tried = e.lately
+    if tried > 0 and e.acceptance is not None and e.acceptance >= ACCEPTANCE.doubtful:
+        greatest = float(betaincinv(accepted + 1, tried - accepted, 1 - _RISK)) if accepted < tried else 1.0
+        what = f"{accepted} of {tried} trajectories of the second half were accepted, and {e.acceptance:.0%} of all"
+        yield Measured(greatest, what, _stepAdvice(e))
+
+
 def _leastRate(accepted: int, tried: int, name: str, check: Check, advice: str) -> Measured:
     """Return the rate that is not reached with a small probability, where too few were tried to know it better."""
     least = float(betaincinv(accepted, tried - accepted + 1, _RISK)) if accepted else 0.0
@@ -637,6 +649,7 @@ FINITE = Check("finite numbers", _finite, 0, 0)
 EQUILIBRATED = Check("equilibrated rows", _equilibrated, 1, 0, isLeast=True)
 TARGETS = Check("targets", _targets, FAR, math.inf)
 ACCEPTANCE = Check("acceptance of trajectories", _acceptance, 0.2, 0.02, isLeast=True)
+LATE_ACCEPTANCE = Check("acceptance of late trajectories", _lateAcceptance, 0.2, 0.02, isLeast=True)
 DIVERGENCE = Check("diverged trajectories", _divergence, 0.01, 0.5)
 FLIPS = Check("acceptance of flips", _flips, 1e-3, 1e-5, isLeast=True)
 STEP_SIZE = Check("step size", _stepSize, 0.02, 1e-3, isLeast=True)
@@ -655,7 +668,7 @@ EXCHANGES = Check("acceptance of exchanges", _exchanges, 0.01, 0, isLeast=True)
 PASSAGES = Check("passages through the states", _passages, 1, 0, isLeast=True)
 
 OF_SHAPES: tuple[Check, ...] = (FINITE, TARGETS, BENDING, CONTINUUM, FOLDS, TRIANGLES, INTERSECTIONS)
-OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
+OF_MOVES: tuple[Check, ...] = (ACCEPTANCE, LATE_ACCEPTANCE, DIVERGENCE, FLIPS, STEP_SIZE, MOVED)
 OF_AVERAGES: tuple[Check, ...] = (EQUILIBRATED, ROWS, DRIFT)
 OF_MINIMA: tuple[Check, ...] = (MINIMUM, FORCES, SYMMETRY)
 OF_EXCHANGES: tuple[Check, ...] = (EXCHANGES, PASSAGES)

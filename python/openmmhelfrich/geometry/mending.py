@@ -22,6 +22,9 @@ Halfedges = NDArray[np.int64]
 _FLAT = 1e-3
 # A flat triangle is a needle if its shortest side is less than this part of its longest.
 _NEEDLE = 1e-2
+# A triangle that is to be divided is flat if one of its angles has less than this cosine, 170 degrees, and its neighbor
+# lies in about the same plane if the normals have more than this one, 30 degrees.
+_OBTUSE, _LEVEL = -0.985, 0.866
 _ROUNDS = 30
 # How far the sheets of a surface that touched itself move apart, in parts of their edges.
 _PARTING = 0.1
@@ -58,6 +61,14 @@ class _Surface:
         """Return the halfedges in the order of their edges, where each edge begins there, and how many it has."""
         order, start = connectivity.groupHalfedges(self.triangles, len(self.vertices))
         return order, start, np.diff(start, append=len(order))
+
+    def opposites(self) -> Halfedges:
+        """Return the other halfedge of the edge of each, or -1 where an edge has not two."""
+        order, start, counts = self.edges()
+        opposite = np.full(len(order), -1)
+        two = start[counts == 2]
+        opposite[order[two]], opposite[order[two + 1]] = order[two + 1], order[two]
+        return opposite
 
     def facetsPerHalfedge(self) -> NDArray[np.int64]:
         """Return how many triangles the edge of each halfedge has, a row for each triangle."""
@@ -290,7 +301,7 @@ def _dropFlat(surface: _Surface, found: int) -> None:
         if not len(flat):
             break
         needles = flat[sides[flat].min(axis=1) <= _NEEDLE * sides[flat].max(axis=1)]
-        changed = _collapse(surface, needles, sides) or _flip(surface, flat, sides)
+        changed = _collapse(surface, needles, sides) or _flip(surface, 3 * flat + sides[flat].argmax(axis=1))
         found += changed
         if changed == 0:
             where = place(surface.vertices[surface.triangles[flat[0]]].mean(axis=0))
@@ -321,17 +332,49 @@ def _collapse(surface: _Surface, needles: NDArray[np.int64], sides: Points) -> i
     return changed
 
 
-def _flip(surface: _Surface, flat: NDArray[np.int64], sides: Points) -> int:
-    """Flip the longest side of flat triangles, where that leaves the surface a surface; return how many there were."""
-    order, start, counts = surface.edges()
+def flipFlat(vertices: Points, triangles: NDArray[np.integer], box: Points | None = None) -> tuple[Triangles, int]:
+    """Return triangles of which the nearly flat ones have their longest side flipped, and how many were flipped.
+
+    Only those that lie in about the same plane as their neighbor are, and only if the new side is no shorter than all
+    others, so that the surface hardly changes.
+    """
+    surface = _Surface(vertices, triangles.astype(np.int64))
+    h = _acrossObtuse(vertices, surface.triangles, box)
+    o = surface.opposites()[h]
+    h, o = h[o >= 0], o[o >= 0]
     origin, target = connectivity.halfedges(surface.triangles)
-    opposite = np.full(len(order), -1)
-    two = start[counts == 2]
-    opposite[order[two]], opposite[order[two + 1]] = order[two + 1], order[two]
+    a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
+    toB, toM, toC = (connectivity.edgeVectors(vertices, a, end, box) for end in (b, m, c))
+    normals = [np.cross(toB, toM), np.cross(toC, toB)]
+    lengths = [np.linalg.norm(side, axis=1) for side in (toM - toC, toM, toM - toB, toC, toC - toB)]
+    isLevel = np.sum(normals[0] * normals[1], axis=1) > _LEVEL * np.prod(np.linalg.norm(normals, axis=2), axis=0)
+    return surface.triangles, _flip(surface, h[isLevel & (lengths[0] >= np.min(lengths[1:], axis=0))])
+
+
+def _acrossObtuse(vertices: Points, triangles: Triangles, box: Points | None) -> Halfedges:
+    """Return the halfedges that are opposite to an angle of nearly 180 degrees."""
+    found = []
+    for block in connectivity.blocks(len(triangles)):
+        corners = triangles[block].T
+        sides = [connectivity.edgeVectors(vertices, corners[k], corners[k - 2], box) for k in range(3)]
+        lengths = np.linalg.norm(sides, axis=2)
+        for k in range(3):  # opposite to the side from corner k is the angle between the other two sides
+            cosine = -np.sum(sides[k - 2] * sides[k - 1], axis=1)
+            isObtuse = cosine < _OBTUSE * lengths[k - 2] * lengths[k - 1]
+            found.append(3 * (block.start + np.flatnonzero(isObtuse)) + k)
+    return np.concatenate(found)
+
+
+def _flip(surface: _Surface, edges: Halfedges) -> int:
+    """Flip edges that are given by a halfedge each, where that leaves the surface a surface; return how many there
+    were.
+    """
+    opposite = surface.opposites()
+    origin, target = connectivity.halfedges(surface.triangles)
     n = len(surface.vertices)
     keys = np.unique(np.minimum(origin, target) * n + np.maximum(origin, target))
     isTouched, changed = np.zeros(n, dtype=bool), 0
-    for h in (3 * flat + sides[flat].argmax(axis=1)).tolist():
+    for h in edges.tolist():
         o = int(opposite[h])
         if o < 0 or origin[h] != target[o]:
             continue

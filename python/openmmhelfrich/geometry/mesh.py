@@ -514,6 +514,10 @@ class Mesh:
         docs/how-to/large-vesicles.md.  The vertices of the mesh come first, in their order.  A vertex between two
         species takes that of the end with the lower number.
 
+        Triangles with an angle above 170 degrees have their longest side flipped first, where the surface hardly bends
+        there and the new side is no shorter than the others: their parts would be as flat, so that trajectories need
+        short steps.  A note says how many there were.
+
         Parameters
         ----------
         times : int
@@ -533,6 +537,8 @@ class Mesh:
             )
         mesh = self._with(slice(None), self.triangles)
         mesh.beads, mesh.notes = self.beads.copy(), list(self.notes)
+        if times > 0:
+            mesh._flipFlat()
         for _ in range(times):
             mesh = mesh._dividedInFour()
         return mesh
@@ -650,6 +656,12 @@ class Mesh:
             result.box = None if self.box is None else self.box * factor
         _requireSizes(result.vertices)
         return result
+
+    def _flipFlat(self) -> None:
+        """Flip nearly flat triangles, whose parts would be as flat, and beyond what flips can mend."""
+        self.triangles[:], count = mending.flipFlat(self.vertices, self.triangles, self.images)
+        if count > 0:
+            self.notes.append(f"{mending.counted(count, 'flat triangle')} flipped before the mesh was subdivided")
 
     def _dividedInFour(self) -> "Mesh":
         """Return the mesh with each triangle divided in four at the middles of its edges."""

@@ -534,7 +534,7 @@ class SamplingSection(Section):
     step_size: StepSize = Field(
         None,
         description="of a leapfrog step, in ps; the default is a rule of thumb for three trajectories in four "
-        'accepted; "auto" finds, '
+        'accepted, and more than half beyond 2,562 vertices; "auto" finds, '
         "during the burn-in, the one that is accepted as often as target_acceptance says, and keeps it",
     )
     burn_in: int | None = Field(

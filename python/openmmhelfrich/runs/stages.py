@@ -76,6 +76,7 @@ class _Memory(TypedDict):
     startTargets: dict[str, float]
     startConditions: NotRequired[dict[str, float]]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
+    halfCounters: NotRequired[Annotated[list[int], Field(min_length=5, max_length=5)]]
     energies: NotRequired[list[tuple[float, float]]]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
@@ -118,6 +119,7 @@ class Stage(ABC):
         self._startConditions = currentConditions(simulation.context, force, self._endConditions())
         self._startTargets = currentTargets(simulation.context, force) | self._measuresReleased()
         self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
+        self._halfCounters = self._startCounters
         self._startAdaptation()
 
     @classmethod
@@ -173,6 +175,7 @@ class Stage(ABC):
             "startTargets": self._startTargets,
             "startConditions": self._startConditions,
             "startCounters": self._startCounters,
+            "halfCounters": self._halfCounters,
             "marks": self._marks,
             "adapter": self._adapter and self._adapter.getState(),
             "waveAdapter": self._waveAdapter and self._waveAdapter.getState(),
@@ -186,6 +189,7 @@ class Stage(ABC):
         if self._startConditions.keys() != self._endConditions().keys():
             raise ValueError(f"the stage began with other conditions than {', '.join(self._endConditions())}")
         self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
+        self._halfCounters = state.get("halfCounters", self._startCounters)  # earlier versions kept none
         self._startAdaptation()
         if self._adapter:
             self._adapter.setState(state["adapter"])
@@ -202,7 +206,11 @@ class Stage(ABC):
 
     def _evidence(self, rows: Table) -> Evidence:
         scene, mesh = self._scene, currentMesh(self._simulation, self._force)
-        integrator, counters = self._simulation.integrator, np.subtract(self._counters(), self._startCounters)
+        integrator = self._simulation.integrator
+        counters, late = (
+            Counters(*np.subtract(self._counters(), before).tolist())
+            for before in (self._startCounters, np.maximum(self._startCounters, self._halfCounters))
+        )
         return Evidence(
             rows=rows,
             mesh=mesh,
@@ -210,7 +218,8 @@ class Stage(ABC):
             flatEnergy=flatEnergy(self._simulation.context, self._force, mesh) / scene.kT,
             isUniform=not scene.config.species,
             heat=self._heat(rows),
-            **ratesOf(Counters(*counters.tolist()), integrator),
+            **ratesOf(counters, integrator),
+            lately=(late.accepted, late.trajectories),
             stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
             timeScale=stepSizeOf(scene.config, MeasuredMesh(mesh)),
             adaptation=self.ADAPTATION if self._adapter else "",
@@ -407,6 +416,8 @@ class MonteCarlo(Stage):
         else:
             simulation.step(1)
         self.position += 1
+        if self.position == self.steps // 2:
+            self._halfCounters = self._counters()
         self._stepped()
 
     def _requireStepSize(self) -> None:

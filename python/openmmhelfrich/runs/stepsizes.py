@@ -11,6 +11,9 @@ from .stagesettings import givenConditions
 from .surfaces import Surface, surfacesOf
 from .tethers import tetherOf
 
+# Vertices, beyond which the flattest triangles decide how long steps may be.
+MANY = 2562
+
 
 def defaultStepSize(config: Config, measured: MeasuredMesh) -> float:
     """Return the size of a leapfrog step, in ps, for a resolved Config that names none: that of the stiffest membrane
@@ -33,11 +36,13 @@ def stepSizeOf(config: Config, measured: MeasuredMesh) -> float:
     Steps must be short against the fastest motion, of frequency sqrt(stiffness/mass), and since the acceptance of a
     trajectory falls with the number of vertices, they shrink as its fourth root.  The factor was found by trial on
     spheres of 162 to 2562 vertices and on the red blood cell, to accept about three trajectories in four and to let
-    none of two thousand diverge.
+    none of two thousand diverge.  Of larger meshes trajectories are rejected for the flattest triangle of all, which is
+    stiffer the more there are: with steps that shrink as the square root half of them or more are accepted.
     """
     sampling, kT = config.sampling, thermalEnergy(config.sampling.temperature)
     numVertices = len(measured.mesh.vertices)
-    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, measured) * kT)) / numVertices**0.25
+    crowd = numVertices * max(1, numVertices / MANY)
+    return 2.4 * math.sqrt(sampling.mass / (_stiffness(config, measured) * kT)) / crowd**0.25
 
 
 def _stiffness(config: Config, measured: MeasuredMesh) -> float:

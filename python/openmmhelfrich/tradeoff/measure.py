@@ -189,7 +189,7 @@ def measure(
     limit = effort / len(mesh.vertices)
     for _ in range(1 if isEquilibrated else 2):
         run.adapt(limit / 8)
-    run.sample(max(limit / 16, LEAST_ROWS * EVALUATIONS_PER_ROW))
+    run.sample(limit / 16)
     while run.evaluations < limit:
         shape = run.shape()
         time, timeError = timeOf(shape, run.motion(), *variances)
@@ -260,9 +260,9 @@ class _Run:
         self._integrator.setStepsPerTrajectory(sampling.steps_per_trajectory)
 
     def sample(self, evaluations: float) -> None:
-        """Make so many evaluations, and look at the membrane now and then."""
+        """Make so many evaluations, or more until there are statistics, and look at the membrane now and then."""
         goal = self.evaluations + evaluations
-        while self.evaluations < goal:
+        while self.evaluations < goal or len(self._rows) < LEAST_ROWS:
             for _ in range(self._interval):
                 self._step()
             self._observe()
