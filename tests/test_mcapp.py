@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from conftest import ROOT
+from membranes import uvSphere
 from openmmhelfrich.cli import app
 from openmmhelfrich.runs.config import readConfig
 from openmmhelfrich.runs.mcapp import Checkpoints, backUp, runLikeTriMem
@@ -276,6 +278,46 @@ def testWhatIsWrongIsSaid(cell, arguments, code, message):
     result = invoke("run", *arguments)
     assert result.exit_code == code and set(os.listdir()) == before
     assert re.search(message, " ".join(result.output.split()))
+
+
+def adviceOf(result):
+    """Return what is to be done by the message of a run with an uneven mesh, without what is wrong."""
+    problem, *advice = result.output.replace("openmm-helfrich: ", "").splitlines()
+    assert result.exit_code == 1 and problem.endswith("it is ready after") and "[mesh]" not in result.output
+    return advice
+
+
+def do(command):
+    assert CliRunner().invoke(app, shlex.split(command)[1:]).exit_code == 0
+
+
+@pytest.fixture
+def uneven(cell):
+    """The name of a configuration whose mesh is uneven, and does not cool."""
+    uvSphere(32, 16).write("cell.stl")
+    text = re.sub("cooling_factor = .*", "cooling_factor = 0", SAMPLING.replace("kappa_t = 50.0", "kappa_t = 5e3"))
+    cell.write_text(text.replace("fraction = 0.9", "fraction = 1"))
+    return cell
+
+
+def testAdviceOnAnUnevenMeshNamesTrimemsKeys(uneven):
+    """What the message says can be done, and the configuration runs then."""
+    command, last = adviceOf(invoke("run", "--conf", uneven))
+    key, file = re.fullmatch(rf"and with (input = (.*)) in \[GENERAL\] of {re.escape(str(uneven))}", last).groups()
+    do(command)
+    assert mh.Mesh.read(file).triangles.shape == (960, 3)
+    uneven.write_text(uneven.read_text().replace("input = cell.stl", key))
+    assert invoke("run", "--conf", uneven).exit_code == 0
+
+
+def testAdviceOnAnUnevenCheckpointMendsIt(uneven):
+    """A restart does not begin with the mesh of the configuration, so that this one need not be made anew."""
+    mh.Mesh.icosphere(2).write("cell.stl")
+    assert invoke("run", "--conf", uneven).exit_code == 0
+    uvSphere(32, 16).write("cell.cpt.p0.h5")
+    for command in adviceOf(invoke("run", "--conf", uneven, "--restart")):
+        do(command)
+    assert invoke("run", "--conf", uneven, "--restart").exit_code == 0
 
 
 def testBackupsHaveFreeNames(inFolder):

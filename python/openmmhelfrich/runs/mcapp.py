@@ -5,9 +5,11 @@ configuration to go on with as INI text in JSON.  N counts them from 0.
 """
 
 import configparser
+import contextlib
 import json
 import re
-from collections.abc import Callable, Iterable
+import shlex
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +22,7 @@ from ..io.runfiles import beside
 from ..sampling.progress import requireProgress
 from .config import parseConfig
 from .outputs import Outputs
+from .readiness import UnevenError
 from .studies import run as runStudy
 from .summary import Summary
 from .trimem import Source, converted
@@ -80,7 +83,7 @@ def runLikeTriMem(
     with locked(outputs.prefix):
         if begin is None:
             backUp({*outputs.paths(), *_parts(prefix), *checkpoints.files()}, source.mesh)
-        with source.namingItsKeys():
+        with source.namingItsKeys(), _namingMesh(source.path, begin):
             summary = runStudy(config, progress)
     checkpoints.write(part, Mesh.read(outputs.mesh), source.textAfter(0 if source.minimizes else _stepsOf(summary)))
     return summary
@@ -105,6 +108,21 @@ class Checkpoint:
 
     mesh: Path
     settings: dict[str, str]
+
+
+@contextlib.contextmanager
+def _namingMesh(file: Path, begin: Checkpoint | None) -> Iterator[None]:
+    """Say, of a mesh that is to be made anew, how a run of TriMem's configuration takes the new one: by its own key, or
+    from the checkpoint with which it begins.
+    """
+    try:
+        yield
+    except UnevenError as error:
+        if begin is None:
+            last = f"and with input = {error.file} in [GENERAL] of {file}"
+        else:
+            last = shlex.join(["openmm-helfrich", "convert", "--overwrite", str(error.file), str(begin.mesh)])
+        raise ValueError("\n".join([error.problem, *error.commands, last])) from None
 
 
 class Checkpoints:

@@ -85,6 +85,24 @@ def beyondBounds(scene: Scene, simulation: app.Simulation, force: HelfrichForce)
     )
 
 
+class UnevenError(ValueError):
+    """The mesh of a file is to be made anew before a run.
+
+    Attributes
+    ----------
+    problem : str
+        what is wrong, up to what it is ready after
+    commands : sequence of str
+        what makes the mesh anew
+    file : Path
+        what the last of them writes
+    """
+
+    def __init__(self, problem: str, commands: Sequence[str], file: Path, instead: str):
+        super().__init__("\n".join([problem, *commands, f"or with {instead}"]))
+        self.problem, self.commands, self.file = problem, commands, file
+
+
 def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     """Return an error with the advice to make the mesh anew, or to take another one."""
     section = scene.config.mesh
@@ -101,7 +119,7 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
         commands = [repairing(section.file, file)]
     commands.append(remeshing(file, scene, scene.mesh))
     after = f"it is ready after{', without subdivide,' if section.subdivide else ''}"
-    return ValueError("\n".join([f"{source}: {sentence}; {after}", *commands, f"or with {advice}"]))
+    return UnevenError(f"{source}: {sentence}; {after}", commands, _named(file, "even"), advice)
 
 
 def _another(scene: Scene) -> str:
