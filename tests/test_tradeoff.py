@@ -124,6 +124,14 @@ def test_exact_settings_agree(sampling):
         assert abs(a.mean - b.mean) < 4 * math.hypot(a.error, b.error) and a.error < 4e-3 * a.mean
 
 
+def test_long_trajectories_have_statistics():
+    """A setting is measured until there are rows to average, however long its trajectories are."""
+    config, mesh = resolved(steps_per_trajectory=1000)
+    result = measure(config, mesh, 1e4)
+    assert result.steps >= 10 and result.evaluations > 1e4 / len(mesh.vertices)
+    assert all(math.isfinite(series.time) for series in result.observables.values())
+
+
 def test_softer_constraints_are_corrected():
     """Weights bring averages of softer constraints to those of the scene's own, which are certainly different."""
     config, mesh = resolved(step_size="auto")
