@@ -8,7 +8,10 @@ from openmm import unit
 import openmmhelfrich as mh
 from membranes import PLATFORMS, createContext, energyOf, forcesOf, kelvin, positionsOf
 from openmmhelfrich.geometry import quality
+from openmmhelfrich.geometry.measured import MeasuredMesh
 from openmmhelfrich.io.dcdframes import DCDTrajectory
+from openmmhelfrich.runs.stages import checkStages
+from openmmhelfrich.runs.surfaces import leastAreas
 
 TERMS = ["bending", "area", "areaDifference", "tether", "repulsion", "tension", "gaussian", "line", "pair"]
 
@@ -397,6 +400,66 @@ def test_runs_of_sheets(tmp_path, monkeypatch):
     ):
         with pytest.raises(ValueError, match=problem):
             mh.Scene.of({**config, section: {**config.get(section, {}), key: value}})
+
+
+def sheetWith(membrane, *stages):
+    """Check the configuration of a sheet of 8 by 8."""
+    config = {"mesh": {"sheet": [8, 8, 1.0]}, "membrane": membrane, "sampling": {"seed": 1}}
+    checkStages(mh.Scene.of({**config, **({"stages": list(stages)} if stages else {})}))
+
+
+def test_a_target_area_below_that_of_the_box_is_refused():
+    """No shape of a sheet has it, be it of [membrane], or of a stage; of several surfaces each has its own."""
+    held, words = {"area_modulus": 1e5}, r"it must be at least 64, the area of the sheet when it is flat across"
+    with pytest.raises(ValueError, match=rf"\[membrane\] target_area is 60; {words}"):
+        sheetWith({**held, "target_area": 60.0})
+    for kind in ("sample", "approach", "continue"):
+        with pytest.raises(ValueError, match=rf"stage 1 \({kind}\): target_area is 50; {words}"):
+            sheetWith(held, {"kind": kind, "steps": 10, "target_area": 50.0})
+    sheetWith({**held, "target_area": 63.8})  # a rounded number
+    sheetWith({**held, "target_area": 70.0}, {"kind": "continue", "steps": 10, "target_area": 64.0})
+    sheet = mh.Mesh.sheet(8, 8, 1.0)
+    lower = mh.Mesh(sheet.vertices + np.array([0, 0, 3]), sheet.triangles[:, ::-1].copy(), sheet.box)
+    with pytest.raises(ValueError, match=rf"target_area\[1\] is 60; {words}"):
+        mh.Scene.of({"membrane": {**held, "target_area": [65.0, 60.0]}}, mh.Mesh.merged([sheet, lower]))
+
+
+def test_the_least_area_of_a_sheet_is_that_of_its_box_whatever_its_shape():
+    sheet = createSheet()
+    assert sheet.area > 75 and leastAreas(MeasuredMesh(sheet)) == {"area": pytest.approx(72, rel=1e-12)}
+    assert leastAreas(MeasuredMesh(mh.Mesh.icosphere(1))) == {}  # a closed surface has none
+
+
+def test_an_area_difference_that_a_flat_sheet_has_not_is_asked_for():
+    """What is named is the modulus that is given, and not a target that is not."""
+    held, words = {"area_difference_modulus": 100.0}, "give such a target_area_difference, or an .*modulus of 0"
+    with pytest.raises(ValueError, match=rf"\[membrane\] area_difference_modulus is 100, .*is 0; its size.*{words}"):
+        sheetWith(held)
+    with pytest.raises(ValueError, match=rf"stage 1 \(sample\): area_difference_modulus is 100, .*is 0; .*{words}"):
+        sheetWith({}, {"kind": "sample", "steps": 10, **held})
+    target = {"target_area_difference": 0.5}
+    with pytest.raises(ValueError, match=r"stage 1 \(continue\): .* with which the path begins is 0; its size must be"):
+        sheetWith({}, {"kind": "continue", "steps": 10, **held, **target})
+    sheetWith({**held, **target}, {"kind": "continue", "steps": 10, "target_area_difference": 1.0})
+
+
+def test_bending_keeps_a_sheet_flat_where_the_modulus_of_its_area_is_soft(inFolder):
+    """The advice is a larger modulus, by which the sheet buckles: nothing else brings it to its target."""
+
+    def verdictWith(modulus):
+        return mh.run(
+            {
+                "mesh": {"sheet": [8, 8, 1.0]},
+                "membrane": {"area_modulus": modulus, "target_area": 70.0},
+                "sampling": {"seed": 1},
+                "stages": [{"kind": "minimize"}],
+                "output": {"prefix": "sheet", "overwrite": True},
+            }
+        ).verdict
+
+    soft = verdictWith(100.0)
+    assert soft.level == "doubtful" and str(soft).endswith("too soft to hold it; a larger area_modulus holds it")
+    assert verdictWith(1e5).level == "good"
 
 
 def test_a_box_that_is_not_rectangular_is_refused_by_the_mesh():

@@ -215,6 +215,21 @@ def testWhatAnAdviceIs():
         assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
 
 
+def testASheetWithoutRoomForItsUndulationsIsToHaveALargerArea():
+    """Its box holds it; a vesicle, or a sheet that is short of its target, has nothing to gain by that."""
+
+    def adviceAt(ratio, mesh):
+        rows = rowsOf(targetArea=np.full(40, 12.55 / ratio))
+        evidence = replace(GOOD, mesh=mesh, rows=Table({n: v for n, v in rows.items() if "olume" not in n}))
+        (finding,) = (each for each in judge(evidence).findings if each.check == "targets")
+        return finding.advice
+
+    sheet = mh.Mesh.sheet(8, 8, 1)
+    assert "give a larger target_area" in adviceAt(1.1, sheet) and "let it be approached" in adviceAt(1.1, sheet)
+    for advice in (adviceAt(0.9, sheet), adviceAt(1.1, ellipsoid())):
+        assert "let it be approached" in advice and "larger target_area" not in advice
+
+
 def testTheKindOfStageSaysHowItsStepSizeComesOutBetter(inFolder, monkeypatch):
     """A burn-in is of a stage that samples, and not of one whose temperature or targets change."""
     found = []

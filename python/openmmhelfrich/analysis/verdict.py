@@ -244,6 +244,13 @@ class Evidence:
         return float(pull)
 
     @cached_property
+    def buckling(self) -> float:
+        """What keeps periodic surfaces flat against a larger target of the area, in kT, by the logarithm of the area:
+        kappa A (2 pi/L)^2 of a wave as long as a square box, 4 pi^2 kappa.  Below it a sheet has no bending energy.
+        """
+        return 0.0 if self.bending is None else self.energyOf(lambda s: math.pi / 2 if s.reducedVolume is None else 0.0)
+
+    @cached_property
     def dihedrals(self) -> NDArray[np.float64]:
         """The angles between the normals of neighbors at the end, in degrees, without sign."""
         assert self.mesh is not None
@@ -399,23 +406,33 @@ def _targets(e: Evidence) -> Iterator[Measured]:
 def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) -> Measured:
     deviations = rows[observable.name] / rows[observable.target] - 1
     mean, count = float(deviations.mean()), len(deviations)
+    total = totalOf(observable.name)
     error = math.sqrt(e.heat / (2 * modulus) / count)
     if count >= LEAST_ROWS:
         error = max(error, _blockError(deviations))
-    given = max(CLOSE, e.pull(rows) / (2 * modulus)) + 4 * error
-    limit = given if totalOf(observable.name) == "areaDifference" else min(given, FAR)
+    pull = e.pull(rows) + (e.buckling if total == "area" and mean < 0 else 0)
+    given = max(CLOSE, pull / (2 * modulus)) + 4 * error
+    limit = given if total == "areaDifference" else min(given, FAR)
     isSoft = abs(mean) <= given
     name, off = observable.title, f"{mean:+.2%} off its target{' on average' if e.heat else ''}"
     return Measured(
         abs(mean),
         f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
-        f"a larger {MODULUS_NAMES[totalOf(observable.name)]} holds it" if isSoft else (_LONGER if e.heat else _NEARER),
+        f"a larger {MODULUS_NAMES[total]} holds it" if isSoft else _approaching(e, total == "area" and mean > 0),
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
 
 
+def _approaching(e: Evidence, isAreaAbove: bool) -> str:
+    """Return what brings a constraint nearer to its target, which its modulus could hold."""
+    if not e.heat:
+        return _NEARER
+    return _LONGER + (_ROOM if isAreaAbove and e.mesh is not None and e.mesh.isPeriodic else "")
+
+
 _LONGER = "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)"
+_ROOM = ", or give a larger target_area, as a sheet covers its box, and its undulations take more"
 _NEARER = (
     "let the minimization go on (max_iterations, tolerance), or let a stage of kind approach before it lead to the "
     "targets"

@@ -2,23 +2,31 @@
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from ..geometry.measured import MeasuredMesh
-from ..sampling.targets import requireComparableTarget, totalOf
+from ..sampling.targets import (
+    GREATEST_DIFFERENCE,
+    LEAST_DIFFERENCE,
+    inWords,
+    requireComparableTarget,
+    totalOf,
+)
 from .approach import targetInWords
 from .config import Config, asDict
 from .material import requireResolved
 from .sections import GREATEST, LEAST, SamplingSection
 from .stepsizes import defaultStepSize
-from .surfaces import TARGET_KEYS, heldOf, radiusOf, targetScales
+from .surfaces import TARGET_KEYS, heldOf, leastAreas, radiusOf, targetScales
 
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
 MOST_ATTEMPTS = 2**33
+# The part by which the target area of a sheet may be less than the least one: numbers are rounded.
+_ROUNDING = 0.005
 
 
 def checkSizes(config: Config, measured: MeasuredMesh) -> None:
@@ -60,13 +68,49 @@ def requireComparableTargets(config: Config, measured: MeasuredMesh, targets: di
     """Raise a ValueError if a target before the stages has nothing to do with the mesh.  That of an area difference,
     which may be near 0 where nothing is held to it, counts where it is.
     """
+    membrane, isHeld = config.membrane, "areaDifference" in heldOf(config)
     for name, scale in targetScales(config, measured).items():
         total = totalOf(name)
-        if total != "areaDifference" or total in heldOf(config):
-            isReduced = total == "volume" and config.membrane.reduced_volume is not None
-            key = TARGET_KEYS[total][0] + name.removeprefix(total)
-            what = targetInWords(config.membrane, name) if isReduced else key
+        if total != "areaDifference":
+            isReduced = total == "volume" and membrane.reduced_volume is not None
+            what = targetInWords(membrane, name) if isReduced else _keyOf(name)
             requireComparableTarget(f"[membrane] {what}", name, targets[name], scale)
+        elif isHeld and membrane.target_area_difference is None:
+            requireHeldDifference("[membrane] ", membrane.area_difference_modulus, name, targets[name], scale)
+        elif isHeld:
+            requireComparableTarget(f"[membrane] {_keyOf(name)}", name, targets[name], scale)
+    requireLeastAreas("[membrane] ", targets, measured)
+
+
+def _keyOf(name: str) -> str:
+    """Return the key of a target by its name: "target_area[1]" is "area[1]"."""
+    total = totalOf(name)
+    return TARGET_KEYS[total][0] + name.removeprefix(total)
+
+
+def requireHeldDifference(where: str, modulus: float, name: str, target: float, sphere: float) -> None:
+    """Raise a ValueError if a modulus, given without a target, holds to an area difference that can be none: the mesh's
+    own as a rule, which is near 0 of a flat sheet.
+    """
+    least, greatest = LEAST_DIFFERENCE * sphere, GREATEST_DIFFERENCE * sphere
+    if not least <= abs(target) <= greatest:
+        raise ValueError(
+            f"{where}area_difference_modulus is {modulus:g}, and the target {inWords(name)}, which is the mesh's own "
+            f"unless target_area_difference is given, is {target:.4g}; its size must be from {least:.4g} to "
+            f"{greatest:.4g}, as the energy is that of a ratio to it: give such a target_area_difference, or an "
+            "area_difference_modulus of 0"
+        )
+
+
+def requireLeastAreas(where: str, targets: Mapping[str, float], measured: MeasuredMesh) -> None:
+    """Raise a ValueError if the target area of a periodic surface is less than any that it can have."""
+    areas = {name: target for name, target in targets.items() if totalOf(name) == "area"}
+    for name, least in (leastAreas(measured) if areas else {}).items():
+        if areas[name] < (1 - _ROUNDING) * least:
+            raise ValueError(
+                f"{where}{_keyOf(name)} is {areas[name]:g}; it must be at least {least:.6g}, the area of the sheet "
+                "when it is flat across its box; a positive tension makes it taut without a target"
+            )
 
 
 def requireTrajectories(sampling: SamplingSection) -> None:

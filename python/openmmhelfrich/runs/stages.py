@@ -64,7 +64,7 @@ from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import Scene
 from .sections import Conditions, SamplingSection, SpeciesChange
-from .sizes import requireComparable, requireTrajectories
+from .sizes import requireComparable, requireHeldDifference, requireLeastAreas, requireTrajectories
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 from .stepsizes import stepSizeOf
 
@@ -127,9 +127,12 @@ class Stage(ABC):
         """Raise a ValueError if such a stage cannot be, given the targets at its start; return those at its end."""
         end, moduli = endTargets(settings, start), settings.conditions()
         for name, scale in scene.targetScales.items():
-            isNew = name in end or moduli.get(MODULUS_NAMES[totalOf(name)])
-            target = (start | end).get(name) if isNew else None
-            requireComparableTarget(targetInWords(settings, name), name, target, scale)
+            modulus = moduli.get(MODULUS_NAMES[totalOf(name)])
+            if name in end:
+                requireComparableTarget(targetInWords(settings, name), name, end[name], scale)
+            elif modulus and totalOf(name) == "areaDifference":
+                requireHeldDifference("", modulus, name, start[name], scale)
+        requireLeastAreas("", end, MeasuredMesh(scene.mesh))
         for name in end:
             setsVolume = totalOf(name) == "area" and settings.reduced_volume is not None
             if scene.moduli[totalOf(name)] == 0 and not setsVolume:
@@ -541,6 +544,10 @@ class Continue(MonteCarlo):
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
         super().check(settings, scene, start)
+        for name in endTargets(settings, start):
+            if totalOf(name) == "areaDifference":  # which a flat sheet has not
+                what = f"{targetInWords(settings, name)} with which the path begins"
+                requireComparableTarget(what, name, start[name], scene.targetScales[name])
         path = cls._createPath(settings, start)
         for window in range(len(path.lambdas)):
             targets = path.targets(window)

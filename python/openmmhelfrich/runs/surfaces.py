@@ -3,6 +3,9 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ..geometry.connectivity import triangleNormals
 from ..geometry.measured import MeasuredMesh
 from ..geometry.measures import volumeOfReduced
 from ..geometry.mesh import Mesh
@@ -79,6 +82,17 @@ def measuresOf(measured: MeasuredMesh) -> dict[str, float]:
         **numberedTargets("area", measured.areas),
         **(numberedTargets("volume", volumes) if volumes else {}),
     }
+
+
+def leastAreas(measured: MeasuredMesh) -> dict[str, float]:
+    """Return the least area that each periodic surface can have, by the names of targets; of closed ones there is none.
+
+    It is that of the projection of a sheet onto a side of its box: the size of the sum of the area vectors of all
+    triangles, which no motion changes, as it is the flux of a uniform field through the surface.
+    """
+    sheets = measured.surfaces if measured.mesh.isPeriodic else []
+    sums = [triangleNormals(sheet.vertices, sheet.triangles, sheet.images).sum(axis=0) for sheet in sheets]
+    return numberedTargets("area", [float(np.linalg.norm(each)) / 2 for each in sums]) if sums else {}
 
 
 def ownAreaDifferences(config: Config, measured: MeasuredMesh) -> dict[str, float]:
