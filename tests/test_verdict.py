@@ -9,6 +9,7 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
+import openmm as mm
 import pytest
 from distributed import LocalCluster
 from typer.testing import CliRunner
@@ -248,6 +249,25 @@ def testTheKindOfStageSaysHowItsStepSizeComesOutBetter(inFolder, monkeypatch):
     ]
     assert ["let targets and temperature change more slowly" in first for (first,) in advice] == [True, False, False]
     assert ["a longer burn_in" in first for (first,) in advice] == [False, True, False]
+
+
+@pytest.mark.parametrize("energy, isBlamed", [("-1000*x^2", True), ("-10*x", True), ("5*x^2", False)])
+def testAMinimizationThatAForceDroveTellsOfThatForce(inFolder, energy, isBlamed):
+    """No more iterations, and no slower way to the targets, help where its energy has no lower bound."""
+
+    def pulled(system, scene):
+        force = mm.CustomExternalForce(energy)
+        for i in range(len(scene.mesh.vertices)):
+            force.addParticle(i, [])
+        system.addForce(force)
+
+    stages = [{"kind": "minimize", "fluid": False, "max_iterations": 60}]
+    verdict = mh.run(configure(stages=stages), setup=pulled).verdict
+    words = (
+        r"what is beside the membrane \(CustomExternalForce\) lost .* kT, and the membrane took up .* kT: a force of"
+    )
+    assert isBlamed == bool(re.search(words, str(verdict))) == (verdict.level == "failed")
+    assert not isBlamed or "let the minimization go on" not in str(verdict)
 
 
 def testARepulsionThatIsThereIsToReachFurther():

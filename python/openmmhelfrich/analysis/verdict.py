@@ -179,6 +179,11 @@ class Evidence:
         the forces over the tolerance where a minimization found no lower energy along them
     slack : float or None
         the forces over the default tolerance where a minimization met a looser one
+    beside : str
+        the forces beside the membrane
+    lost, gained : float or None
+        the energy, in kT, that these lost, and that the membrane's own terms gained, where a minimization came to no
+        minimum and they gained more than they had
     """
 
     rows: Table = field(default_factory=Table)
@@ -201,6 +206,9 @@ class Evidence:
     fall: float | None = None
     excess: float | None = None
     slack: float | None = None
+    beside: str = ""
+    lost: float | None = None
+    gained: float | None = None
 
     @cached_property
     def late(self) -> Table:
@@ -427,7 +435,7 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
 def _approaching(e: Evidence, isAreaAbove: bool) -> str:
     """Return what brings a constraint nearer to its target, which its modulus could hold."""
     if not e.heat:
-        return _NEARER
+        return _unbounded(e) or _NEARER
     return _LONGER + (_ROOM if isAreaAbove and e.mesh is not None and e.mesh.isPeriodic else "")
 
 
@@ -610,12 +618,23 @@ def _forces(e: Evidence) -> Iterator[Measured]:
     if e.excess is not None:
         what = f"the minimization found no lower energy along forces that are {e.excess:.3g} times its tolerance"
         isRough = any(found for check in (FOLDS, TRIANGLES, INTERSECTIONS) for found in check.findings(e))
-        yield Measured(e.excess, what, f"more iterations do not help: {_ROUGH if isRough else _STIFF}")
+        why = _unbounded(e) or f"more iterations do not help: {_ROUGH if isRough else _STIFF}"
+        yield Measured(e.excess, what, why)
     if e.slack is not None:
         what = (
             f"the minimization ended at forces that are {e.slack:.3g} times the default tolerance, as its own is looser"
         )
         yield Measured(e.slack, what, "a smaller tolerance, or none, brings it nearer to the minimum")
+
+
+def _unbounded(e: Evidence) -> str:
+    """Return that forces beside the membrane may be without a minimum, if they drove it; it is not known for sure."""
+    if e.lost is None or e.gained is None:
+        return ""
+    return (
+        f"what is beside the membrane ({e.beside}) lost {e.lost:.3g} kT, and the membrane took up {e.gained:.3g} kT: "
+        "a force of [system] or of the setup is too strong for it, or its energy has no lower bound"
+    )
 
 
 _ROUGH = (

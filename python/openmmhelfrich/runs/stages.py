@@ -58,6 +58,7 @@ from ..sampling.targets import (
 )
 from ..tables import Table
 from ..units import valueIn
+from .additions import otherForces
 from .approach import TARGET_NAMES, endTargets, targetInWords
 from .config import conditionOf, conditionParts, namingSource
 from .material import lineTensionsOf, numbered, requireKnown, requireResolved
@@ -81,7 +82,7 @@ class _Memory(TypedDict):
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
     marks: NotRequired[list[list[float]]]
-    shortfall: NotRequired[dict[Literal["fall", "excess", "slack"], float]]
+    shortfall: NotRequired[dict[Literal["fall", "excess", "slack", "lost", "gained"], float]]
 
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
@@ -322,6 +323,7 @@ class Minimize(Stage):
         setConditions(simulation.context, self._force, self._endConditions())
         tolerance = settings.tolerance and settings.tolerance * self._scene.kT
         isStopped, start = False, simulation.context.getState(energy=True).getPotentialEnergy()._value
+        own = _sumOf(self._force.getEnergyTermsInContext(simulation.context))
         self._energies = [(0, start / self._scene.kT)]
 
         def progress(iterations: int, energy: float) -> bool:
@@ -346,6 +348,7 @@ class Minimize(Stage):
             if beyond is not None and result.iterations < settings.max_iterations:
                 raise remeshFirst(self._scene, f"after the minimization {beyond}")
             self._shortfall = _shortfall(result, start, tolerance or 0.0, self._defaultTolerance())
+            self._shortfall |= _driven(result, own, start - own, self._scene.kT)
             simulation.context.setStepCount(simulation.currentStep + 1)
             count = f"{result.iterations} iteration{'s' if result.iterations != 1 else ''}"
             self._result = [
@@ -386,9 +389,10 @@ class Minimize(Stage):
         return self._result or []
 
     def _evidence(self, rows: Table) -> Evidence:
-        fall, excess, slack = map(self._shortfall.get, ("fall", "excess", "slack"))
+        lacks: dict[str, Any] = {**self._shortfall}
+        beside = ", ".join(force.getName() for force in otherForces(self._simulation.system))
         last = rows.where(np.array([-1]))
-        return replace(super()._evidence(rows), rows=last, fall=fall, excess=excess, slack=slack)
+        return replace(super()._evidence(rows), rows=last, beside=beside, **lacks)
 
     def _heat(self, rows: Table) -> float:
         return 0.0
@@ -769,6 +773,27 @@ def _shortfall(result: MinimizationResult, start: float, tolerance: float, defau
         return {}
     last = history[-1 - max(1, len(history) // 10) :]
     return {"fall": float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))}
+
+
+def _driven(result: MinimizationResult, own: float, other: float, kT: float) -> dict[str, float]:
+    """Return what forces beside the membrane lost, and its own terms gained, in kT, as attributes of an Evidence: where
+    there is no minimum, and the membrane gained more than it had.
+
+    Parameters
+    ----------
+    result : MinimizationResult
+        what it came to
+    own, other : float
+        the energies of the membrane, and of what is beside it, at the start, in kJ/mol
+    """
+    gained = _sumOf(result.energies) - own
+    lost = other - (result.energy._value - own - gained)
+    return {} if result.converged or not lost > gained > abs(own) else {"lost": lost / kT, "gained": gained / kT}
+
+
+def _sumOf(energies: dict[str, unit.Quantity]) -> float:
+    """Return the sum of terms, in kJ/mol."""
+    return float(sum(valueIn(energy, unit.kilojoules_per_mole) for energy in energies.values()))
 
 
 def burnIn(sampling: SamplingSection, steps: int) -> int:
