@@ -216,6 +216,14 @@ def testWhatAnAdviceIs():
         assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
 
 
+def testWhatIsZeroOnAverageDoesNotDrift():
+    """The area difference of a sheet, whose sides are alike, may have changed its sign by chance."""
+    fluctuating, drifting = 0.05 * np.sign(RAMP) + 0.01 * np.sin(40 * RAMP), 25 + RAMP
+    for values, expected in ((fluctuating, []), (drifting, ["drift"])):
+        found = judge(replace(GOOD, rows=rowsOf(areaDifference=values))).findings
+        assert [finding.check for finding in found] == expected
+
+
 def testASheetWithoutRoomForItsUndulationsIsToHaveALargerArea():
     """Its box holds it; a vesicle, or a sheet that is short of its target, has nothing to gain by that."""
 

@@ -586,7 +586,8 @@ def _drift(e: Evidence) -> Iterator[Measured]:
             first, second = np.array_split(values, 2)
             change, mean = float(second.mean() - first.mean()), abs(float(values.mean()))
             error = math.hypot(_blockError(first), _blockError(second))
-            matters = mean > 0 and abs(change) > _MATTERS * mean
+            # What is 0 but for its fluctuations, as the area difference of a sheet, has no part of its mean.
+            matters = mean > values.std() and abs(change) > _MATTERS * mean
             if matters and np.all(np.isfinite(values)):
                 what = (
                     f"the {observable.title} drifts by {change / mean:+.1%} while it is averaged, and has not come to "
