@@ -88,7 +88,7 @@ def autocorrelationTime(a):
 
 def squaredChanges(series, evaluations):
     """Return the mean squared change after some numbers of computations, of which a sample takes some."""
-    lags = {lag: round(lag / evaluations) for lag in (100, 200, 400, 800, 1600, 3200)}
+    lags = {lag: round(lag / evaluations) for lag in (100 * 2**n for n in range(9))}
     return {lag: float(np.mean((series[k:] - series[:-k]) ** 2)) for lag, k in lags.items() if 0 < k < len(series) / 3}
 
 
@@ -228,9 +228,17 @@ def summary(rows, evaluations, seconds):
 
 
 def average(numbers, evaluations, seconds):
-    """Return what an independent sample of numbers costs, their mean, and its standard error."""
+    """Return what an independent sample of numbers costs, their mean, its standard error, their variance, and how far
+    they change in some numbers of computations.
+    """
     found = costs((numbers - numbers.mean())[:, np.newaxis], evaluations, seconds)
-    return {**found, "mean": float(numbers.mean()), "error": float(numbers.std() / found["samples"] ** 0.5)}
+    return {
+        **found,
+        "mean": float(numbers.mean()),
+        "error": float(numbers.std() / found["samples"] ** 0.5),
+        "variance": float(numbers.var()),
+        "squaredChanges": squaredChanges(numbers, evaluations),
+    }
 
 
 def costs(columns, evaluations, seconds):
