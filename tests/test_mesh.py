@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import openmmhelfrich as mh
 from conftest import together
-from openmmhelfrich.geometry import connectivity
+from openmmhelfrich.geometry import connectivity, mending
 from openmmhelfrich.geometry.quality import triangleAngles
 
 FORMATS = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh"]
@@ -430,6 +430,39 @@ def testSubdividedFlipsFlatTriangles(kind, triangle):
     assert fine.area == pytest.approx(mesh.area, rel=2e-3)
     if kind != "sheet":
         assert fine.volume == pytest.approx(mesh.volume, rel=2e-3)
+
+
+def isFaceUp(mesh):
+    return np.all(connectivity.triangleNormals(mesh.vertices, mesh.triangles, mesh.images)[:, 2] > 0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def testFlatTrianglesSideBySide(seed):
+    """However many meet, those are flipped that can be, and none is turned over."""
+    random, mesh = np.random.default_rng(seed), mh.Mesh.sheet(6, 6, 1)
+    for triangle in random.choice(len(mesh.triangles), 12, replace=False):
+        before = mesh.vertices.copy()
+        flatten(mesh, triangle, 0.02)
+        if not isFaceUp(mesh):
+            mesh.vertices[:] = before
+    fine = mesh.subdivided()
+    assert fine.notes and isFaceUp(fine) and fine.area == pytest.approx(mesh.area, rel=1e-12)
+    triangles, _ = mending.flipFlat(mesh.vertices, mesh.triangles, mesh.images)
+    assert mending.flipFlat(mesh.vertices, triangles, mesh.images)[1] == 0
+
+
+@pytest.mark.parametrize("c, isFlipped", [((1, -1, 0), True), ((-0.5, -0.02, 0), False)])
+def testOnlyConvexPairsAreFlipped(c, isFlipped):
+    """Another side of a pair that is not convex would turn a triangle over."""
+    x = np.array([(0, 0, 0), (2, 0, 0), (1, 0.06, 0), c], dtype=float)
+    triangles = np.array([(0, 1, 2), (1, 0, 3)])
+    found, count = mending.flipFlat(x, triangles)
+    assert count == isFlipped and np.array_equal(found, triangles) != isFlipped
+    assert np.all(connectivity.triangleNormals(x, found)[:, 2] > 0)
+
+
+def testSubdividedOfNothing():
+    assert len(mh.Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=int)).subdivided().triangles) == 0
 
 
 def testSubdividedLeavesCreases():

@@ -184,7 +184,7 @@ def testARunThatFreezesIsNotGood():
             late = judge(replace(GOOD, lately=(accepted, tried)))
             assert (late.level == "good") == (chance > 0.05), (accepted, tried)
     assert judge(replace(GOOD, lately=(0, 30))).findings[0].what == (
-        "0 of 30 trajectories of the second half were accepted, and 75% of all"
+        "of the last 30 trajectories 0 were accepted, and 75% of all"
     )
     few = judge(replace(GOOD, acceptance=0.1, lately=(0, 30))).findings
     assert [finding.check for finding in few] == ["acceptance of trajectories"], "once is enough"
@@ -459,12 +459,38 @@ def testARunThatFreezesLateIsTold(inFolder):
 
     whole = mh.run(configure("a"), freezeAt(90)).verdict.findings
     assert [finding.check for finding in whole] == ["diverged trajectories", "acceptance of late trajectories"]
-    assert whole[1].what.startswith("0 of ")
+    assert " 0 were accepted" in whole[1].what
     assert mh.run(configure("b"), freezeAt(90, stop=150)).verdict is None
     resumed = mh.resume("b", progress=freezeAt(90)).verdict.findings  # its first step is a short one
     assert [finding.check for finding in resumed] == [finding.check for finding in whole]
-    assert resumed[1].what.split()[2] == whole[1].what.split()[2], "as many were tried"
+    assert resumed[1].what.split()[3] == whole[1].what.split()[3], "as many were tried"
     assert mh.run(configure("c")).verdict.level == "good"
+
+
+def testAPathThereAndBackIsJudgedByTheModuliAtItsEnd(inFolder):
+    """They are those of its beginning, with which its last window is averaged, whether it is the last stage or not."""
+    path = {"kind": "continue", "windows": 2, "equilibration": 10, "steps": 30, "there_and_back": True}
+    back = {**path, "bending_modulus": 200}
+    result = mh.run(configure("a", stages=[back, {**path, "bending_modulus": 2.0}, {"kind": "sample", "steps": 100}]))
+    levels = dict(result.stageVerdicts)
+    assert result.verdict.level == "good" and {verdict.level for verdict in levels.values()} == {"good"}
+    (line,) = (line for name, line in mh.run(configure("b", stages=[back])).lines() if name == "E_B/8 pi kappa")
+    assert 1 < float(line.split(",")[0]) < 1.3
+
+
+def testARunThatIsExtendedWhileItFreezesIsTold(inFolder):
+    """What counts are the last trajectories of the whole, also if each extension is short."""
+
+    def freeze(study):
+        if study.simulation.currentStep > 100:
+            study.simulation.integrator.setStepSize(0.02)
+
+    for prefix, parts in (("a", [260]), ("b", [110, 50, 50, 50])):
+        result = mh.run(configure(prefix, stages=[{"kind": "sample", "steps": parts[0]}]), freeze)
+        for steps in parts[1:]:
+            result = mh.resume(prefix, steps=steps, progress=freeze)
+        late = [each for each in result.verdict.findings if each.check == "acceptance of late trajectories"]
+        assert len(late) == 1 and int(late[0].what.split()[3]) < 0.6 * 260 / 2 + 20
 
 
 def invoke(*arguments):

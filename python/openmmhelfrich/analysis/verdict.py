@@ -164,7 +164,7 @@ class Evidence:
     adaptation : str
         what lets a step size that is found by its acceptance come out better; empty where it is given
     lately : (int, int)
-        how many trajectories were accepted and tried in the second half
+        how many trajectories were accepted and tried in about the second half
     few : dict of (int, int)
         how many "trajectories" or "flips" were accepted and tried, where these are too few for a rate
     exchanges : sequence of (int, int)
@@ -459,7 +459,7 @@ def _lateAcceptance(e: Evidence) -> Iterator[Measured]:
     accepted, tried = e.lately
     if tried > 0 and e.acceptance is not None and e.acceptance >= ACCEPTANCE.doubtful:
         greatest = float(betaincinv(accepted + 1, tried - accepted, 1 - _RISK)) if accepted < tried else 1.0
-        what = f"{accepted} of {tried} trajectories of the second half were accepted, and {e.acceptance:.0%} of all"
+        what = f"of the last {tried} trajectories {accepted} were accepted, and {e.acceptance:.0%} of all"
         yield Measured(greatest, what, _stepAdvice(e))
 
 

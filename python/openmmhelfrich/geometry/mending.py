@@ -335,25 +335,42 @@ def _collapse(surface: _Surface, needles: NDArray[np.int64], sides: Points) -> i
 def flipFlat(vertices: Points, triangles: NDArray[np.integer], box: Points | None = None) -> tuple[Triangles, int]:
     """Return triangles of which the nearly flat ones have their longest side flipped, and how many were flipped.
 
-    Only those that lie in about the same plane as their neighbor are, and only if the new side is no shorter than all
-    others, so that the surface hardly changes.
+    Only those are that lie in about the same plane as their neighbor, before and after, and only if the new side is no
+    shorter than all others, so that the surface hardly changes.
     """
-    surface = _Surface(vertices, triangles.astype(np.int64))
+    surface, total = _Surface(vertices, triangles.astype(np.int64)), 0
+    for _ in range(_ROUNDS):
+        changed = _flip(surface, _flippable(surface, box))
+        total += changed
+        if changed == 0:
+            break
+    return surface.triangles, total
+
+
+def _flippable(surface: _Surface, box: Points | None) -> Halfedges:
+    """Return the halfedges that :func:`flipFlat` may flip."""
+    vertices = surface.vertices
     h = _acrossObtuse(vertices, surface.triangles, box)
     o = surface.opposites()[h]
     h, o = h[o >= 0], o[o >= 0]
     origin, target = connectivity.halfedges(surface.triangles)
     a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
     toB, toM, toC = (connectivity.edgeVectors(vertices, a, end, box) for end in (b, m, c))
-    normals = [np.cross(toB, toM), np.cross(toC, toB)]
+    old, new = (np.cross(toB, toM), np.cross(toC, toB)), (np.cross(toC, toM), np.cross(toM - toB, toC - toB))
+    isLevel = _areLevel(*old) & _areLevel(sum(old), new[0]) & _areLevel(sum(old), new[1])
     lengths = [np.linalg.norm(side, axis=1) for side in (toM - toC, toM, toM - toB, toC, toC - toB)]
-    isLevel = np.sum(normals[0] * normals[1], axis=1) > _LEVEL * np.prod(np.linalg.norm(normals, axis=2), axis=0)
-    return surface.triangles, _flip(surface, h[isLevel & (lengths[0] >= np.min(lengths[1:], axis=0))])
+    return h[isLevel & (lengths[0] >= np.min(lengths[1:], axis=0))]
+
+
+def _areLevel(first: Points, second: Points) -> NDArray[np.bool_]:
+    """Return whether triangles with some normals lie in about the same plane as those with others."""
+    cosines = np.sum(first * second, axis=1)
+    return cosines > _LEVEL * np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
 
 
 def _acrossObtuse(vertices: Points, triangles: Triangles, box: Points | None) -> Halfedges:
     """Return the halfedges that are opposite to an angle of nearly 180 degrees."""
-    found = []
+    found = [np.zeros(0, dtype=np.int64)]
     for block in connectivity.blocks(len(triangles)):
         corners = triangles[block].T
         sides = [connectivity.edgeVectors(vertices, corners[k], corners[k - 2], box) for k in range(3)]

@@ -94,10 +94,16 @@ def valueOf(config: Config, name: str) -> Any:
 
 def during(config: Config, index: int) -> Config:
     """Return a Config with the moduli and the like that its membrane has during one of its stages, at the end of it, or
-    before all stages: -1.
+    where it turns back, or before all stages: -1.
     """
-    for i, stage in enumerate(config.stages[: index + 1]):
-        if i == index or not stage.returns:
+    before = after(config, index - 1)
+    return _changed(before, config.stages[index].conditions()) if index >= 0 else before
+
+
+def after(config: Config, index: int) -> Config:
+    """Return a Config with the moduli and the like that its membrane has after one of its stages, or before all: -1."""
+    for stage in config.stages[: max(0, index + 1)]:
+        if not stage.returns:
             config = _changed(config, stage.conditions())
     return config
 

@@ -17,7 +17,7 @@ from ..sampling.targets import setDefaultTargets, totalOf
 from ..units import thermalEnergy
 from .additions import Setup, addSection, beadPositions, requireCreated
 from .approach import FAR
-from .config import Config, asConfig, during, namingSource, valueOf
+from .config import Config, after, asConfig, during, namingSource, valueOf
 from .defaults import resolve
 from .effects import requireEffect
 from .material import bendingModulusOf, numbered, requireOnePlace, setMaterial, speciesOf
@@ -162,7 +162,13 @@ class Scene:
 
     def during(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
-        config = during(self.config, index)
+        return self._of(during(self.config, index))
+
+    def after(self, index: int) -> "Scene":
+        """Return the Scene with the moduli that it has after one of its stages."""
+        return self._of(after(self.config, index))
+
+    def _of(self, config: Config) -> "Scene":
         return replace(self, config=config, moduli=_moduliOf(config, self.kT))
 
     def _warnOfFarTargets(self) -> None:

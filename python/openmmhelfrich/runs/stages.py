@@ -77,7 +77,7 @@ class _Memory(TypedDict):
     startTargets: dict[str, float]
     startConditions: NotRequired[dict[str, float]]
     startCounters: Annotated[list[int], Field(min_length=5, max_length=5)]
-    halfCounters: NotRequired[Annotated[list[int], Field(min_length=5, max_length=5)]]
+    laps: NotRequired[list[Annotated[list[int], Field(min_length=6, max_length=6)]]]
     energies: NotRequired[list[tuple[float, float]]]
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
@@ -87,6 +87,8 @@ class _Memory(TypedDict):
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
 LEAST_STEP = 1e-6
+# So often counters are kept on the way.
+MOST_LAPS = 32
 # So many energies of a minimization are kept: more than a plot has pixels.
 MOST_ENERGIES = 1000
 
@@ -120,7 +122,7 @@ class Stage(ABC):
         self._startConditions = currentConditions(simulation.context, force, self._endConditions())
         self._startTargets = currentTargets(simulation.context, force) | self._measuresReleased()
         self._startCounters, self._marks = self._counters(), self._positionsOfMarks().tolist()
-        self._halfCounters = self._startCounters
+        self._laps: list[list[int]] = []  # positions, and the counters there
         self._startAdaptation()
 
     @classmethod
@@ -179,7 +181,7 @@ class Stage(ABC):
             "startTargets": self._startTargets,
             "startConditions": self._startConditions,
             "startCounters": self._startCounters,
-            "halfCounters": self._halfCounters,
+            "laps": self._laps,
             "marks": self._marks,
             "adapter": self._adapter and self._adapter.getState(),
             "waveAdapter": self._waveAdapter and self._waveAdapter.getState(),
@@ -193,7 +195,7 @@ class Stage(ABC):
         if self._startConditions.keys() != self._endConditions().keys():
             raise ValueError(f"the stage began with other conditions than {', '.join(self._endConditions())}")
         self._startCounters, self._marks = state["startCounters"], state.get("marks", [])
-        self._halfCounters = state.get("halfCounters", self._startCounters)  # earlier versions kept none
+        self._laps = state.get("laps", [])  # earlier versions kept none
         self._startAdaptation()
         if self._adapter:
             self._adapter.setState(state["adapter"])
@@ -204,21 +206,23 @@ class Stage(ABC):
         """Return what is worth telling at the end of the stage."""
         return []
 
-    def judge(self, rows: Table) -> Verdict:
-        """Return the verdict on the stage at its end, given its rows of the table."""
-        return verdict.judge(self._evidence(rows), self.CHECKS)
+    def judge(self, rows: Table, moduli: dict[str, float]) -> Verdict:
+        """Return the verdict on the stage at its end, given its rows of the table, and the modulus of each term there,
+        in kJ/mol.
+        """
+        inThermal = {name: modulus / self._scene.kT for name, modulus in moduli.items()}
+        return verdict.judge(replace(self._evidence(rows), moduli=inThermal), self.CHECKS)
 
     def _evidence(self, rows: Table) -> Evidence:
         scene, mesh = self._scene, currentMesh(self._simulation, self._force)
         integrator = self._simulation.integrator
         counters, late = (
             Counters(*np.subtract(self._counters(), before).tolist())
-            for before in (self._startCounters, np.maximum(self._startCounters, self._halfCounters))
+            for before in (self._startCounters, np.maximum(self._startCounters, self._countersAtHalf()))
         )
         return Evidence(
             rows=rows,
             mesh=mesh,
-            moduli={name: modulus / scene.kT for name, modulus in scene.moduli.items()},
             flatEnergy=flatEnergy(self._simulation.context, self._force, mesh) / scene.kT,
             isUniform=not scene.config.species,
             heat=self._heat(rows),
@@ -246,6 +250,19 @@ class Stage(ABC):
         if not self._marks:
             return None
         return displacement(np.array(self._marks), self._positionsOfMarks()) / float(mesh.edgeLengths.mean())
+
+    def _keepLap(self) -> None:
+        """Keep the counters at up to so many positions, evenly apart, so that those at half of any number of steps are
+        about known.
+        """
+        apart = 1 << (self.position // MOST_LAPS).bit_length()
+        if self.position % apart == 0:
+            self._laps = [lap for lap in self._laps if lap[0] % apart == 0] + [[self.position, *self._counters()]]
+
+    def _countersAtHalf(self) -> list[int]:
+        """Return the counters at half of the steps that were made, or up to a sixteenth of them later."""
+        late = [counters for position, *counters in self._laps if 2 * position >= self.position]
+        return late[0] if late else self._startCounters
 
     def _counters(self) -> list[int]:
         return list(countersOf(self._simulation.integrator))
@@ -423,8 +440,7 @@ class MonteCarlo(Stage):
         else:
             simulation.step(1)
         self.position += 1
-        if self.position == self.steps // 2:
-            self._halfCounters = self._counters()
+        self._keepLap()
         self._stepped()
 
     def _requireStepSize(self) -> None:

@@ -410,7 +410,7 @@ class Study:
         """Keep the verdict on the stage, which has just ended."""
         table = readObservables(self.outputs.table)
         rows = table.where(table["stage"] == self.index + 1)
-        self.verdicts[self.index] = self.stage.judge(rows) if len(rows["step"]) else Verdict()
+        self.verdicts[self.index] = self.stage.judge(rows, self.scene.after(self.index).moduli) if len(rows["step"]) else Verdict()
         self._writeSettings()
 
     def _note(self) -> None:
@@ -478,7 +478,7 @@ class Study:
 
     def _summary(self, newSteps: int, seconds: float, signal: int | None) -> Summary:
         """Return the Summary of what was done."""
-        moduli = self.scene.during(self.index).moduli
+        moduli = self.scene.after(self.index).moduli
         targets = currentTargets(self.simulation.context, self.force)
         table = readObservables(self.outputs.table)
         acceptance, flipAcceptance = (

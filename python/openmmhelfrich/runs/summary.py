@@ -12,7 +12,7 @@ from ..pictures.plots import Picture, observablesPicture
 from ..sampling.averages import lateRows
 from ..sampling.observables import Observable, observablesIn
 from ..tables import Table, unwarned
-from .config import Config, during
+from .config import Config, after
 from .outputs import Outputs
 from .stagesettings import StageSettings
 
@@ -157,7 +157,7 @@ class Summary:
 
     def _bendingModulus(self, stage: int) -> float:
         """Return the bending modulus at the end of a stage, or of -1, at the start."""
-        return during(self.config, stage).membrane.bending_modulus
+        return after(self.config, stage).membrane.bending_modulus
 
     def _verdictLines(self) -> list[tuple[str, str]]:
         lines = []

@@ -38,7 +38,7 @@ from ..tables import headOf, unwarned
 from ..units import wholeNumber
 from .additions import Setup
 from .checkpoint import loadRunState
-from .config import Config, during, readConfig
+from .config import Config, after, readConfig
 from .configfile import settingsText
 from .grids import GridPoint, coarsePoints, readGrid, seedOf
 from .outputs import Outputs
@@ -477,7 +477,7 @@ def observe(config: Config) -> dict[str, Any]:
 
 def _endModulus(config: Config) -> float:
     """Return the bending modulus at the end of a run."""
-    return during(config, len(config.stages) - 1).membrane.bending_modulus
+    return after(config, len(config.stages) - 1).membrane.bending_modulus
 
 
 def _takeFinished(states: list[PointStatus]) -> None:
