@@ -357,7 +357,7 @@ def _flippable(surface: _Surface, box: Points | None) -> Halfedges:
     a, b, m, c = origin[h], target[h], target[_next(h)], target[_next(o)]
     toB, toM, toC = (connectivity.edgeVectors(vertices, a, end, box) for end in (b, m, c))
     old, new = (np.cross(toB, toM), np.cross(toC, toB)), (np.cross(toC, toM), np.cross(toM - toB, toC - toB))
-    isLevel = _areLevel(*old) & _areLevel(sum(old), new[0]) & _areLevel(sum(old), new[1])
+    isLevel = _areLevel(*old) & _areLevel(old[0] + old[1], new[0]) & _areLevel(old[0] + old[1], new[1])
     lengths = [np.linalg.norm(side, axis=1) for side in (toM - toC, toM, toM - toB, toC, toC - toB)]
     return h[isLevel & (lengths[0] >= np.min(lengths[1:], axis=0))]
 

@@ -410,7 +410,8 @@ class Study:
         """Keep the verdict on the stage, which has just ended."""
         table = readObservables(self.outputs.table)
         rows = table.where(table["stage"] == self.index + 1)
-        self.verdicts[self.index] = self.stage.judge(rows, self.scene.after(self.index).moduli) if len(rows["step"]) else Verdict()
+        moduli = self.scene.after(self.index).moduli
+        self.verdicts[self.index] = self.stage.judge(rows, moduli) if len(rows["step"]) else Verdict()
         self._writeSettings()
 
     def _note(self) -> None:
