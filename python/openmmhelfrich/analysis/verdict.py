@@ -458,16 +458,23 @@ def _lateAcceptance(e: Evidence) -> Iterator[Measured]:
     """The rate that is surpassed with a small probability: where all in all enough are accepted, a run may freeze."""
     accepted, tried = e.lately
     if tried > 0 and e.acceptance is not None and e.acceptance >= ACCEPTANCE.doubtful:
-        greatest = float(betaincinv(accepted + 1, tried - accepted, 1 - _RISK)) if accepted < tried else 1.0
+        greatest = 1 - _leastLikely(tried - accepted, tried)
         what = f"of the last {tried} trajectories {accepted} were accepted, and {e.acceptance:.0%} of all"
         yield Measured(greatest, what, _stepAdvice(e))
 
 
 def _leastRate(accepted: int, tried: int, name: str, check: Check, advice: str) -> Measured:
     """Return the rate that is not reached with a small probability, where too few were tried to know it better."""
-    least = float(betaincinv(accepted, tried - accepted + 1, _RISK)) if accepted else 0.0
+    least = _leastLikely(accepted, tried)
     what = f"{accepted} of {tried} {name} were accepted" if tried else f"no {name} were tried"
     return Measured(least, f"{what}, too few to tell whether enough are", advice, (check.doubtful, 0.0))
+
+
+def _leastLikely(count: int, tried: int) -> float:
+    """Return the rate at which so many or more come out with a small probability: the lower bound of Clopper and
+    Pearson.
+    """
+    return float(betaincinv(count, tried - count + 1, _RISK)) if count else 0.0
 
 
 def _divergence(e: Evidence) -> Iterator[Measured]:

@@ -340,10 +340,11 @@ def flipFlat(vertices: Points, triangles: NDArray[np.integer], box: Points | Non
     """
     surface, total = _Surface(vertices, triangles.astype(np.int64)), 0
     for _ in range(_ROUNDS):
-        changed = _flip(surface, _flippable(surface, box))
-        total += changed
+        edges = _flippable(surface, box)
+        changed = _flip(surface, edges) if len(edges) else 0
         if changed == 0:
             break
+        total += changed
     return surface.triangles, total
 
 
@@ -351,6 +352,8 @@ def _flippable(surface: _Surface, box: Points | None) -> Halfedges:
     """Return the halfedges that :func:`flipFlat` may flip."""
     vertices = surface.vertices
     h = _acrossObtuse(vertices, surface.triangles, box)
+    if not len(h):  # as a rule, and then all else is not needed
+        return h
     o = surface.opposites()[h]
     h, o = h[o >= 0], o[o >= 0]
     origin, target = connectivity.halfedges(surface.triangles)

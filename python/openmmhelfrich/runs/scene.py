@@ -162,13 +162,13 @@ class Scene:
 
     def during(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has during one of its stages, at the end of it; -1 is before all."""
-        return self._of(during(self.config, index))
+        return self._withConfig(during(self.config, index))
 
     def after(self, index: int) -> "Scene":
         """Return the Scene with the moduli that it has after one of its stages."""
-        return self._of(after(self.config, index))
+        return self._withConfig(after(self.config, index))
 
-    def _of(self, config: Config) -> "Scene":
+    def _withConfig(self, config: Config) -> "Scene":
         return replace(self, config=config, moduli=_moduliOf(config, self.kT))
 
     def _warnOfFarTargets(self) -> None:

@@ -7,13 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..geometry.measured import MeasuredMesh
-from ..sampling.targets import (
-    GREATEST_DIFFERENCE,
-    LEAST_DIFFERENCE,
-    inWords,
-    requireComparableTarget,
-    totalOf,
-)
+from ..sampling.targets import differenceBounds, inWords, requireComparableTarget, totalOf
 from .approach import targetInWords
 from .config import Config, asDict
 from .material import requireResolved
@@ -83,7 +77,7 @@ def requireComparableTargets(config: Config, measured: MeasuredMesh, targets: di
 
 
 def _keyOf(name: str) -> str:
-    """Return the key of a target by its name: "target_area[1]" is "area[1]"."""
+    """Return the key of a target by its name: that of "area[1]" is "target_area[1]"."""
     total = totalOf(name)
     return TARGET_KEYS[total][0] + name.removeprefix(total)
 
@@ -92,7 +86,7 @@ def requireHeldDifference(where: str, modulus: float, name: str, target: float, 
     """Raise a ValueError if a modulus, given without a target, holds to an area difference that can be none: the mesh's
     own as a rule, which is near 0 of a flat sheet.
     """
-    least, greatest = LEAST_DIFFERENCE * sphere, GREATEST_DIFFERENCE * sphere
+    least, greatest = differenceBounds(sphere)
     if not least <= abs(target) <= greatest:
         raise ValueError(
             f"{where}area_difference_modulus is {modulus:g}, and the target {inWords(name)}, which is the mesh's own "

@@ -32,7 +32,7 @@ _SETTERS: dict[str, Callable[..., None]] = {
 TARGET_FACTORS = {"area": 5.0**2, "volume": 5.0**3}
 # The size of area differences, which may be near 0, or negative, in units of a sphere's.  A chain of n buds has sqrt(n)
 # and a tube of a length of n radii sqrt(n/8).
-LEAST_DIFFERENCE, GREATEST_DIFFERENCE = 1e-5, 100.0
+_LEAST_DIFFERENCE, _GREATEST_DIFFERENCE = 1e-5, 100.0
 
 # What holds them, in configurations.
 MODULUS_NAMES = {"area": "area_modulus", "volume": "volume_modulus", "areaDifference": "area_difference_modulus"}
@@ -116,8 +116,13 @@ def requireComparableTarget(what: str, name: str, value: float | None, own: floa
         )
 
 
+def differenceBounds(sphere: float) -> tuple[float, float]:
+    """Return the least and the greatest size of an area difference that can be a target, from that of a sphere."""
+    return _LEAST_DIFFERENCE * sphere, _GREATEST_DIFFERENCE * sphere
+
+
 def _requireComparableDifference(what: str, value: float | None, sphere: float) -> None:
-    least, greatest = LEAST_DIFFERENCE * sphere, GREATEST_DIFFERENCE * sphere
+    least, greatest = differenceBounds(sphere)
     if value is not None and not least <= abs(value) <= greatest:
         raise ValueError(
             f"{what} is {value:g}; its size must be from {least:.4g} to {greatest:.4g}, where a sphere of the mesh's "
