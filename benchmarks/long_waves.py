@@ -87,9 +87,18 @@ def autocorrelationTime(a):
 
 
 def squaredChanges(series, evaluations):
-    """Return the mean squared change after some numbers of computations, of which a sample takes some."""
-    lags = {lag: round(lag / evaluations) for lag in (100 * 2**n for n in range(9))}
-    return {lag: float(np.mean((series[k:] - series[:-k]) ** 2)) for lag, k in lags.items() if 0 < k < len(series) / 3}
+    """Return the mean squared change after some numbers of computations, up to a third of the series and 51,200.
+
+    Parameters
+    ----------
+    series : array
+        of shape (samples,) or (samples, modes)
+    evaluations : float
+        the computations that a sample takes
+    """
+    most = min(len(series) // 3, round(51200 / evaluations))
+    steps = np.unique(np.geomspace(1, most, 1 + round(4 * math.log2(most))).round().astype(int)) if most > 0 else []
+    return {round(k * evaluations): float(np.mean((series[k:] - series[:-k]) ** 2)) for k in steps}
 
 
 def decayTimes(runs, evaluations):

@@ -14,7 +14,7 @@ import numpy as np
 DEGREES = {"l2": "tab:blue", "l3": "tab:orange", "l4": "tab:green"}
 TETHER = [100, 0.85, 1.35]
 LARGE = {"l2": 800, "l3": 2800, "l4": 7000}  # vertices at which bending and the mesh are equally stiff
-LAG = "800"  # computations in which an elastic mesh forgets
+LAG = 800  # computations in which an elastic mesh forgets
 ERROR = 0.13  # the greatest, of a time by the decay of correlation
 
 
@@ -83,7 +83,8 @@ def plotShares(axes, runs, degree):
                 if other["vertices"] == run["vertices"] and not other.get("frozen") and other["weight"] > 0
             ]
             sizes.append(run["vertices"])
-            shares.append(run[degree]["squaredChanges"][LAG] / (2 * np.mean(powers)))
+            changes = run[degree]["squaredChanges"]
+            shares.append(changes[min(changes, key=lambda lag: abs(int(lag) - LAG))] / (2 * np.mean(powers)))
     axes.plot(sizes, shares, "o", color=DEGREES[degree], label=f"degree {degree[1:]}")
     law = np.geomspace(500, 14000)
     label = f"1/(1+N/{LARGE[degree]})"

@@ -1,0 +1,89 @@
+"""Compare how what large vesicles remember falls with how it falls in smaller ones, from runs of long_waves.py:
+
+    python benchmarks/long_waves_comparison.py RUNS.jsonl [--lags 3200 6400 12800]
+
+A run of a large vesicle is soon too short to know the time of an independent sample by itself.  If its correlations
+fall as those of a smaller vesicle do, only later, then that time is the smaller one's, times how much later.  For each
+quantity and lag: how many times later as much is left in the larger vesicle, with the means and variances of the
+smaller one; then the computations for an independent sample, at the longest lag where that factor is known to 15%.
+Runs of one size count together.  The sizes are the two largest of the file.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+QUANTITIES = {
+    "squares of l = 2": (lambda run: run["l2"]["ofShape"], 1),
+    "squares of l = 3": (lambda run: run["l3"]["ofShape"], 1),
+    "squares of l = 4": (lambda run: run["l4"]["ofShape"], 1),
+    "elongation": (lambda run: run["elongation"], 1),
+    "modes of l = 3": (lambda run: {"variance": run["l3"]["power"], **run["l3"]}, 7),
+}  # where a run has them, and their components
+ERROR = 0.15  # the greatest, of a factor that a cost is by
+
+
+class Changes:
+    """The mean squared changes of a quantity in runs of one size, and the computations of these."""
+
+    def __init__(self, runs, find):
+        self._lengths = np.array([run["trajectories"] * run["steps"] for run in runs])
+        self._runs = [np.array([(int(lag), d) for lag, d in find(run)["squaredChanges"].items()]).T for run in runs]
+        self.lags = self._runs[0][0]
+
+    def at(self, lag):
+        logs = [np.interp(np.log(lag), np.log(lags), np.log(changes)) for lags, changes in self._runs]
+        return np.average(np.exp(logs), weights=self._lengths, axis=0)
+
+    def error(self, lag, components):
+        """Return the standard error of ln D: a run has as many independent changes as the lag fits in, or so."""
+        return (2 * lag / self._lengths.sum() / components) ** 0.5
+
+
+def compare(small, large, lag, components):
+    """Return how many times later large has changed as far as after a lag, and the standard error of the logarithm."""
+    changes = large.at(lag)
+    logs = np.log(small.at(small.lags))
+    where = np.searchsorted(np.maximum.accumulate(logs), np.log(changes))
+    if not 0 < where < len(logs):
+        return None
+    pair = slice(where - 1, where + 1)
+    early = np.exp(np.interp(np.log(changes), logs[pair], np.log(small.lags[pair])))
+    slope = np.log(small.at(early * 1.2) / small.at(early / 1.2)) / np.log(1.44)
+    return lag / early, np.hypot(large.error(lag, components), small.error(early, components)) / slope
+
+
+def report(runs, lags):
+    sizes = sorted({run["vertices"] for run in runs})[-2:]
+    smaller, larger = ([run for run in runs if run["vertices"] == size] for size in sizes)
+    print(f"how many times later as much is left at {sizes[1]} vertices as at {sizes[0]}, after {lags} computations")
+    for name, (find, components) in QUANTITIES.items():
+        small, large = Changes(smaller, find), Changes(larger, find)
+        factors = [compare(small, large, lag, components) for lag in lags]
+        shown = ["-" if found is None else f"{found[0]:.1f} ± {found[1]:.0%}" for found in factors]
+        known = [found for found in factors if found is not None and found[1] <= ERROR]
+        print(name, *shown, costs(find(max(smaller, key=lambda run: run["trajectories"])), known), sep=" | ")
+
+
+def costs(found, known):
+    """Return what an independent sample takes at both sizes, in words: at the smaller by the integrated time, or by the
+    decay of the correlation where that time is known worse than to 20%.
+    """
+    small, error = found["evaluations"], (10 / found["samples"]) ** 0.5
+    if error > 0.2:
+        small, error = max((int(lag), *decay) for lag, decay in found["decayTimes"].items() if decay[1] <= ERROR)[1:]
+    words = f"{small:.0f} ± {error:.0%}"
+    if known:
+        factor, off = known[-1]
+        words += f" | {small * factor:.0f} ± {np.hypot(error, off):.0%}"
+    return words
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path)
+    parser.add_argument("--lags", type=int, nargs="+", default=[3200, 6400, 12800])
+    arguments = parser.parse_args()
+    report([json.loads(line) for line in arguments.runs.read_text().splitlines()], arguments.lags)
