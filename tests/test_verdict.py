@@ -259,23 +259,44 @@ def testTheKindOfStageSaysHowItsStepSizeComesOutBetter(inFolder, monkeypatch):
     assert ["a longer burn_in" in first for (first,) in advice] == [False, True, False]
 
 
-@pytest.mark.parametrize("energy, isBlamed", [("-1000*x^2", True), ("-10*x", True), ("5*x^2", False)])
-def testAMinimizationThatAForceDroveTellsOfThatForce(inFolder, energy, isBlamed):
-    """No more iterations, and no slower way to the targets, help where its energy has no lower bound."""
+def pulledBy(energy):
+    """Return a setup that adds a force of this energy on every vertex."""
 
-    def pulled(system, scene):
+    def setup(system, scene):
         force = mm.CustomExternalForce(energy)
         for i in range(len(scene.mesh.vertices)):
             force.addParticle(i, [])
         system.addForce(force)
 
+    return setup
+
+
+@pytest.mark.parametrize("energy, isBlamed", [("-1000*x^2", True), ("-10*x", True), ("5*x^2", False)])
+def testAMinimizationThatAForceDroveTellsOfThatForce(inFolder, energy, isBlamed):
+    """No more iterations, no slower way to the targets and no other mesh help where its energy has no lower bound."""
     stages = [{"kind": "minimize", "fluid": False, "max_iterations": 60}]
-    verdict = mh.run(configure(stages=stages), setup=pulled).verdict
+    verdict = mh.run(configure(stages=stages), setup=pulledBy(energy)).verdict
     words = (
         r"what is beside the membrane \(CustomExternalForce\) lost .* kT, and the membrane took up .* kT: a force of"
     )
     assert isBlamed == bool(re.search(words, str(verdict))) == (verdict.level == "failed")
-    assert not isBlamed or "let the minimization go on" not in str(verdict)
+    assert not isBlamed or len({finding.advice for finding in verdict.findings}) == 1 < len(verdict.findings)
+
+
+def testAMinimumBesideAForceIsHeldByALargerModulus(inFolder):
+    """It has come to its end, so that neither more iterations nor another way to the targets help."""
+    stages = [{"kind": "minimize", "fluid": False}]
+    verdict = mh.run(configure(stages=stages), setup=pulledBy("500*x^2")).verdict
+    assert [finding.check for finding in verdict.findings] == ["targets", "targets"]
+    words = r"minimum there, with what is beside the membrane \(CustomExternalForce\): a larger area_modulus holds it"
+    assert re.search(words, str(verdict)) and "let the minimization go on" not in str(verdict)
+
+
+def testAnAdviceIsShownOnceAndKeptByEachFinding():
+    found = judge(replace(GOOD, divergence=0.9, lately=(0, 150), stepSize=2e-3))
+    first, second = found.findings
+    assert first.advice == second.advice == 'a smaller step_size helps, or step_size = "auto"'
+    assert str(found).count(first.advice) == found._repr_html_().count("a smaller step_size helps") == 1
 
 
 def testARepulsionThatIsThereIsToReachFurther():

@@ -103,10 +103,17 @@ class Verdict:
         return f"<Verdict: {'; '.join([self.level, *(finding.check for finding in self.findings)])}>"
 
     def __str__(self) -> str:
-        return "".join([self.level, *(f"\n{finding}" for finding in self.findings)])
+        return "\n".join([self.level, *self.reasons()])
 
     def _repr_html_(self) -> str:
-        return htmlTable([("verdict", self.level), *(("", str(finding)) for finding in self.findings)])
+        return htmlTable([("verdict", self.level), *(("", reason) for reason in self.reasons())])
+
+    def reasons(self) -> list[str]:
+        """Return the findings as sentences, of which the first has what to do if several have the same."""
+        advice = [finding.advice for finding in self.findings]
+        return [
+            finding.what if finding.advice in advice[:i] else str(finding) for i, finding in enumerate(self.findings)
+        ]
 
     def toData(self) -> list[dict[str, Any]]:
         """Return the findings, fit for JSON."""
@@ -179,11 +186,8 @@ class Evidence:
         the forces over the tolerance where a minimization found no lower energy along them
     slack : float or None
         the forces over the default tolerance where a minimization met a looser one
-    beside : str
-        the forces beside the membrane
-    lost, gained : float or None
-        the energy, in kT, that these lost, and that the membrane's own terms gained, where a minimization came to no
-        minimum and they gained more than they had
+    beside : Beside or None
+        the forces beside the membrane of a minimization
     """
 
     rows: Table = field(default_factory=Table)
@@ -206,9 +210,7 @@ class Evidence:
     fall: float | None = None
     excess: float | None = None
     slack: float | None = None
-    beside: str = ""
-    lost: float | None = None
-    gained: float | None = None
+    beside: "Beside | None" = None
 
     @cached_property
     def late(self) -> Table:
@@ -282,6 +284,19 @@ class Evidence:
         return 8 * math.pi * self.moduli["bending"] * sum(map(energy, self.shapes))
 
 
+class Beside(NamedTuple):
+    """The forces beside the membrane, by their names, and what they lost and the membrane's own terms gained, in kT,
+    where they drove a minimization that came to no minimum.
+    """
+
+    forces: str
+    lost: float = 0.0
+    gained: float = 0.0
+
+    def __str__(self) -> str:
+        return f"what is beside the membrane ({self.forces})"
+
+
 class Shape(NamedTuple):
     """What the bending energy of a smooth closed surface is estimated from; a periodic one has no reduced volume."""
 
@@ -336,13 +351,10 @@ class Check:
 def judge(evidence: Evidence, checks: "Iterable[Check] | None" = None) -> Verdict:
     """Return the Verdict of some checks, or all, on what is known."""
     found = [finding for check in (CHECKS if checks is None else checks) for finding in check.findings(evidence)]
-    found.sort(key=lambda finding: -LEVELS.index(finding.level))
-    advice = [finding.advice for finding in found]
-    return Verdict(
-        tuple(
-            replace(finding, advice="") if finding.advice in advice[:i] else finding for i, finding in enumerate(found)
-        )
-    )
+    cause = _drive(evidence)
+    if cause:  # of whatever else is wrong
+        found = [replace(finding, advice=cause) for finding in found]
+    return Verdict(tuple(sorted(found, key=lambda finding: -LEVELS.index(finding.level))))
 
 
 def ratesOf(counters: Counters, integrator: Any) -> dict[str, Any]:
@@ -427,24 +439,33 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         abs(mean),
         f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
-        f"a larger {MODULUS_NAMES[total]} holds it" if isSoft else _approaching(e, total == "area" and mean > 0),
+        f"a larger {MODULUS_NAMES[total]} holds it" if isSoft else _approaching(e, total, mean),
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
 
 
-def _approaching(e: Evidence, isAreaAbove: bool) -> str:
+def _approaching(e: Evidence, total: str, mean: float) -> str:
     """Return what brings a constraint nearer to its target, which its modulus could hold."""
     if not e.heat:
-        return _unbounded(e) or _NEARER
-    return _LONGER + (_ROOM if isAreaAbove and e.mesh is not None and e.mesh.isPeriodic else "")
+        return _descending(e, total)
+    isAbove = total == "area" and mean > 0 and e.mesh is not None and e.mesh.isPeriodic
+    return f"{_LONGER}, or {_ROOM}" if isAbove else _LONGER
+
+
+def _descending(e: Evidence, total: str) -> str:
+    """Return what brings a constraint nearer to its target in a minimization."""
+    for finding in (*FORCES.findings(e), *MINIMUM.findings(e)):
+        return finding.advice if e.excess is not None else _NEARER
+    if _isRough(e):
+        return _LED
+    larger = f"a larger {MODULUS_NAMES[total]} holds it"
+    return f"the energy has its minimum there, with {e.beside}: {larger}, or a weaker force" if e.beside else larger
 
 
 _LONGER = "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)"
-_ROOM = ", or give a larger target_area, as a sheet covers its box, and its undulations take more"
-_NEARER = (
-    "let the minimization go on (max_iterations, tolerance), or let a stage of kind approach before it lead to the "
-    "targets"
-)
+_ROOM = "give a larger target_area, as a sheet covers its box, and its undulations take more"
+_LED = "let a stage of kind approach before it lead to the targets"
+_NEARER = f"let the minimization go on (max_iterations, tolerance), or {_LED}"
 
 
 def _acceptance(e: Evidence) -> Iterator[Measured]:
@@ -625,9 +646,7 @@ def _minimum(e: Evidence) -> Iterator[Measured]:
 def _forces(e: Evidence) -> Iterator[Measured]:
     if e.excess is not None:
         what = f"the minimization found no lower energy along forces that are {e.excess:.3g} times its tolerance"
-        isRough = any(found for check in (FOLDS, TRIANGLES, INTERSECTIONS) for found in check.findings(e))
-        why = _unbounded(e) or f"more iterations do not help: {_ROUGH if isRough else _STIFF}"
-        yield Measured(e.excess, what, why)
+        yield Measured(e.excess, what, f"more iterations do not help: {_ROUGH if _isRough(e) else _STIFF}")
     if e.slack is not None:
         what = (
             f"the minimization ended at forces that are {e.slack:.3g} times the default tolerance, as its own is looser"
@@ -635,13 +654,18 @@ def _forces(e: Evidence) -> Iterator[Measured]:
         yield Measured(e.slack, what, "a smaller tolerance, or none, brings it nearer to the minimum")
 
 
-def _unbounded(e: Evidence) -> str:
+def _isRough(e: Evidence) -> bool:
+    return any(found for check in (FOLDS, TRIANGLES, INTERSECTIONS) for found in check.findings(e))
+
+
+def _drive(e: Evidence) -> str:
     """Return that forces beside the membrane may be without a minimum, if they drove it; it is not known for sure."""
-    if e.lost is None or e.gained is None:
+    if e.beside is None or e.beside.gained == 0:
         return ""
     return (
-        f"what is beside the membrane ({e.beside}) lost {e.lost:.3g} kT, and the membrane took up {e.gained:.3g} kT: "
-        "a force of [system] or of the setup is too strong for it, or its energy has no lower bound"
+        f"{e.beside} lost {e.beside.lost:.3g} kT, and the membrane took up {e.beside.gained:.3g} kT: a force of "
+        "[system] or of the setup is too strong for it, or its energy has no lower bound"
+        + ("" if e.fall is None else "; a larger max_iterations helps only if it has one")
     )
 
 

@@ -118,7 +118,7 @@ def writeReport(
         {
             "title": html.escape(prefix.name),
             "level": verdict.level,
-            "findings": "".join(f"<li>{html.escape(str(finding))}</li>" for finding in verdict.findings),
+            "findings": "".join(f"<li>{html.escape(reason)}</li>" for reason in verdict.reasons()),
             "plotly": plotly,
             "data": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
             "facts": "".join(

@@ -20,7 +20,7 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import NotRequired, TypedDict
 
 from ..analysis import verdict
-from ..analysis.verdict import Check, Evidence, Verdict, ratesOf
+from ..analysis.verdict import Beside, Check, Evidence, Verdict, ratesOf
 from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..helfrich import HelfrichForce
@@ -82,7 +82,8 @@ class _Memory(TypedDict):
     adapter: dict[str, Any] | None
     waveAdapter: dict[str, Any] | None
     marks: NotRequired[list[list[float]]]
-    shortfall: NotRequired[dict[Literal["fall", "excess", "slack", "lost", "gained"], float]]
+    shortfall: NotRequired[dict[Literal["fall", "excess", "slack"], float]]
+    beside: NotRequired[tuple[str, float, float] | None]
 
 
 # The part of the step size to begin with below which an automatic one is not searched any further.
@@ -321,6 +322,7 @@ class Minimize(Stage):
         self._energies: list[tuple[float, float]] = []
         self._result: list[str] | None = None
         self._shortfall: dict[str, float] = {}
+        self._beside: Beside | None = None
 
     @classmethod
     def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
@@ -365,13 +367,31 @@ class Minimize(Stage):
             if beyond is not None and result.iterations < settings.max_iterations:
                 raise remeshFirst(self._scene, f"after the minimization {beyond}")
             self._shortfall = _shortfall(result, start, tolerance or 0.0, self._defaultTolerance())
-            self._shortfall |= _driven(result, own, start - own, self._scene.kT)
+            self._beside = self._besideOf(result, own, start - own)
             simulation.context.setStepCount(simulation.currentStep + 1)
             count = f"{result.iterations} iteration{'s' if result.iterations != 1 else ''}"
             self._result = [
                 f"{self.title}: {result.reason}, after {count}{f' and {result.flips} flips' if settings.fluid else ''}",
                 *(f"{self.title}: {warning}" for warning in (*result.warnings, *filter(None, [beyond]))),
             ]
+
+    def _besideOf(self, result: MinimizationResult, own: float, other: float) -> Beside | None:
+        """Return the forces beside the membrane, if there are any, with the energies of what they drove: there is no
+        minimum, and the membrane gained more than it had.
+
+        Parameters
+        ----------
+        result : MinimizationResult
+            what the minimization came to
+        own, other : float
+            the energies of the membrane, and of what is beside it, at the start, in kJ/mol
+        """
+        names = ", ".join(force.getName() for force in otherForces(self._simulation.system))
+        gained = _sumOf(result.energies) - own
+        lost = other - (result.energy._value - own - gained)
+        isDriven = not result.converged and lost > gained > abs(own)
+        kT = self._scene.kT
+        return Beside(names, *((lost / kT, gained / kT) if isDriven else ())) if names else None
 
     def _defaultTolerance(self) -> float:
         """Return the tolerance of the forces that a stage without one has, in kJ/mol/nm; 0 without bending energy."""
@@ -394,12 +414,19 @@ class Minimize(Stage):
         return [self._energies[i] for i in chosen]
 
     def getState(self) -> dict[str, Any]:
-        own = {"result": self._result, "shortfall": self._shortfall, "energies": self._keptEnergies()}
-        return {**super().getState(), **own}
+        return {
+            **super().getState(),
+            "result": self._result,
+            "shortfall": self._shortfall,
+            "beside": self._beside,
+            "energies": self._keptEnergies(),
+        }
 
     def setState(self, state: dict[str, Any]) -> None:
         super().setState(state)
         self._result, self._shortfall = state["result"], state.get("shortfall", {})
+        beside = state.get("beside")
+        self._beside = beside and Beside(*beside)
         self._energies = state.get("energies", [])  # earlier versions kept none
 
     def notes(self) -> list[str]:
@@ -407,9 +434,8 @@ class Minimize(Stage):
 
     def _evidence(self, rows: Table) -> Evidence:
         lacks: dict[str, Any] = {**self._shortfall}
-        beside = ", ".join(force.getName() for force in otherForces(self._simulation.system))
         last = rows.where(np.array([-1]))
-        return replace(super()._evidence(rows), rows=last, beside=beside, **lacks)
+        return replace(super()._evidence(rows), rows=last, beside=self._beside, **lacks)
 
     def _heat(self, rows: Table) -> float:
         return 0.0
@@ -789,22 +815,6 @@ def _shortfall(result: MinimizationResult, start: float, tolerance: float, defau
         return {}
     last = history[-1 - max(1, len(history) // 10) :]
     return {"fall": float((last[0] - last[-1]) / max(abs(last[-1]), 1e-300))}
-
-
-def _driven(result: MinimizationResult, own: float, other: float, kT: float) -> dict[str, float]:
-    """Return what forces beside the membrane lost, and its own terms gained, in kT, as attributes of an Evidence: where
-    there is no minimum, and the membrane gained more than it had.
-
-    Parameters
-    ----------
-    result : MinimizationResult
-        what it came to
-    own, other : float
-        the energies of the membrane, and of what is beside it, at the start, in kJ/mol
-    """
-    gained = _sumOf(result.energies) - own
-    lost = other - (result.energy._value - own - gained)
-    return {} if result.converged or not lost > gained > abs(own) else {"lost": lost / kT, "gained": gained / kT}
 
 
 def _sumOf(energies: dict[str, unit.Quantity]) -> float:

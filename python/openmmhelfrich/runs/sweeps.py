@@ -90,7 +90,7 @@ class PointStatus:
         verdict = None if findings is None else Verdict.ofData(findings)
         self.status, self.observables = outcome["status"], outcome.get("observables", {})
         self.verdict = verdict.level if verdict else ""
-        self.reason = outcome.get("reason", "") or "; ".join(map(str, verdict.findings if verdict else ()))
+        self.reason = outcome.get("reason", "") or "; ".join(verdict.reasons() if verdict else ())
 
 
 @dataclass(repr=False)
