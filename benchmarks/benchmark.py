@@ -4,7 +4,7 @@ Chem. Phys. 157, 174801 (2022)), and more.
 
     python benchmarks/benchmark.py                    # 642 to 655,362 vertices, 1 and 2 threads, CPU platform
     python benchmarks/benchmark.py --sizes 2562 10242 --threads 1 --output results/benchmark
-    python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices
+    python benchmarks/benchmark.py --terms            # what each term costs, at 10,242 vertices or --sizes
     python benchmarks/benchmark.py --precision mixed  # forces in trajectories in single precision
     python benchmarks/benchmark.py --sweeps           # sweeps of flips and exchanges, the fastest of many
 
@@ -22,6 +22,7 @@ import statistics
 import subprocess
 import sys
 import time
+import typing
 from pathlib import Path
 
 SIZES = {642: 3, 2562: 4, 10242: 5, 40962: 6, 163842: 7, 655362: 8, 2621442: 9, 10485762: 10}
@@ -37,6 +38,14 @@ COLUMNS = {
     "full step": "ms",
     "memory": "bytes/vertex",
 }
+
+
+class Case(typing.NamedTuple):
+    size: int
+    platform: str
+    threads: int
+    precision: str
+    seconds: float  # of a measurement
 
 
 def createMembrane(size):
@@ -106,7 +115,7 @@ def stepSize(size):
     return 0.0015 * (642 / size) ** 0.4
 
 
-def timeGradient(mesh, force, platform, threads, precision="double"):
+def timeGradient(mesh, force, platform, threads, seconds, precision="double"):
     """Return the median time of a force evaluation with a leapfrog step of next to no size, in ns per vertex, and its
     spread.
     """
@@ -119,12 +128,12 @@ def timeGradient(mesh, force, platform, threads, precision="double"):
     # What a trajectory does besides its steps is in the difference of a long and a short one no more.
     for steps in (10, 40):
         integrator.setStepsPerTrajectory(steps)
-        times.append(timeCalls(lambda: integrator.step(1)))
+        times.append(timeCalls(lambda: integrator.step(1), seconds))
     del context
     return (times[1][0] - times[0][0]) / 30 / len(mesh.vertices) * 1e9, times[1][1]
 
 
-def timeTerms(size, threads):
+def timeTerms(size, threads, seconds):
     """Print what each combination of terms costs."""
     mesh = createMembrane(size)
     combinations = {
@@ -140,9 +149,9 @@ def timeTerms(size, threads):
         f"{size} vertices, {threads} thread{'s' * (threads > 1)}: a force evaluation and a leapfrog step, ns per vertex"
     )
     for name, terms in combinations.items():
-        print(f"{timeGradient(mesh, createForce(mesh, terms=terms), 'CPU', threads)[0]:>8.1f}  {name}")
-    print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads)[0]:>8.1f}  all")
-    timeMaterials(mesh, threads)
+        print(f"{timeGradient(mesh, createForce(mesh, terms=terms), 'CPU', threads, seconds)[0]:>8.1f}  {name}")
+    print(f"{timeGradient(mesh, createForce(mesh, True), 'CPU', threads, seconds)[0]:>8.1f}  all")
+    timeMaterials(mesh, threads, seconds)
 
 
 def createMaterial(mesh, species, gaussianModulus=0.0, spontaneousCurvature=0.0):
@@ -157,7 +166,7 @@ def createMaterial(mesh, species, gaussianModulus=0.0, spontaneousCurvature=0.0)
     return force
 
 
-def timeMaterials(mesh, threads):
+def timeMaterials(mesh, threads, seconds):
     """Print the time of a force evaluation with a leapfrog step, and of an attempt to flip an edge, by material."""
     import numpy as np
 
@@ -172,32 +181,33 @@ def timeMaterials(mesh, threads):
         "a cap, Gaussian moduli": (cap, -10 * KT),
         "random places, Gaussian moduli": (random, -10 * KT),
     }.items():
-        gradient = timeGradient(mesh, createMaterial(mesh, *material), "CPU", threads)[0]
-        print(f"{gradient:>8.1f} {timeFlipsOf(mesh, createMaterial(mesh, *material), threads):>8.1f}  {name}")
+        gradient = timeGradient(mesh, createMaterial(mesh, *material), "CPU", threads, seconds)[0]
+        flips = timeFlipsOf(mesh, createMaterial(mesh, *material), threads, seconds)
+        print(f"{gradient:>8.1f} {flips:>8.1f}  {name}")
 
 
-def timeFlipsOf(mesh, force, threads):
+def timeFlipsOf(mesh, force, threads, seconds):
     """Return the median time of an attempt to flip an edge, in ns."""
     import openmmhelfrich as mh
 
     flips = mh.EdgeFlipIntegrator(300, 1.0)
     flips.setRandomNumberSeed(1)
     context = createContext(mesh, force, flips, "CPU", threads)
-    seconds = timeCalls(lambda: context.getIntegrator().step(1))[0]
-    return 1e9 * seconds / (3 * len(mesh.vertices) - 6)
+    median = timeCalls(lambda: context.getIntegrator().step(1), seconds)[0]
+    return 1e9 * median / (3 * len(mesh.vertices) - 6)
 
 
-def timeExchanges(sizes, threads):
+def timeExchanges(sizes, threads, seconds):
     """Print the time of an attempt to exchange species, with what a sweep does before its attempts."""
     print("an attempt to exchange species of neighbors, two of them in random places, ns; and the spread")
     for size, fraction, count in itertools.product(sizes, (1.0, 0.1), threads):
         mesh = createMembrane(size)
         for name, gaussianModulus in (("bending, line tension", 0.0), ("and Gaussian moduli", -10 * KT)):
-            median, spread = timeExchangesOf(mesh, gaussianModulus, fraction, count)
+            median, spread = timeExchangesOf(mesh, gaussianModulus, fraction, count, seconds)
             print(f"{median:>8.1f} {spread:>5.0%}  {size} vertices, {count} threads, {fraction} of the edges, {name}")
 
 
-def timeExchangesOf(mesh, gaussianModulus, fraction, threads):
+def timeExchangesOf(mesh, gaussianModulus, fraction, threads, seconds):
     """Return the median time of an attempt, in ns, and its spread."""
     import numpy as np
 
@@ -208,8 +218,8 @@ def timeExchangesOf(mesh, gaussianModulus, fraction, threads):
     exchange.setRandomNumberSeed(1)
     context = createContext(mesh, createMaterial(mesh, random, gaussianModulus), exchange, "CPU", threads)
     context.getIntegrator().step(int(10 / fraction))
-    seconds, spread = timeCalls(lambda: context.getIntegrator().step(1))
-    return 1e9 * seconds / (fraction * (3 * len(mesh.vertices) - 6)), spread
+    median, spread = timeCalls(lambda: context.getIntegrator().step(1), seconds)
+    return 1e9 * median / (fraction * (3 * len(mesh.vertices) - 6)), spread
 
 
 def timeSmallSweeps(sizes, threads, count=300):
@@ -260,51 +270,51 @@ def timeFastest(move, before, count):
     return min(times)
 
 
-def timeForces(results, size, platform, threads, precision, repulsion):
+def timeForces(results, case, repulsion):
     """Time energy, gradient and the steps of a trajectory."""
     import openmm as mm
 
     import openmmhelfrich as mh
 
-    mesh = createMembrane(size)
+    mesh = createMembrane(case.size)
     suffix = "+repulsion" if repulsion else ""
     force = createForce(mesh, repulsion)
-    results["gradient" + suffix] = timeGradient(mesh, force, platform, threads, precision)
+    results["gradient" + suffix] = timeGradient(mesh, force, case.platform, case.threads, case.seconds, case.precision)
     if not repulsion:
-        context = createContext(mesh, createForce(mesh), mm.VerletIntegrator(1e-12), platform, threads)
+        context = createContext(mesh, createForce(mesh), mm.VerletIntegrator(1e-12), case.platform, case.threads)
         energyForce = mh.HelfrichForce.cast(context.getSystem().getForce(0))
-        median, spread = timeCalls(lambda: energyForce.getEnergyTermsInContext(context))
-        results["energy"] = (median / size * 1e9, spread)
+        median, spread = timeCalls(lambda: energyForce.getEnergyTermsInContext(context), case.seconds)
+        results["energy"] = (median / case.size * 1e9, spread)
         del context
-    integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(size), 100)
-    integrator.setForcePrecision(precision)
+    integrator = mh.HamiltonianTrajectoryIntegrator(300, stepSize(case.size), 100)
+    integrator.setForcePrecision(case.precision)
     integrator.setRandomNumberSeed(1)
-    context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
-    median, spread = timeCalls(lambda: integrator.step(1), repeats=5)
-    results["leapfrog" + (suffix or " step")] = (median / size / 101 * 1e9, spread)
+    context = createContext(mesh, createForce(mesh, repulsion), integrator, case.platform, case.threads)
+    median, spread = timeCalls(lambda: integrator.step(1), case.seconds, 5)
+    results["leapfrog" + (suffix or " step")] = (median / case.size / 101 * 1e9, spread)
 
 
-def timeSweeps(results, size, platform, threads, precision, repulsion):
+def timeSweeps(results, case, repulsion):
     """Time sweeps of flips, and the paper's full step: a trajectory of 100 steps and a sweep over 10% of the edges."""
     import openmmhelfrich as mh
 
-    mesh = createMembrane(size)
+    mesh = createMembrane(case.size)
     suffix = "+repulsion" if repulsion else ""
-    integrator = mh.HybridMonteCarloIntegrator(300, stepSize(size), 100, 0.1, 0.5)
-    integrator.setForcePrecision(precision)
+    integrator = mh.HybridMonteCarloIntegrator(300, stepSize(case.size), 100, 0.1, 0.5)
+    integrator.setForcePrecision(case.precision)
     integrator.setRandomNumberSeed(1)
-    context = createContext(mesh, createForce(mesh, repulsion), integrator, platform, threads)
+    context = createContext(mesh, createForce(mesh, repulsion), integrator, case.platform, case.threads)
     flips, trajectories = integrator.getIntegrator(1), integrator.getIntegrator(0)
     trajectories.step(2)
-    median, spread = timeCalls(lambda: flips.step(1))
-    results["flip attempt" + suffix] = (median / (0.3 * size) * 1e9, spread)
+    median, spread = timeCalls(lambda: flips.step(1), case.seconds)
+    results["flip attempt" + suffix] = (median / (0.3 * case.size) * 1e9, spread)
     if not repulsion:
 
         def fullStep():
             trajectories.step(1)
             flips.step(1)
 
-        median, spread = timeCalls(fullStep, repeats=5)
+        median, spread = timeCalls(fullStep, case.seconds, 5)
         results["full step"] = (median * 1e3, spread)
     del context
 
@@ -315,45 +325,47 @@ def residentMemory():
         return int(file.read().split()[1]) * resource.getpagesize()
 
 
-def measureMemory(results, size, platform, threads, precision):
+def measureMemory(results, case):
     """Measure the resident memory that the plugin adds to a Context of OpenMM that makes trajectories and flips."""
     import openmm as mm
 
     import openmmhelfrich as mh
     import openmmhelfrich.helfrich  # the library is loaded before anything is measured
 
-    mesh = createMembrane(size)
+    mesh = createMembrane(case.size)
     sizes = []
     for plain in (True, False):
         before = residentMemory()
-        integrator = mm.VerletIntegrator(1e-12) if plain else mh.HybridMonteCarloIntegrator(300, stepSize(size), 10)
+        integrator = (
+            mm.VerletIntegrator(1e-12) if plain else mh.HybridMonteCarloIntegrator(300, stepSize(case.size), 10)
+        )
         context = createContext(
-            mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh), integrator, platform, threads
+            mesh, mm.CustomExternalForce("0*x") if plain else createForce(mesh), integrator, case.platform, case.threads
         )
         if plain:
             integrator.step(2)
         else:
-            integrator.setForcePrecision(precision)
+            integrator.setForcePrecision(case.precision)
             integrator.getIntegrator(0).step(1)
             integrator.getIntegrator(1).step(1)
             integrator.getIntegrator(0).step(1)
         sizes.append(residentMemory() - before)
         del context, integrator
-    results["memory"] = ((sizes[1] - sizes[0]) / size, 0)
+    results["memory"] = ((sizes[1] - sizes[0]) / case.size, 0)
 
 
-def measure(size, platform, threads, precision):
+def measure(case):
     """Return all figures of one case, each a pair of the median and its relative spread."""
     results = {}
-    measureMemory(results, size, platform, threads, precision)
+    measureMemory(results, case)
     for repulsion in (False, True):
-        timeForces(results, size, platform, threads, precision, repulsion)
-        timeSweeps(results, size, platform, threads, precision, repulsion)
+        timeForces(results, case, repulsion)
+        timeSweeps(results, case, repulsion)
     results["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return results
 
 
-def measureTriMem(vertices, triangles, bendingModulus=20, clock=time.perf_counter):
+def measureTriMem(vertices, triangles, bendingModulus=20, seconds=1.0, clock=time.perf_counter):
     """Return the figures of TriMem for a mesh and the same moduli on one thread, or {} if it cannot be imported."""
     try:
         import trimem.core as core
@@ -385,10 +397,10 @@ def measureTriMem(vertices, triangles, bendingModulus=20, clock=time.perf_counte
     parameters.area_frac = parameters.volume_frac = parameters.curvature_frac = 1
     parameters.bond_params, parameters.repulse_params, parameters.continuation_params = bonds, repulsion, continuation
     manager = core.EnergyManager(triMesh, parameters)
-    energy, spread = timeCalls(lambda: manager.energy(triMesh), clock=clock)
-    gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)), clock=clock)
+    energy, spread = timeCalls(lambda: manager.energy(triMesh), seconds, clock=clock)
+    gradient, gradientSpread = timeCalls(lambda: np.asarray(manager.gradient(triMesh)), seconds, clock=clock)
     # TriMem counts a sweep's attempts by the fraction of edges too.
-    flips, flipSpread = timeCalls(lambda: core.flip(triMesh, manager, 0.1), clock=clock)
+    flips, flipSpread = timeCalls(lambda: core.flip(triMesh, manager, 0.1), seconds, clock=clock)
     return {
         "energy": (energy / size * 1e9, spread),
         "gradient": (gradient / size * 1e9, gradientSpread),
@@ -414,9 +426,9 @@ def describeMachine():
     }
 
 
-def runCase(size, platform, threads, precision):
+def runCase(case):
     """Measure a case in a process of its own."""
-    command = [sys.executable, __file__, "--case", str(size), platform, str(threads), precision]
+    command = [sys.executable, __file__, "--case", json.dumps(case)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
 
@@ -465,7 +477,7 @@ def plot(cases, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES), default=sorted(SIZES)[:6])
+    parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES))
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--platforms", nargs="+", default=["CPU"])
     parser.add_argument(
@@ -477,33 +489,39 @@ def main():
     parser.add_argument("--terms", action="store_true", help="time each combination of terms instead")
     parser.add_argument("--exchanges", action="store_true", help="time exchanges of species instead")
     parser.add_argument("--sweeps", action="store_true", help="time sweeps over 10%% of the edges instead")
-    parser.add_argument("--case", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--seconds", type=float, default=1, help="of each measurement, but of --sweeps")
+    parser.add_argument("--case", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.case:
-        print(json.dumps(measure(int(options.case[0]), options.case[1], int(options.case[2]), options.case[3])))
+        print(json.dumps(measure(Case(*options.case))))
         return
+    if options.terms:
+        for size in options.sizes or [10242]:
+            timeTerms(size, 1, options.seconds)
+        return
+    options.sizes = options.sizes or sorted(SIZES)[:6]
     if options.exchanges:
-        timeExchanges(options.sizes, options.threads)
+        timeExchanges(options.sizes, options.threads, options.seconds)
         return
     if options.sweeps:
         timeSmallSweeps(options.sizes, options.threads)
-        return
-    if options.terms:
-        timeTerms(10242, 1)
         return
     cases = []
     for platform in options.platforms:
         for threads in options.threads if platform == "CPU" else [1]:
             for size in options.sizes:
                 mesh = createMembrane(size)
+                case = Case(size, platform, threads, options.precision, options.seconds)
                 isTheirs = threads == 1 and platform == "CPU"
                 cases.append(
                     {
                         "size": size,
                         "platform": platform,
                         "threads": threads,
-                        "results": runCase(size, platform, threads, options.precision),
-                        "TriMem": measureTriMem(mesh.vertices, mesh.triangles) if isTheirs else {},
+                        "results": runCase(case),
+                        "TriMem": measureTriMem(mesh.vertices, mesh.triangles, seconds=options.seconds)
+                        if isTheirs
+                        else {},
                     }
                 )
                 print(f"{size} vertices, {platform}, {threads} threads: done", file=sys.stderr)

@@ -1,7 +1,7 @@
 """Budding of a domain: where bud and flat domain have the same energy, and where the flat one gives way.
 
     python benchmarks/budding.py caps [--plot budding.png]
-    python benchmarks/budding.py outlines
+    python benchmarks/budding.py outlines [--tensions 3.5 4]
     python benchmarks/budding.py minima [--angle 20]
     python benchmarks/budding.py fluid [--subdivisions 3] [--steps 4000] [--tensions 2.5 5 7.5 10 15]
 
@@ -40,6 +40,7 @@ KAPPA = 50.0
 ROW = math.sqrt(3) / 2  # from ring to ring, in edges of length 1
 ANGLES = (10, 20, 40, 60, 90, 120, 150, 160, 170)
 FIRST = jn_zeros(0, 1)[0]
+TENSIONS = {"minima": (4, 5, 5.5, 6, 6.5, 7, 9), "fluid": (2.5, 5, 7.5, 10, 15)}
 
 
 def cap(theta, L):
@@ -187,11 +188,11 @@ def outlineEnergy(angles, tension):
     return bending + tension * 2 * math.pi * abs(r[-1]) / L + 1e6 * min(0, r.min()) ** 2, r[-1] / L
 
 
-def outlines(_):
+def outlines(options):
     print("from      lambda L/kappa  energy/kappa  radius of the boundary over L  flat domain")
     s = np.arange(1, 101) / 100
     for start, angle, tensions in (("bud", 150, (3.5, 3.75, 4.0, 4.25)), ("shallow", 10, (5.6, 5.7, 5.8, 5.9, 6.0))):
-        for tension in tensions:
+        for tension in options.tensions or tensions:
             found = minimize(lambda x: outlineEnergy(x, tension)[0], math.radians(angle) * s,  # noqa: B023
                              method="L-BFGS-B", options={"maxfun": 100000})  # fmt: skip
             radius = outlineEnergy(found.x, tension)[1]
@@ -283,7 +284,5 @@ if __name__ == "__main__":
     parser.add_argument("--angle", type=float, default=20, help="to which the caps open, in degrees")
     parser.add_argument("--plot")
     options = parser.parse_args()
-    options.tensions = options.tensions or (
-        [2.5, 5, 7.5, 10, 15] if options.what == "fluid" else [4, 5, 5.5, 6, 6.5, 7, 9]
-    )
+    options.tensions = options.tensions or TENSIONS.get(options.what)
     {"caps": caps, "outlines": outlines, "minima": minima, "fluid": fluid}[options.what](options)

@@ -28,6 +28,7 @@ kT = (temperature * unit.MOLAR_GAS_CONSTANT_R).value_in_unit(unit.kilojoules_per
 kappa = 20 * kT
 SWEEPS_A_STEP = 10
 BLOCKS = 20
+LEAST = 1000  # sweeps, so that each block has samples
 
 
 def createForce(mesh, J, isFluid):
@@ -126,6 +127,10 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plot")
     options = parser.parse_args()
+    if options.sweeps < LEAST:
+        parser.error(
+            f"--sweeps is {options.sweeps}; it must be at least {LEAST}, so that each of {BLOCKS} blocks has samples"
+        )
     J0, samples = options.J, {}
     for subdivisions in (2, 3, 4):
         n = 10 * 4**subdivisions + 2

@@ -144,6 +144,11 @@ def meanAndScatter(values):
     return [float(np.mean(values)), float(np.std(values, ddof=1) / math.sqrt(len(values)))]
 
 
+def leastEvaluations(steps):
+    """Return the computations of a run whose blocks have all lags; trajectories may be by a fifth longer."""
+    return BLOCKS * (STRIDE * LAGS + 1) * max(APART, 1.2 * steps)
+
+
 def edgeTime(snapshots, each):
     """Return the time in which 4Dt is 1, from the slope of the mean squared displacement in each of the blocks."""
     times = []
@@ -326,7 +331,7 @@ def measureProposals(arguments, each=60):
         chain.step()
     random, moves = np.random.default_rng(arguments.seed), proposals()
     rates = {name: [] for name in moves}
-    for _ in range(arguments.attempts // each):
+    for _ in range(math.ceil(arguments.attempts / each)):
         for _ in range(5):
             chain.step()
         x, mesh = chain.positions(), Connectivity(chain.force.getTrianglesInContext(chain.context))
@@ -404,6 +409,11 @@ def main():
     combined.add_argument("--attempts", type=int, default=6000)
     commands.add_parser("laws", help="print what runs found").add_argument("runs", help="a file of lines of JSON")
     arguments = parser.parse_args()
+    if arguments.command == "run" and arguments.evaluations < leastEvaluations(arguments.steps):
+        least = leastEvaluations(arguments.steps)
+        parser.error(
+            f"--evaluations is {arguments.evaluations:g}; for --steps {arguments.steps} it must be at least {least:g}"
+        )
     measures = {"run": measure, "escapes": measureEscapes, "proposals": measureProposals}
     if arguments.command == "laws":
         printLaws(arguments.runs)

@@ -55,11 +55,20 @@ def compare(small, large, lag, components):
     return lag / early, np.hypot(large.error(lag, components), small.error(early, components)) / slope
 
 
+def has(run, find):
+    try:
+        return "squaredChanges" in find(run)
+    except KeyError:
+        return False
+
+
 def report(runs, lags):
     sizes = sorted({run["vertices"] for run in runs})[-2:]
     smaller, larger = ([run for run in runs if run["vertices"] == size] for size in sizes)
     print(f"how many times later as much is left at {sizes[1]} vertices as at {sizes[0]}, after {lags} computations")
     for name, (find, components) in QUANTITIES.items():
+        if not all(has(run, find) for run in smaller + larger):
+            continue
         small, large = Changes(smaller, find), Changes(larger, find)
         factors = [compare(small, large, lag, components) for lag in lags]
         shown = ["-" if found is None else f"{found[0]:.1f} ± {found[1]:.0%}" for found in factors]
@@ -73,7 +82,10 @@ def costs(found, known):
     """
     small, error = found["evaluations"], (10 / found["samples"]) ** 0.5
     if error > 0.2:
-        small, error = max((int(lag), *decay) for lag, decay in found["decayTimes"].items() if decay[1] <= ERROR)[1:]
+        decays = [(int(lag), *decay) for lag, decay in found["decayTimes"].items() if decay[1] <= ERROR]
+        if not decays:
+            return "-"
+        _, small, error = max(decays)
     words = f"{small:.0f} ± {error:.0%}"
     if known:
         factor, off = known[-1]
@@ -86,4 +98,8 @@ if __name__ == "__main__":
     parser.add_argument("runs", type=Path)
     parser.add_argument("--lags", type=int, nargs="+", default=[3200, 6400, 12800])
     arguments = parser.parse_args()
-    report([json.loads(line) for line in arguments.runs.read_text().splitlines()], arguments.lags)
+    runs = [json.loads(line) for line in arguments.runs.read_text().splitlines()]
+    sizes = sorted({run.get("vertices", 0) for run in runs})
+    if len(sizes) < 2:
+        parser.error(f"{arguments.runs} has runs of {sizes} vertices; it must have two sizes")
+    report(runs, arguments.lags)

@@ -10,8 +10,9 @@ meshes are made anew.
 import argparse
 import time
 
-import numpy as np
-from long_waves import createScene
+from long_waves import createScene, ofUnitEdges
+
+import openmmhelfrich as mh
 
 WEIGHTS = (0.0, 2.0)
 
@@ -27,33 +28,34 @@ def timeSteps(move, count, before=None):
     return total / count
 
 
-def measure(subdivisions, precision, arguments):
+def measure(sphere, precision, arguments):
+    """Return the least time of a step, by the weight and by whether a sweep came before."""
     scenes, times = {}, {}
     for weight in WEIGHTS:
-        scenes[weight] = createScene(
-            argparse.Namespace(
-                subdivisions=subdivisions,
-                volume=0.99,
-                step=7e-4,
-                steps=arguments.steps,
-                flips=0.1,
-                weight=weight,
-                seed=1,
-                jitter=0.0,
-                precision=precision,
-                threads=arguments.threads,
-            )
+        scene = argparse.Namespace(
+            weight=weight,
+            step=7e-4,
+            steps=arguments.steps,
+            volume=0.99,
+            penalty=1e6,
+            flips=0.1,
+            jitter=0.0,
+            refreshment=1,
+            tether=[100, 0.85, 1.35],
+            precision=precision,
+            seed=1,
+            threads=arguments.threads,
         )
-        scenes[weight][2].getMove(0).step(1)
+        scenes[weight] = createScene(scene, sphere)
+        scenes[weight][1].getMove(0).step(1)
+    scale = 1e9 / len(sphere.vertices) / arguments.steps
     for _ in range(arguments.turns):
-        for weight, (mesh, _, integrator, _) in scenes.items():
-            scale = 1e9 / len(mesh.vertices) / arguments.steps
-            count = max(2, 40000 // len(mesh.vertices))
+        for weight, (_, integrator, _) in scenes.items():
+            count = max(2, 40000 // len(sphere.vertices))
             trajectories, flips = integrator.getMove(0), integrator.getMove(1)
             times.setdefault((weight, False), []).append(scale * timeSteps(trajectories, count))
             times.setdefault((weight, True), []).append(scale * timeSteps(trajectories, 2, flips))
-    best = {key: np.min(values) for key, values in times.items()}
-    return len(scenes[0.0][0].vertices), best
+    return {key: min(values) for key, values in times.items()}
 
 
 if __name__ == "__main__":
@@ -64,8 +66,9 @@ if __name__ == "__main__":
     parser.add_argument("--turns", type=int, default=5)
     arguments = parser.parse_args()
     for subdivisions in arguments.subdivisions:
+        sphere = ofUnitEdges(mh.Mesh.icosphere(subdivisions))
         for precision in ("double", "mixed"):
-            size, best = measure(subdivisions, precision, arguments)
+            best = measure(sphere, precision, arguments)
             columns = [f"{best[w, f]:.1f}" for f in (False, True) for w in WEIGHTS]
             ratios = [f"{best[2.0, f] / best[0.0, f]:.2f}" for f in (False, True)]
-            print(size, precision, *columns, *ratios, flush=True)
+            print(len(sphere.vertices), precision, *columns, *ratios, flush=True)

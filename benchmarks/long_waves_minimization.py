@@ -44,5 +44,5 @@ if __name__ == "__main__":
     far = np.flatnonzero(np.abs(result.history - result.history[-1]) > 1e-6 * result.history[-1])
     near = far[-1] + 1 if len(far) else 0
     ratio = result.energies["bending"]._value / (8 * np.pi)
-    print(vars(arguments), f"{result.iterations} iterations, {ratio:.5f}, within 1e-6 after {near}: {result.reason};")
-    print(f"{time.process_time() - begin:.2f} s", flush=True)
+    print(vars(arguments), f"{result.iterations} iterations, {ratio:.5f}, within 1e-6 after {near}, "
+          f"{time.process_time() - begin:.2f} s: {result.reason}", flush=True)  # fmt: skip

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Time reading meshes of every format and repairing them; which libraries read which dialects.
 
-    python benchmarks/meshes.py [--libraries] [--triangles N ...] [--repeat 3]
+    python benchmarks/meshes.py [--triangles N ...] [--repeat 3]
+    python benchmarks/meshes.py --libraries [--formats stl ply ...]
 
 With --libraries, each dialect of tests/meshdialects.py is read by trimesh, meshio, VTK and this package, each in a
 process of its own, since some crash; the rest is time.  Takes openmm-helfrich[looking].
@@ -91,7 +92,7 @@ def _verdict(reader, file, mesh):
         return "error"
 
 
-def compareLibraries():
+def compareLibraries(formats):
     """Print how many dialects of each format each library reads, and what becomes of the others."""
     from meshdialects import DIALECTS
 
@@ -100,6 +101,8 @@ def compareLibraries():
     counts: dict[str, dict[str, Counter]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for suffix, write in DIALECTS.values():
+            if formats and suffix not in formats:
+                continue
             file = Path(folder) / f"a.{suffix}"
             file.write_bytes(write(mesh.vertices, mesh.triangles))
             for name, reader in READERS.items():
@@ -147,11 +150,12 @@ def main() -> None:
     """Print what is asked for as tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--libraries", action="store_true", help="compare libraries instead")
+    parser.add_argument("--formats", nargs="+", help="that libraries read, as suffixes; by default all")
     parser.add_argument("--triangles", type=int, nargs="+", default=[20480, 81920, 327680, 1310720])
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
     if options.libraries:
-        compareLibraries()
+        compareLibraries(options.formats)
     else:
         timeReading(options.triangles, options.repeat)
 

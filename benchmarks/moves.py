@@ -1,4 +1,4 @@
-"""Measure what docs/explanation/sampling.md says of shear waves and of momenta that are kept.
+"""Measure what docs/results/sampling.md says of shear waves and of momenta that are kept.
 
     python benchmarks/moves.py waves                            # how often waves are accepted, by their wave number
     python benchmarks/moves.py momenta --rounds 6 --seconds 30  # what an independent sample costs, with and without
@@ -29,13 +29,13 @@ def simulate(config, mesh):
     return scene.createSimulation(force), force
 
 
-def measureWaves(subdivisions, moves):
+def measureWaves(subdivisions, moves, settle):
     """Print the acceptance of waves of each wave number, times the radius."""
     sampling = {"seed": 1, "shear_wave_probability": 0.1, "approach": "none", "trajectory_jitter": 0.3}
     mesh = mh.Mesh.icosphere(subdivisions)
     config = {"membrane": {"bending_modulus": 20, "reduced_volume": 0.95}, "sampling": sampling}
     simulation, _ = simulate(config, mesh)
-    mh.adaptStepSize(simulation, 1000)
+    mh.adaptStepSize(simulation, settle)
     waves = simulation.integrator.getShearWaveIntegrator()
     radius, waves_per_step = math.sqrt(mesh.area / (4 * math.pi)), waves.getMovesPerStep()
     rates = []
@@ -54,7 +54,7 @@ def measureWaves(subdivisions, moves):
 class Chain:
     """A sphere whose trajectories keep a part of their momenta."""
 
-    def __init__(self, aim, refreshment, seed):
+    def __init__(self, aim, refreshment, seed, settle):
         mesh = mh.Mesh.icosphere(3, math.sqrt(math.sqrt(3) * 642 / (8 * math.pi)))
         config = {
             "membrane": {"bending_modulus": 30, "area_modulus": 1e6, "volume_modulus": 1e6},
@@ -69,8 +69,8 @@ class Chain:
             },
         }
         self._simulation, _ = simulate(config, mesh)
-        mh.adaptStepSize(self._simulation, 1500, aim)
-        self._simulation.step(1500)
+        mh.adaptStepSize(self._simulation, settle, aim)
+        self._simulation.step(settle)
         self._trajectories = self._simulation.integrator.getMove(0)
 
     def sample(self, seconds):
@@ -90,9 +90,9 @@ class Chain:
         return each * np.array(times), (moves.getNumAccepted() - before[0]) / tried
 
 
-def measureMomenta(rounds, seconds):
+def measureMomenta(rounds, seconds, settle):
     """Print what both ways cost, and the ratio."""
-    chains = {way: Chain(*settings, seed) for seed, (way, settings) in enumerate(WAYS.items(), 1)}
+    chains = {way: Chain(*settings, seed, settle) for seed, (way, settings) in enumerate(WAYS.items(), 1)}
     costs, accepted = {way: [] for way in WAYS}, {way: [] for way in WAYS}
     for _ in range(rounds):
         for way, chain in chains.items():
@@ -114,15 +114,17 @@ def measureMomenta(rounds, seconds):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["waves", "momenta"])
+    parser.add_argument("--subdivisions", type=int, nargs="+", default=[3, 4], help="of the spheres that have waves")
     parser.add_argument("--moves", type=int, default=1500, help="waves of each wave number")
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--seconds", type=float, default=30.0, help="of the processor, for each round and way")
+    parser.add_argument("--settle", type=int, default=1500, help="steps that find the step size")
     options = parser.parse_args()
     if options.what == "waves":
-        for subdivisions in (3, 4):
-            measureWaves(subdivisions, options.moves)
+        for subdivisions in options.subdivisions:
+            measureWaves(subdivisions, options.moves, options.settle)
     else:
-        measureMomenta(options.rounds, options.seconds)
+        measureMomenta(options.rounds, options.seconds, options.settle)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ docs/results/comparison.md says.
 """
 
 import argparse
+import functools
 import itertools
 import json
 import math
@@ -86,9 +87,7 @@ def measureOurs(mesh, bounds=(0.7, 1.5), fraction=0.1):
 
 
 def insideTriMem(mesh):
-    figures = measureTriMem(mesh["vertices"], mesh["triangles"], BENDING, time.process_time)
-    if not figures:
-        sys.exit("peers: TriMem cannot be imported in the environment that --trimem names")
+    figures = measureTriMem(mesh["vertices"], mesh["triangles"], BENDING, clock=time.process_time)
     return {
         ours: figures[theirs][0]
         for theirs, ours in (("energy", "energy"), ("gradient", "forces"), ("flip attempt", "flip"))
@@ -172,6 +171,20 @@ def insideTriLMP(mesh):
 
 
 INSIDE = {"trimem": insideTriMem, "mem3dg": insideMem3DG, "trilmp": insideTriLMP}
+MODULES = {"trimem": "trimem.core", "mem3dg": "pymem3dg", "trilmp": "trimem.mc.trilmp"}  # that these import
+
+
+def programOf(name, path):
+    """Return the absolute path of a program, which a Python has to import."""
+    path = os.path.abspath(path)
+    if not (os.path.isfile(path) and os.access(path, os.X_OK)):
+        raise argparse.ArgumentTypeError(f"{path} must be a file that can be executed")
+    if name in MODULES:
+        tried = subprocess.run([path, "-c", f"import {MODULES[name]}"], capture_output=True, text=True)
+        if tried.returncode:
+            reason = (tried.stderr.strip() or "it failed").splitlines()[-1]
+            raise argparse.ArgumentTypeError(f"{path} must be a Python that can import {MODULES[name]}: {reason}")
+    return path
 
 
 def measureInside(name, python, mesh):
@@ -180,7 +193,7 @@ def measureInside(name, python, mesh):
 
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / "mesh.npz", vertices=mesh.vertices, triangles=mesh.triangles)
-        command = [os.path.abspath(python), os.path.abspath(__file__), "--inside", name, "mesh.npz"]
+        command = [python, os.path.abspath(__file__), "--inside", name, "mesh.npz"]
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
         if result.returncode:
@@ -251,7 +264,7 @@ def _runFreeDTS(program, folder, mesh, moves, steps, interval=0):
         )
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [os.path.abspath(program), "-in", "input.dts", "-top", "start.tsi", "-nt", "1", "-seed", "1"]
+    command = [program, "-in", "input.dts", "-top", "start.tsi", "-nt", "1", "-seed", "1"]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     if result.returncode or "Simulation has ended" not in result.stdout:
         sys.exit(f"peers: {' '.join(command)} failed:\n{(result.stdout + result.stderr)[-2000:]}")
@@ -306,8 +319,10 @@ def _print(case):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in ("trimem", "mem3dg", "trilmp"):
-        parser.add_argument(f"--{name}", metavar="PYTHON", help="the Python of the environment that has it")
-    parser.add_argument("--freedts", metavar="DTS", help="FreeDTS's executable")
+        of, what = functools.partial(programOf, name), "the Python of the environment that has it"
+        parser.add_argument(f"--{name}", type=of, metavar="PYTHON", help=what)
+    of = functools.partial(programOf, "freedts")
+    parser.add_argument("--freedts", type=of, metavar="DTS", help="FreeDTS's executable")
     parser.add_argument("--sizes", type=int, nargs="+", choices=sorted(SIZES), default=[2562, 10242])
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--output", type=Path, help="a JSON file for the figures of each round")

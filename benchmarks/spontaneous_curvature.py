@@ -1,7 +1,7 @@
 """Minima of vesicles with spontaneous curvature, beside what continuum theory says.
 
     python benchmarks/spontaneous_curvature.py neck [--vertices 2562]
-    python benchmarks/spontaneous_curvature.py seifert [--vertices 2562]
+    python benchmarks/spontaneous_curvature.py seifert [--vertices 2562] [--volumes 0.6 0.905]
 
 `neck` minimizes two spheres that a neck joins, c_0 = 3 at v = 0.74578, where ideal ones have 0.0877 of 8 pi kappa.
 `seifert` minimizes at the points that were digitized from Fig. 9 and 11 of Seifert, Berndl and Lipowsky, Phys. Rev. A
@@ -106,23 +106,23 @@ def minimum(mesh, c0, reducedVolume, rounds=3, bounds=(0.8, 1.35)):
     return float(getattr(bending, "_value", bending)) / (8 * math.pi * 20 * scene.kT), v, result.reason
 
 
-def neck(vertices):
+def neck(options):
     c0 = 3.0
     product = (1 + math.sqrt(1 + c0 * c0)) / c0**2
     total, difference = math.sqrt(1 + 2 * product), math.sqrt(1 - 2 * product)
     radii = (total + difference) / 2, (total - difference) / 2
-    mesh = mh.surfaceOfRevolution(spheres(radii), vertices)
+    mesh = mh.surfaceOfRevolution(spheres(radii), options.vertices)
     energy, v, reason = minimum(mesh, c0, sum(r**3 for r in radii))
     print(f"c_0 = 3, radii {radii[0]:.4f} and {radii[1]:.4f}: v {v:.5f}, energy {energy:.4f} (ideal 0.0877); {reason}")
 
 
-def seifert(vertices):
+def seifert(options):
     print("c_0   v      digitized  found   differs  from")
     for c0, points in SEIFERT.items():
-        for v, expected in points:
+        for v, expected in [point for point in points if point[0] in options.volumes]:
             found = [
                 (minimum(mesh, c0, v, bounds=bounds)[0], name)
-                for name, mesh in starts(v, vertices)
+                for name, mesh in starts(v, options.vertices)
                 for bounds in ((0.8, 1.35), (0.7, 1.45))
             ]
             energy, name = min(found)
@@ -133,5 +133,10 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["neck", "seifert"])
     parser.add_argument("--vertices", type=int, default=2562)
+    volumes = [v for points in SEIFERT.values() for v, _ in points]
+    what = "of the points of seifert, by default all"
+    parser.add_argument(
+        "--volumes", type=float, nargs="+", choices=volumes, default=volumes, metavar="VOLUME", help=what
+    )
     options = parser.parse_args()
-    {"neck": neck, "seifert": seifert}[options.what](options.vertices)
+    {"neck": neck, "seifert": seifert}[options.what](options)
