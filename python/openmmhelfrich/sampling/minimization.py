@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..units import realNumber, valueIn, wholeNumber
 from .conditions import moduliOf, positionsOf
 from .moves import findMove
 from .progress import requireProgress
-from .symmetry import displacementsOut, waveOut
+from .symmetry import bendsOut, displacementsOut
 from .targets import currentTargets, nameOf, setTargets, totalOf
 from .waves import WaveStiffness, descend
 
@@ -304,7 +305,7 @@ class _Descent:
             context.setPositions(positions + out)
 
     def _bend(self) -> None:
-        """Bend a flat periodic sheet by its longest wave, if that lowers the energy."""
+        """Bend a flat periodic sheet by its longest wave, or a bump, if that lowers the energy."""
         context = self.simulation.context
         positions, sides = positionsOf(context), currentSides(self.simulation, self.force)
         isVertex = np.zeros(len(positions), dtype=bool)
@@ -312,10 +313,9 @@ class _Descent:
         if np.any(self._isFixed[isVertex]):
             return
         box = context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
-        out = waveOut(positions, sides, box) * isVertex[:, np.newaxis]
         energy, length = self._evaluate()[0], float(np.linalg.norm(sides, axis=2).mean())
-        for bend in _BENDS if np.any(out) else ():
-            context.setPositions(positions + bend * length * out)
+        for out, bend in product(bendsOut(positions, sides, box), _BENDS):
+            context.setPositions(positions + bend * length * out * isVertex[:, np.newaxis])
             if self._evaluate()[0] < energy:
                 return
         context.setPositions(positions)

@@ -34,9 +34,9 @@ def displacementsOut(positions: np.ndarray, forces: np.ndarray, triangles: np.nd
     return _OUT * length * (1.5 * cosines**2 - 0.5)[:, np.newaxis] * directions
 
 
-def waveOut(positions: np.ndarray, sides: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Return displacements of size 1 that bend a flat sheet by the longest wave of its box, or zeros for any other
-    surface.
+def bendsOut(positions: np.ndarray, sides: np.ndarray, box: np.ndarray) -> list[np.ndarray]:
+    """Return displacements that bend a flat sheet, or none for any other surface: by the longest wave of its box, of
+    size 1; and by a bump to either side, which has an area difference, of size 3, as that grows with the cube.
 
     No force leads out of the plane, where the energy may have a saddle.
 
@@ -53,11 +53,13 @@ def waveOut(positions: np.ndarray, sides: np.ndarray, box: np.ndarray) -> np.nda
     sizes = np.linalg.norm(normals, axis=1)
     normal = normals.sum(axis=0) / sizes.sum()
     if np.linalg.norm(normal) < 1 - _ROUNDING:
-        return np.zeros(positions.shape)
+        return []
     waves = np.linalg.inv(box).T
     inPlane = [wave for wave in waves if np.linalg.norm(np.cross(wave, normal)) > 0.5 * np.linalg.norm(wave)]
     longest = min(inPlane, key=lambda wave: float(np.linalg.norm(wave)))
-    return np.cos(2 * np.pi * positions @ longest)[:, np.newaxis] * normal
+    bump = 3 * np.exp(sum(np.cos(2 * np.pi * positions @ wave) - 1 for wave in inPlane))
+    heights = np.cos(2 * np.pi * positions @ longest), bump, -bump
+    return [height[:, np.newaxis] * normal for height in heights]
 
 
 def _isIsotropic(vectors: np.ndarray, arms: np.ndarray) -> bool:
