@@ -438,9 +438,24 @@ def test_an_area_difference_that_a_flat_sheet_has_not_is_asked_for():
     with pytest.raises(ValueError, match=rf"stage 1 \(sample\): area_difference_modulus is 100, .*is 0; .*{words}"):
         sheetWith({}, {"kind": "sample", "steps": 10, **held})
     target = {"target_area_difference": 0.5}
-    with pytest.raises(ValueError, match=r"stage 1 \(continue\): .* with which the path begins is 0; its size must be"):
+    path = r"stage 1 \(continue\): the path to target_area_difference = 0.5 begins with an area difference of 0"
+    with pytest.raises(ValueError, match=rf"{path}, (?!.*unit of length).*stage of kind sample before it give"):
         sheetWith({}, {"kind": "continue", "steps": 10, **held, **target})
     sheetWith({**held, **target}, {"kind": "continue", "steps": 10, "target_area_difference": 1.0})
+
+
+@pytest.mark.parametrize("target", [1.0, -1.0])
+def test_a_flat_sheet_is_minimized_to_an_area_difference(inFolder, target):
+    """No force leads there, whose sides are alike."""
+    config = {
+        "mesh": {"sheet": [10, 10, 1.0]},
+        "membrane": {"area_difference_modulus": 1000.0, "target_area_difference": target},
+        "sampling": {"seed": 1},
+        "stages": [{"kind": "minimize", "fluid": False}],
+        "output": {"prefix": "sheet"},
+    }
+    result = mh.run(config)
+    assert result.mean("areaDifference") == pytest.approx(target, rel=0.05) and result.verdict.level == "good"
 
 
 def test_bending_keeps_a_sheet_flat_where_the_modulus_of_its_area_is_soft(inFolder):

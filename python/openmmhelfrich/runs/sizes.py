@@ -11,7 +11,7 @@ from ..sampling.targets import differenceBounds, inWords, requireComparableTarge
 from .approach import targetInWords
 from .config import Config, asDict
 from .material import requireResolved
-from .sections import GREATEST, LEAST, SamplingSection
+from .sections import GREATEST, LEAST, SamplingSection, Targets
 from .stepsizes import defaultStepSize
 from .surfaces import TARGET_KEYS, heldOf, leastAreas, radiusOf, targetScales
 
@@ -93,6 +93,18 @@ def requireHeldDifference(where: str, modulus: float, name: str, target: float, 
             f"unless target_area_difference is given, is {target:.4g}; its size must be from {least:.4g} to "
             f"{greatest:.4g}, as the energy is that of a ratio to it: give such a target_area_difference, or an "
             "area_difference_modulus of 0"
+        )
+
+
+def requireBeginning(goal: Targets, name: str, start: float, sphere: float) -> None:
+    """Raise a ValueError if a path to an area difference begins with one that can be no target, as a flat sheet's."""
+    least, greatest = differenceBounds(sphere)
+    if not least <= abs(start) <= greatest:
+        raise ValueError(
+            f"the path to {_keyOf(name)} = {goal.target_area_difference} begins with an area difference of "
+            f"{start:.4g}, that of the mesh unless one is given before; its size must be from {least:.4g} to "
+            f"{greatest:.4g}, as the energy is that of a ratio to it: let a stage of kind sample before it give a "
+            "target_area_difference"
         )
 
 

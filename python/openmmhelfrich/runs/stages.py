@@ -65,7 +65,7 @@ from .material import lineTensionsOf, numbered, requireKnown, requireResolved
 from .readiness import beyondBounds, evenness, remeshFirst
 from .scene import Scene
 from .sections import Conditions, SamplingSection, SpeciesChange
-from .sizes import requireComparable, requireHeldDifference, requireLeastAreas, requireTrajectories
+from .sizes import requireBeginning, requireComparable, requireHeldDifference, requireLeastAreas, requireTrajectories
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
 from .stepsizes import stepSizeOf
 
@@ -592,8 +592,7 @@ class Continue(MonteCarlo):
         super().check(settings, scene, start)
         for name in endTargets(settings, start):
             if totalOf(name) == "areaDifference":  # which a flat sheet has not
-                what = f"{targetInWords(settings, name)} with which the path begins"
-                requireComparableTarget(what, name, start[name], scene.targetScales[name])
+                requireBeginning(settings, name, start[name], scene.targetScales[name])
         path = cls._createPath(settings, start)
         for window in range(len(path.lambdas)):
             targets = path.targets(window)
