@@ -235,8 +235,18 @@ def testASheetWithoutRoomForItsUndulationsIsToHaveALargerArea():
 
     sheet = mh.Mesh.sheet(8, 8, 1)
     assert "give a larger target_area" in adviceAt(1.1, sheet) and "let it be approached" in adviceAt(1.1, sheet)
+    assert adviceAt(1.03, sheet).startswith("give a larger target_area or area_modulus"), "it is there already"
     for advice in (adviceAt(0.9, sheet), adviceAt(1.1, ellipsoid())):
         assert "let it be approached" in advice and "larger target_area" not in advice
+
+
+def testAnAreaDifferenceOfTheOtherSignIsTold():
+    """However soft its modulus: no way leads through 0; of a sheet, which has about 0 on average, it is not known."""
+    for modulus, mean, isOther in ((1e3, -25.0, True), (1e6, -25.0, True), (1e3, 25.0, False), (10.0, -0.1, False)):
+        rows = rowsOf(areaDifference=mean + RAMP, targetAreaDifference=np.full(40, 10.0))
+        found = judge(replace(GOOD, rows=rows, moduli=GOOD.moduli | {"areaDifference": modulus})).findings
+        told = [finding for finding in found if "its sign is not that of its target" in finding.advice]
+        assert len(told) == isOther
 
 
 def testTheKindOfStageSaysHowItsStepSizeComesOutBetter(inFolder, monkeypatch):

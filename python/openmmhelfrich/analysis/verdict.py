@@ -432,14 +432,19 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
         error = max(error, _blockError(deviations))
     pull = e.pull(rows) + (e.buckling if total == "area" and mean < 0 else 0)
     given = max(CLOSE, pull / (2 * modulus)) + 4 * error
-    limit = given if total == "areaDifference" else min(given, FAR)
+    hasOtherSign = total == "areaDifference" and mean + 4 * error < -1
+    limit = min(given, 1.0 if hasOtherSign else math.inf if total == "areaDifference" else FAR)
     isSoft = abs(mean) <= given
     name, off = observable.title, f"{mean:+.2%} off its target{' on average' if e.heat else ''}"
     return Measured(
         abs(mean),
         f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "
         + ("is too soft to hold it" if isSoft else f"allows {given:.2%}"),
-        f"a larger {MODULUS_NAMES[total]} holds it" if isSoft else _approaching(e, total, mean),
+        _OTHER_SIGN
+        if hasOtherSign
+        else f"a larger {MODULUS_NAMES[total]} holds it"
+        if isSoft
+        else _approaching(e, total, mean),
         (limit, math.inf if isSoft else max(3 * given + CLOSE, FAR)),
     )
 
@@ -448,8 +453,9 @@ def _approaching(e: Evidence, total: str, mean: float) -> str:
     """Return what brings a constraint nearer to its target, which its modulus could hold."""
     if not e.heat:
         return _descending(e, total)
-    isAbove = total == "area" and mean > 0 and e.mesh is not None and e.mesh.isPeriodic
-    return f"{_LONGER}, or {_ROOM}" if isAbove else _LONGER
+    if not (total == "area" and mean > 0 and e.mesh is not None and e.mesh.isPeriodic):
+        return _LONGER
+    return _ROOM if mean <= FAR else f"{_LONGER}, or {_ROOM}"  # it is near already
 
 
 def _descending(e: Evidence, total: str) -> str:
@@ -463,7 +469,11 @@ def _descending(e: Evidence, total: str) -> str:
 
 
 _LONGER = "let it be approached (sampling.approach, or a stage of kind approach or continue that takes longer)"
-_ROOM = "give a larger target_area, as a sheet covers its box, and its undulations take more"
+_ROOM = "give a larger target_area or area_modulus, as a sheet covers its box, and its undulations take more"
+_OTHER_SIGN = (
+    "its sign is not that of its target, to which no way leads through 0: give a target of its own sign, or begin with "
+    "a mesh whose area difference has the other"
+)
 _LED = "let a stage of kind approach before it lead to the targets"
 _NEARER = f"let the minimization go on (max_iterations, tolerance), or {_LED}"
 
