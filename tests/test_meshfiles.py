@@ -6,6 +6,7 @@ import os
 import resource
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import h5py
@@ -18,6 +19,7 @@ import openmmhelfrich as mh
 from meshdialects import DIALECTS, INDICES, XYZ, binarySTL, checkpoint, gltf, obj, ownVTU, ply, text, textSTL
 from openmmhelfrich.geometry import connectivity
 from openmmhelfrich.geometry.formats import vtkfiles
+from openmmhelfrich.geometry.formats.content import Content
 from openmmhelfrich.geometry.quality import assess
 
 WRITTEN = ["stl", "ply", "obj", "off", "vtu", "vtk", "msh", "tsi", "q", "h5"]
@@ -246,6 +248,34 @@ def testFaceThatIsNotConvex(tmp_path_factory, seed, corners):
     mesh = read(tmp_path_factory.mktemp("face"), "obj", content)
     normals = connectivity.triangleNormals(mesh.vertices, mesh.triangles)[:, 2]
     assert normals.min() > -1e-12 and normals.sum() / 2 == pytest.approx(area)
+
+
+@given(seed=st.integers(0, 10**6), corners=st.integers(5, 40), flat=st.booleans())
+@settings(max_examples=50, deadline=None)
+def testFaceOfAnyCornersKeepsItsBorder(seed, corners, flat):
+    """Triangles of a face that crosses itself, or is not flat, have its edges once, and each other edge twice."""
+    x = np.random.default_rng(seed).normal(size=(corners, 3)) * [1, 1, not flat]
+    triangles = Content(x, np.arange(corners), np.array([corners])).triangles()
+    assert len(triangles) == corners - 2
+    edges = Counter(zip(*(ends.tolist() for ends in connectivity.halfedges(triangles))))
+    border = Counter((i, (i + 1) % corners) for i in range(corners))
+    assert edges - Counter({(j, i): n for (i, j), n in edges.items()}) == border
+
+
+@pytest.mark.parametrize("corners", [16, 32, 1000])
+def testFacesOfManyCorners(tmp_path, corners):
+    """Cylinders as Blender and CAD programs write them, with a face at each end, on a slope."""
+    angles, i = 2 * np.pi * np.arange(corners) / corners, np.arange(corners)
+    ends = [np.column_stack((np.cos(angles), np.sin(angles), np.full(corners, z))) for z in (0, 2)]
+    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    sides = np.column_stack((i, (i + 1) % corners, corners + (i + 1) % corners, corners + i)).tolist()
+    faces = [i[::-1].tolist(), (corners + i).tolist(), *sides]
+    points = np.concatenate(ends) @ turn * np.linalg.det(turn)
+    rows = ["f " + " ".join(str(v + 1) for v in face) for face in faces]
+    mesh = read(tmp_path, "obj", text(*(f"v {a:.17g} {b:.17g} {c:.17g}" for a, b, c in points), *rows))
+    mesh.check()
+    assert len(mesh.triangles) == 4 * corners - 4
+    assert mesh.volume == pytest.approx(corners * np.sin(2 * np.pi / corners))
 
 
 def testStripsAreUnfolded(tmp_path, sphere):

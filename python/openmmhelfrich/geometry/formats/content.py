@@ -1,6 +1,6 @@
 """What a mesh file holds, whatever its format, and how its faces become triangles."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mending import counted, weldRims
+
+# The grade of a corner that a face has lost already, which is worse than any other.
+_CUT_OFF = 9
 
 
 @dataclass
@@ -106,6 +109,7 @@ class Content:
             self.notes.append(f"faces were divided into triangles: {kinds}")
         return result
 
+    @np.errstate(invalid="ignore", over="ignore")  # what is no number is found later
     def _divided(self, corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the triangles of faces of any size, in the order of the faces."""
         counts = np.maximum(sizes - 2, 0)
@@ -116,7 +120,7 @@ class Content:
         halves = _halves(self.points, corners[place[four, np.newaxis] + np.arange(4)])
         result[first[four]], result[first[four] + 1] = halves
         for f in np.flatnonzero(sizes > 4).tolist():
-            ring = corners[place[f] : place[f] + sizes[f]].tolist()
+            ring = corners[place[f] : place[f] + sizes[f]]
             result[first[f] : first[f] + counts[f]] = _ears(self.points, ring)
         return result
 
@@ -163,28 +167,53 @@ def _halves(points: NDArray[np.floating], quads: NDArray[np.int64]) -> tuple[NDA
     return quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]
 
 
-def _ears(points: NDArray[np.floating], ring: list[int]) -> list[tuple[int, ...]]:
-    """Return the triangles of a face of many corners, which are cut off one after the other, the shortest cut first."""
-    x = {i: points[i].astype(np.float64) for i in ring}
-    normal = np.sum([np.cross(x[a], x[b]) for a, b in zip(ring, ring[1:] + ring[:1])], axis=0)
+def _ears(points: NDArray[np.floating], ring: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangles of a face of many corners, which are cut off one after the other, the shortest cut first.
+
+    Whether another corner lies in a triangle is found out for the one that is next only, and holds as long as that
+    other corner is there.
+    """
+    x, places = _flattened(points[ring].astype(np.float64)), np.arange(len(ring))
+    before, after = np.roll(places, 1), np.roll(places, -1)
+    # Lower grades are cut off first: of convex corners, those in whose triangles another lies, and of reflex ones.
+    grades, lengths = np.empty(len(ring), dtype=np.int64), np.empty(len(ring))
+    inside, unknown, none = np.empty(len(ring), dtype=np.int64), -2, -1
+
+    def look(some: NDArray[np.int64]) -> None:
+        a, b, c = x[before[some]], x[some], x[after[some]]
+        grades[some], lengths[some], inside[some] = 2 * (_areas(a, b, c) <= 0), np.linalg.norm(c - a, axis=1), unknown
+
+    look(places)
     triangles = []
-    while len(ring) > 3:
-        around = [(ring[i - 1], ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring))]
-        turns = [np.dot(np.cross(x[b] - x[a], x[c] - x[b]), normal) for a, b, c in around]
-        lengths = [np.linalg.norm(x[c] - x[a]) for a, b, c in around]
-        best = min(range(len(ring)), key=lambda i: (turns[i] <= 0, _holds(x, around[i], ring, normal), lengths[i]))
-        triangles.append(around[best])
-        del ring[best]
-    return [*triangles, tuple(ring)]
+    while len(triangles) < len(ring) - 3:
+        best = np.flatnonzero(grades == grades.min())
+        b = int(best[lengths[best].argmin()])
+        a, c = before[b], after[b]
+        if inside[b] == unknown:
+            found = np.flatnonzero((grades < _CUT_OFF) & _areInside(x, a, b, c))
+            inside[b] = found[0] if len(found) else none
+            grades[b] += len(found) > 0
+        else:
+            triangles.append((a, b, c))
+            after[a], before[c], grades[b], inside[b] = c, a, _CUT_OFF, none
+            look(np.concatenate(((a, c), np.flatnonzero(inside == b))))
+    return ring[np.array([*triangles, np.flatnonzero(grades < _CUT_OFF)])]
 
 
-def _holds(
-    x: Mapping[int, NDArray[np.float64]], triangle: tuple[int, ...], ring: list[int], normal: NDArray[np.float64]
-) -> bool:
-    """Return whether another corner of a face lies in one of its triangles, seen along the normal."""
-    a, b, c = (x[i] for i in triangle)
+def _flattened(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of a face as seen along its normal, (n, 2)."""
+    x = x - x.mean(axis=0)
+    normal = np.cross(x, np.roll(x, -1, axis=0)).sum(axis=0)
+    normal /= np.linalg.norm(normal) or 1
+    across = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
+    return x @ np.column_stack((across, np.cross(normal, across)))
 
-    def isInside(p: NDArray[np.float64]) -> bool:
-        return all(np.dot(np.cross(t - s, p - s), normal) > 0 for s, t in ((a, b), (b, c), (c, a)))
 
-    return any(isInside(x[i]) for i in ring if i not in triangle)
+def _areas(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return twice the areas of triangles in a plane, which are positive if they run counter-clockwise."""
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+
+
+def _areInside(x: NDArray[np.float64], a: int, b: int, c: int) -> NDArray[np.bool_]:
+    """Return which points lie in the triangle of three of them."""
+    return (_areas(x[a], x[b], x) > 0) & (_areas(x[b], x[c], x) > 0) & (_areas(x[c], x[a], x) > 0)
