@@ -1,5 +1,6 @@
 """Configurations: units, stages, defaults written out, and TriMem's converted."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from openmmhelfrich.runs.configfile import defaultText, settingsText
 from openmmhelfrich.runs.defaults import resolve
 from openmmhelfrich.runs.meshsource import loadMesh
 from openmmhelfrich.runs.scene import Scene
+from openmmhelfrich.runs.sections import SamplingSection
 from openmmhelfrich.runs.stagesettings import STAGES
 from openmmhelfrich.runs.trimem import convertConfig
 from openmmhelfrich.sampling.conditions import currentMesh
@@ -119,6 +121,9 @@ def testLengths():
             "the mesh's length_unit, 'R0', is not a length",
         ),
         ({"mesh": {"icosphere": 2, "file": "a.stl"}}, "[mesh] file and icosphere are both given"),
+        ({"bending_modulus": 20}, "there is no section or key 'bending_modulus'; it belongs in [membrane]"),
+        ({"membrane": {"chemical_potential": 1}}, "no key 'chemical_potential'; it belongs in [[species]]"),
+        ({"sampling": {"windows": 3}}, "[sampling] has no key 'windows'; it belongs in a stage of kind continue"),
     ],
 )
 def testWrongNumbers(sections, message):
@@ -137,6 +142,24 @@ def testWrongNumbers(sections, message):
         (
             {"kind": "sample", "flip_fraction": 3},
             "stage 1 (sample) has no key 'flip_fraction'; it belongs in [sampling]",
+        ),
+        (
+            {"kind": "minimize", "steps": 10},
+            "stage 1 (minimize) has no key 'steps'; it belongs in a stage of kind sample, approach, anneal or "
+            "continue; minimize has fluid, max_iterations, tolerance",
+        ),
+        (
+            {"kind": "sample", "windows": 3},
+            "stage 1 (sample) has no key 'windows'; it belongs in a stage of kind continue; sample has steps, "
+            "temperature, step_size",
+        ),
+        (
+            {"kind": "approach", "step_size": 0.1},
+            "stage 1 (approach) has no key 'step_size'; it belongs in [sampling], or in a stage of kind sample",
+        ),
+        (
+            {"kind": "minimize", "xyz": 3},
+            "stage 1 (minimize) has no key 'xyz'; it has name, kind, fluid, max_iterations",
         ),
         ({"kind": "sample", "steps": 0}, "stage 1 (sample) steps is 0"),
         ({"kind": "sample", "reduced_volume": 1.1}, "stage 1 (sample) reduced_volume is 1.1"),
@@ -177,6 +200,18 @@ def testWrongNumbers(sections, message):
 )
 def testWrongStages(stage, message):
     assert message in complaintOf(stages=[stage])
+
+
+def testSectionsNamedForAKeyTakeIt():
+    """What a message says of where a key of [sampling] belongs is no error there."""
+    for kind, key in itertools.product(STAGES, SamplingSection.model_fields):
+        if key not in STAGES[kind].model_fields:
+            value = SamplingSection.model_fields[key].default
+            goal = {"reduced_volume": 0.99, "end_temperature": 3} if kind == "anneal" else {"reduced_volume": 0.99}
+            isNamed = "in [sampling]" in complaintOf(stages=[{"kind": kind, **goal, key: value}])
+            assert isNamed == (key != "steps")
+            if isNamed:
+                stagesOf(parse(sampling={key: value}, stages=[{"kind": kind, **goal}]))
 
 
 def testStepsAndStages():

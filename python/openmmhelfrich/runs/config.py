@@ -19,6 +19,7 @@ from ..units import Scales, lengthUnit, multipleOfUnit, plainNumber, thermalEner
 from .sections import (
     GREATEST,
     LEAST,
+    Conditions,
     MembraneSection,
     MeshSection,
     OutputSection,
@@ -45,6 +46,8 @@ else:
 MOST_WORDS = 16
 # What is left out where there is nothing in it.
 _EMPTY: dict[str, Any] = {"system": {}, "species": []}
+# What a file with stages has not: these have their own.
+_OWN_OF_STAGES = ("[sampling]", "steps")
 # Keys whose default is a length of 1, and the key that brings them into use.
 _DEFAULT_LENGTHS = (
     ("membrane", "leaflet_separation", None),
@@ -410,12 +413,35 @@ def _modelOf(home: Sequence[Any]) -> type[Section]:
 
 def _explainUnknown(place: Sequence[Any]) -> str:
     *home, key = place
-    if not home:
-        return f"there is no section or key {quoted(key)}{nearest(key, Config.model_fields)}"
-    known = _modelOf(home).model_fields
-    homes = [name for name, model in sections().items() if key in model.model_fields]
-    where = f"{_placeName(home)} has no key {quoted(key)}"
-    return f"{where}; it belongs in [{homes[0]}]" if homes else where + nearest(key, known)
+    where = f"{_placeName(home)} has no key" if home else "there is no section or key"
+    isOfStage = home[:1] == ["stages"]
+    homes = [name for name in _homesOf(key) if not (isOfStage and (name, key) == _OWN_OF_STAGES)]
+    kinds = [kind for kind, model in STAGES.items() if key in _ownKeys(model)]
+    if not homes and not kinds:
+        return f"{where} {quoted(key)}{nearest(key, _ownFirst(_modelOf(home)) if home else Config.model_fields)}"
+    places = [*homes[:1], *([f"a stage of kind {_either(kinds)}"] if kinds else [])]
+    own = f"; {home[2]} has {', '.join(_ownKeys(STAGES[home[2]]))}" if isOfStage and not homes else ""
+    return f"{where} {quoted(key)}; it belongs in {', or in '.join(places)}{own}"
+
+
+def _homesOf(key: Any) -> list[str]:
+    """Return the sections that have a key, as a file names them."""
+    models = {f"[{name}]": model for name, model in sections().items()} | {"[[species]]": SpeciesSection}
+    return [name for name, model in models.items() if key in model.model_fields]
+
+
+def _ownFirst(model: type[Section]) -> list[str]:
+    """Return the keys of a table, those of a kind of stage before those of all stages."""
+    return sorted(model.model_fields, key=lambda name: name in Conditions.model_fields)
+
+
+def _ownKeys(model: type[Section]) -> list[str]:
+    """Return the keys that not every stage has."""
+    return [name for name in model.model_fields if name not in {"name", "kind", *Conditions.model_fields}]
+
+
+def _either(words: Sequence[str]) -> str:
+    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def nearest(word: Any, known: Iterable[str], otherwise: str = "it has") -> str:
