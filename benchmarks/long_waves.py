@@ -4,7 +4,7 @@
 
 One line of JSON: the integrated autocorrelation times of the modes of degree 2, 3 and 4, of the sum of squares of each
 degree ("ofShape": it stays when the vesicle turns), of the elongation and of the bending energy, in computations of
-forces and in processor time of one thread.  The scene is the sphere of docs/explanation/sampling.md: bending modulus
+forces and in processor time of one thread.  The scene is the sphere of docs/results/sampling.md: bending modulus
 30 kT, area and volume 1e6 kT unless said otherwise, edges of length 1, a tether of modulus 100 kT between 0.85 and
 1.35.  Each trajectory is followed by a sweep.  STEP is in ps.  The first fifth of the run is left out.
 """
@@ -22,7 +22,7 @@ from openmmhelfrich.analysis.fluctuations import _solidAngles, realHarmonics
 
 KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
-AVERAGES = ("bending", "area", "volume")  # of a row, after the modes
+AVERAGES = ("bending", "areaOverTarget", "volumeOverTarget")  # of a row, after the modes
 
 
 def ofUnitEdges(mesh):

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import openmm as mm
@@ -237,6 +238,9 @@ def test_observables_and_counters_are_those_of_a_state():
     after = [exchange.counters(k) for k in range(2)]
     made = sum(move.getNumAttempted() for move in moves) - tried
     assert sum(c.trajectories + c.flips for c in after) - sum(c.trajectories + c.flips for c in counters) == made
+    late = [exchange.counters(k, discard=40) for k in range(2)]
+    assert [np.subtract(a, b).tolist() for a, b in zip(after, counters)] == [list(c) for c in late]
+    assert not any(exchange.counters(0, discard=43))
     for k, _state in enumerate(exchange.states):
         rows, own = (
             exchange.observables(k),
@@ -269,6 +273,17 @@ def test_what_is_not_good_is_told(make, level, words):
     assert verdict.level == level and re.search(words, str(verdict)), str(verdict)
 
 
+def test_a_state_that_freezes_is_told():
+    """Enough are accepted all in all, and none of the last."""
+    exchange = spheres(steps=200)
+    exchange.states = [replace(state, stepSize=0.02) for state in exchange.states]
+    for replica, state in enumerate(exchange.replicaStates.tolist()):
+        exchange._enter(replica, state)
+    exchange.run(40, 5)
+    words = r"in state 0 of the last \d+ trajectories 0 were accepted, and 4\d% of all.*and so in 1"
+    assert exchange.verdict.level == "failed" and re.search(words, str(exchange.verdict)), str(exchange.verdict)
+
+
 def test_passages():
     exchange = oscillators([50, 60, 70])
     assert exchange.verdict is None and exchange.verdicts == []
@@ -294,10 +309,36 @@ def test_files_of_the_first_format(tmp_path):
     loaded = spheres(steps=0)
     loaded.load(file)
     assert loaded.numRounds == 10 and loaded.verdict is None and len(loaded.observables(0)["step"]) == 0
+    assert not any(loaded.counters(0))
     loaded.run(2, 5)
     exchange.run(2, 5)
     assert list(loaded.observables(1)["step"]) == [11, 12] and loaded.verdict.level == "doubtful"
     assert list(loaded.observables(1)["area"]) == list(exchange.observables(1, discard=10)["area"])
+
+
+def test_files_of_the_second_format(tmp_path):
+    """They have the sums of the counters, which count as those of the last round."""
+    exchange, file = spheres(steps=50), tmp_path / "exchange.zip"
+    sums = [exchange.counters(k) for k in range(2)]
+    exchange.save(file)
+    with zipfile.ZipFile(file) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    data, rounds = json.loads(parts["exchange.json"]), dict(np.load(io.BytesIO(parts["rounds.npz"])))
+    del rounds["counters"]
+    old = io.BytesIO()
+    np.savez(old, **rounds)
+    parts["rounds.npz"] = old.getvalue()
+    parts["exchange.json"] = json.dumps(data | {"format": 2, "counters": [list(c) for c in sums]}).encode()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    loaded = spheres(steps=0)
+    loaded.load(file)
+    assert [loaded.counters(k) for k in range(2)] == sums == [loaded.counters(k, discard=9) for k in range(2)]
+    loaded.run(2, 5)
+    exchange.run(2, 5)
+    assert [loaded.counters(k) for k in range(2)] == [exchange.counters(k) for k in range(2)]
+    assert [loaded.counters(k, discard=10) for k in range(2)] == [exchange.counters(k, discard=10) for k in range(2)]
 
 
 def test_energies_in_other_states():

@@ -47,7 +47,11 @@ def _judge(exchange: ReplicaExchange, state: int) -> Verdict:
 def _evidence(exchange: ReplicaExchange, state: int) -> Evidence:
     replica = int(np.flatnonzero(exchange.history[-1] == state)[0])
     simulation, kT = exchange.simulations[replica], exchange.states[state].thermalEnergy
-    rates = ratesOf(exchange.counters(state), simulation.integrator)
+    late = exchange.counters(state, discard=exchange.numRounds // 2)
+    rates = {
+        **ratesOf(exchange.counters(state), simulation.integrator),
+        "lately": (late.accepted, late.trajectories),
+    }
     force = exchange.membrane(replica)
     if force is None:
         return Evidence(rows=exchange.observables(state), **rates)

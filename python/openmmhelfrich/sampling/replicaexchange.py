@@ -32,7 +32,8 @@ from .moves import Counters, countersOf, movesOf, trajectoriesOf
 from .observables import Moment, Observable, isTarget, observablesOf, observe
 from .states import Membrane, ThermodynamicState, mutationsOf
 
-FORMATS = (1, 2)  # the first one has no observables and counters
+FORMATS = (1, 2, 3)  # the first one has no observables and counters, the second no counters of each round
+NONE = Counters(*[0] * len(Counters._fields))
 # What of a serialized force a Context has of its own.
 _LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default"}
 _LIVE |= {"Triangles", "SurfaceTargets"}
@@ -113,7 +114,7 @@ class ReplicaExchange:
         self._requireSameComposition()
         self._observed: list[NDArray[np.float64]] = []
         self._columns: list[str] = []
-        self._counters = np.zeros((len(self.states), len(Counters._fields)), dtype=int)
+        self._made: list[NDArray[np.int64]] = []  # in each round, the counters of each state
         self._marks = [self._markedPositions(replica) for replica in range(len(self.simulations))]
         self._judged: tuple[int, list[Any], Any] = (0, [], None)
         for replica in range(len(self.simulations)):
@@ -191,9 +192,13 @@ class ReplicaExchange:
         values = np.array(rows, dtype=float).reshape(len(rows), len(self._columns))
         return Table({"step": rounds.astype(float) + 1, **dict(zip(self._columns, values.T))})
 
-    def counters(self, state: int) -> Counters:
-        """Return how many trajectories and flips were tried in a state, and what came of them."""
-        return Counters(*self._counters[state].tolist())
+    def counters(self, state: int, discard: int = 0) -> Counters:
+        """Return how many trajectories and flips were tried in a state, and what came of them, without some rounds at
+        the start.
+        """
+        first = self.numRounds - len(self._made)  # of an earlier version's rounds only the sum is known
+        made = self._made[max(0, discard - first) :]
+        return Counters(*np.sum([counters[state] for counters in made], axis=0, dtype=int).tolist()) if made else NONE
 
     def membrane(self, replica: int) -> HelfrichForce | None:
         """Return the HelfrichForce of a replica, or None if it has none."""
@@ -306,11 +311,11 @@ class ReplicaExchange:
             "attempted": self._attempted.tolist(),
             "accepted": self._accepted.tolist(),
             "columns": self._columns,
-            "counters": self._counters.tolist(),
         }
         arrays = io.BytesIO()
         contents: dict[str, Any] = {f"marks{replica}": marks for replica, marks in enumerate(self._marks)}
         contents |= {"history": self.history, "reducedEnergies": self.reducedEnergies, "observed": self._observed}
+        contents["counters"] = np.array(self._made, dtype=int)
         np.savez(arrays, **contents)
         with replacing(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr("exchange.json", json.dumps(data, indent=1))
@@ -355,7 +360,8 @@ class ReplicaExchange:
         self._history, self._energies = list(arrays["history"]), list(arrays["reducedEnergies"])
         self._attempted, self._accepted = np.array(data["attempted"]), np.array(data["accepted"])
         self._columns, self._observed = data.get("columns", []), list(arrays.get("observed", ()))
-        self._counters = np.array(data.get("counters", np.zeros_like(self._counters)))
+        made = arrays.get("counters", [data["counters"]] if "counters" in data else [])
+        self._made = [np.array(counters) for counters in made]
         self._marks = [
             arrays[name] if (name := f"marks{replica}") in arrays else self._markedPositions(replica)
             for replica in range(len(self.states))
@@ -423,7 +429,7 @@ class ReplicaExchange:
         before = [countersOf(integrator) for integrator in integrators]
         self._step(steps)
         made = np.subtract([countersOf(integrator) for integrator in integrators], before)
-        self._counters[self.replicaStates] += made
+        self._made.append(np.array(made[np.argsort(self.replicaStates)]))
 
     def _step(self, steps: int) -> None:
         if self._workers == 1:
