@@ -17,8 +17,8 @@ from openmm import unit
 
 import openmmhelfrich as mh
 from meshdialects import DIALECTS, INDICES, XYZ, binarySTL, checkpoint, gltf, obj, ownVTU, ply, text, textSTL
-from openmmhelfrich.geometry import connectivity
-from openmmhelfrich.geometry.formats import vtkfiles
+from openmmhelfrich.geometry import connectivity, formats
+from openmmhelfrich.geometry.formats import meshiofiles, vtkfiles
 from openmmhelfrich.geometry.formats.content import Content
 from openmmhelfrich.geometry.quality import assess
 
@@ -104,6 +104,36 @@ def testWhatIsWrittenIsRead(tmp_path_factory, seed, suffix):
     assert again.notes == [] and np.array_equal(
         facets(again.vertices, again.triangles), facets(mesh.vertices, mesh.triangles)
     )
+
+
+@pytest.mark.parametrize("suffix", sorted({*formats.WRITTEN, *meshiofiles.WRITTEN}))
+def testEveryFormatThatIsWrittenIsRead(tmp_path, suffix):
+    """Small numbers too, and from a single file, wherever it is moved."""
+    mesh = mh.Mesh.icosphere(1)
+    mesh.vertices = (mesh.vertices @ np.diag([7, -7e-7, 7e7])[[1, 2, 0]]).astype(np.float32).astype(float)
+    (tmp_path / "there").mkdir()
+    mesh.write(tmp_path / f"a{suffix}")
+    assert [file.name for file in tmp_path.glob("*a*")] == [f"a{suffix}"]
+    again = mh.Mesh.read((tmp_path / f"a{suffix}").replace(tmp_path / "there" / f"b{suffix}"))
+    assert facets(again.vertices, again.triangles) == pytest.approx(facets(mesh.vertices, mesh.triangles), rel=1e-15)
+
+
+def testWhatIsNotWrittenIsSaid(tmp_path, monkeypatch, sphere):
+    for name in ("nas", "bdf", "ugrid", "su2", "cgns", "f3grid", "exo", "wkt"):
+        with pytest.raises(ValueError, match=rf"a.{name}: {name.upper()} files are read, not written; use one of .ply"):
+            sphere.write(tmp_path / f"a.{name}")
+    for name in ("svg", "node", "ele"):  # the last two have volumes only
+        (tmp_path / f"a.{name}").write_text("# nothing\n")
+        for act in (sphere.write, mh.Mesh.read):
+            with pytest.raises(ValueError, match=rf"a.{name}: no mesh format has the suffix '.{name}'"):
+                act(tmp_path / f"a.{name}")
+
+    def fail(*arguments, **options):
+        raise AssertionError
+
+    monkeypatch.setattr("meshio.write", fail)
+    with pytest.raises(ValueError, match=r"b.inp: meshio cannot write it as INP: "):
+        sphere.write(tmp_path / "b.inp")
 
 
 # --- what is beside triangles

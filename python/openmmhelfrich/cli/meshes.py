@@ -48,10 +48,10 @@ def repair(
     openmm-helfrich repair segmentation.ply cell.ply --keep 0 --close-holes
     """
     from ..geometry.mesh import Mesh
-    from ..geometry.meshfiles import requireFormat
+    from ..geometry.meshfiles import requireWritten
     from ..io.conversion import requireNew
 
-    requireFormat(output)
+    requireWritten(output)
     requireNew([output], source, overwrite)
     mesh = Mesh.read(source)
     try:

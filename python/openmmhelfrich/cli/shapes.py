@@ -94,10 +94,10 @@ def remesh(
     Example: openmm-helfrich remesh cell.stl even.ply --vertices 2500
     """
     from ..geometry.mesh import Mesh
-    from ..geometry.meshfiles import requireFormat
+    from ..geometry.meshfiles import requireWritten
     from ..io.conversion import requireNew
 
-    requireFormat(output)
+    requireWritten(output)
     requireNew([output], source, overwrite)
     if (vertices is None) == (edge_length is None):
         raise ValueError("remesh: give one of --vertices and --edge-length")

@@ -319,13 +319,14 @@ class Mesh:
         Raises
         ------
         ValueError
-            if no format has this suffix, or the mesh is periodic and the format has no box: PLY, TSI and Q have
+            if no format that is written has this suffix, a number has no room in it, or the mesh is periodic and the
+            format has no box: PLY, TSI and Q have
         OSError
             if the file cannot be written
         """
         length = _lengthOf(unit)
         if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
-            meshfiles.requireFormat(Path(file))
+            meshfiles.requireWritten(Path(file))
             raise ValueError(
                 f"{file}: the mesh is periodic, and files of this format have no box; use one of "
                 f"{', '.join(meshfiles.WITH_BOX)}, or .vtkhdf ('openmm-helfrich convert' or writeMeshTrajectory()); or "

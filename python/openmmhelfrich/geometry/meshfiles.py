@@ -67,9 +67,7 @@ def write(
     in a single step.  PLY files have the box of a periodic surface only.
     """
     suffix = path.suffix.lower()
-    requireFormat(path)
-    if suffix in _ONLY_READ:
-        raise ValueError(f"{path}: {suffix[1:].upper()} files are read, not written; use one of {', '.join(WRITTEN)}")
+    requireWritten(path)
     try:
         with replacing(path) as part:
             if suffix in (".tsi", ".q"):
@@ -86,6 +84,17 @@ def write(
 
 # What holds the box of a periodic surface.
 WITH_BOX = (".tsi", ".q", ".ply")
+
+
+def requireWritten(path: Path, *others: str) -> None:
+    """Raise a ValueError if the suffix of a file is neither that of a format in which meshes are written nor one of
+    some others.
+    """
+    requireFormat(path, *others)
+    suffix = path.suffix.lower()
+    if suffix not in (*WRITTEN, *meshiofiles.WRITTEN, *others):
+        allowed = ", ".join((*WRITTEN, *others))
+        raise ValueError(f"{path}: {suffix[1:].upper()} files are read, not written; use one of {allowed}")
 
 
 def requireFormat(path: Path, *others: str) -> None:

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from ..files import PathLike, replacing
 from ..geometry.mesh import Mesh
-from ..geometry.meshfiles import requireFormat
+from ..geometry.meshfiles import requireWritten
 from ..units import wholeNumber
 from .dcdframes import DCDTrajectory
 from .locks import locked
@@ -123,7 +123,7 @@ def convert(
         if a file cannot be read or written, or its format is not known
     """
     output = Path(output)
-    requireFormat(output, *TRAJECTORIES, ".pvd", ".xyz")
+    requireWritten(output, *TRAJECTORIES, ".pvd", ".xyz")
     frames = openFrames(file, topology)
     indices = selectFrames(file, frames, frame, every)
     names = _names(output, indices)

@@ -184,7 +184,7 @@ def _ears(points: NDArray[np.floating], ring: NDArray[np.int64]) -> NDArray[np.i
         grades[some], lengths[some], inside[some] = 2 * (_areas(a, b, c) <= 0), np.linalg.norm(c - a, axis=1), unknown
 
     look(places)
-    triangles = []
+    triangles: list[tuple[int, int, int]] = []
     while len(triangles) < len(ring) - 3:
         best = np.flatnonzero(grades == grades.min())
         b = int(best[lengths[best].argmin()])

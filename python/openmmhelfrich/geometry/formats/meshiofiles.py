@@ -16,6 +16,19 @@ from .content import Content
 
 _FORMAT = {".msh": "gmsh"}  # meshio would take it for an Ansys file first
 _CORNERS = {"triangle": 3, "quad": 4}
+# What comes back from these is as it was written; the others are for volumes, or not what their readers take.
+WRITTEN = (
+    *(".avs", ".dat", ".dato", ".h5m", ".hmf", ".inp", ".mdpa", ".med", ".mesh", ".meshb", ".msh", ".obj", ".off"),
+    *(".ply", ".post", ".stl", ".tec", ".vol", ".vtk", ".vtu", ".xdmf", ".xmf", ".xml"),
+)
+# SVG is not read at all, and TetGen's files have no surfaces; without tetrahedra their reader does not end.
+_NO_SURFACES = {".svg", ".node", ".ele"}
+# What makes a file whole: numbers in the file itself, and not in one beside it.
+_OPTIONS: dict[str, dict[str, Any]] = {
+    ".stl": {"binary": True},
+    ".xdmf": {"data_format": "XML"},
+    ".xmf": {"data_format": "XML"},
+}
 _LEFT_OUT = {"vertex": "points", "line": "lines"}
 # Where meshio writes the time into a comment: without it equal meshes become equal files.
 _DATED, _DATE, _HEAD = (".ply", ".obj"), re.compile(rb"(?m)^(comment|#) Created by meshio.*\n"), 1000
@@ -44,28 +57,31 @@ def write(
     triangles: NDArray[np.integer],
     data: Mapping[str, ArrayLike] | None,
 ) -> None:
-    """Write a file in the format that a suffix names, with data at the points."""
+    """Write a file in the format that a suffix names, one of :data:`WRITTEN`, with data at the points."""
     import meshio
 
     if suffix == ".vtk" and data is not None:  # whose 32-bit whole numbers meshio calls what VTK does not know
         data = {name: np.asarray(v, np.int64) if np.asarray(v).dtype.kind in "iub" else v for name, v in data.items()}
     mesh = meshio.Mesh(points, [("triangle", triangles)], point_data=data)
     kind = _FORMAT.get(suffix) or meshio.extension_to_filetypes[suffix][0]
+    said = io.StringIO()
     try:
-        with _silence(io.StringIO()):
-            meshio.write(path, mesh, file_format=kind, **({"binary": True} if suffix == ".stl" else {}))
-    except meshio.WriteError as error:
-        raise ValueError(str(error)) from None
+        with _silence(said):
+            meshio.write(path, mesh, file_format=kind, **_OPTIONS.get(suffix, {}))
+    except (OSError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:  # an assertion, where a number has no room
+        raise ValueError(f"meshio cannot write it as {suffix[1:].upper()}: {_reason(error, said.getvalue())}") from None
     if suffix in _DATED:
         content = path.read_bytes()
         path.write_bytes(_DATE.sub(b"", content[:_HEAD]) + content[_HEAD:])
 
 
 def suffixes() -> set[str]:
-    """Return the suffixes of the formats that meshio knows."""
+    """Return the suffixes of the formats that meshio reads surfaces from."""
     import meshio
 
-    return set(meshio.extension_to_filetypes)
+    return set(meshio.extension_to_filetypes) - _NO_SURFACES
 
 
 def _reason(error: BaseException, said: str) -> str:
