@@ -181,11 +181,13 @@ def test_targets(platform, term):
     context = createContext(mesh, force, platform)
     energy, parameter = energyOf(context), force.getName() + setter[3:]
     good = context.getParameter(parameter)
-    for bad in (0, NAN, INF):
+    signed = term == "areaDifference"
+    allowed = "a finite value other than zero" if signed else "a positive, finite value"
+    for bad in (0, NAN, INF, *([] if signed else [-good])):
         context.setParameter(parameter, bad)
         with pytest.raises(mm.OpenMMException) as error:
             energyOf(context)
-        assertSays(error, [f"the {term} term is on", "finite value other than zero"])
+        assertSays(error, [f"the {term} term is on", allowed])
         context.setParameter(parameter, good)
         assert energyOf(context) == energy
 

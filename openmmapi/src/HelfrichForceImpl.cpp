@@ -112,12 +112,13 @@ void HelfrichForceImpl::checkContextParameters(HelfrichParameters& p) const {
 
 void HelfrichForceImpl::checkContextParameter(const HelfrichParameters& p, const HelfrichContextParameter& parameter,
                                               const string& name, double value) const {
-    if (!p.has(parameter.term) || (isfinite(value) && (value != 0 || parameter.mayBeZero)))
+    if (!p.has(parameter.term) || parameter.allows(value))
         return;
+    const char* allowed[] = {"positive, finite value", "finite value other than zero", "finite value"};
     stringstream message;
     message << owner.getName() << ": the " << TERM_NAMES[int(parameter.term)] << " term is on, but " << name << " is "
-            << value << "; set it to a finite value" << (parameter.mayBeZero ? "" : " other than zero") << " with set"
-            << parameter.name << "() or as a parameter of the Context";
+            << value << "; set it to a " << allowed[parameter.allowed] << " with set" << parameter.name
+            << "() or as a parameter of the Context";
     throw OpenMMException(message.str());
 }
 

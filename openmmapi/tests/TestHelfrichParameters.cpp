@@ -125,7 +125,9 @@ void testContextParameters() {
         HelfrichParameters set;
         parameter.valueIn(set) = 1;
         ASSERT_EQUAL(parameter.term == Term::Tension || parameter.term == Term::Pressure, set.has(parameter.term));
-        ASSERT_EQUAL(parameter.mayBeZero, set.has(parameter.term) || parameter.term == Term::Bending);
+        ASSERT_EQUAL(parameter.allows(0), set.has(parameter.term) || parameter.term == Term::Bending);
+        ASSERT_EQUAL(parameter.allows(-1), parameter.term != Term::Area && parameter.term != Term::Volume);
+        ASSERT(parameter.allows(1) && !parameter.allows(NAN) && !parameter.allows(INFINITY));
     }
     for (auto& parameter : HELFRICH_CONTEXT_PARAMETERS)
         ASSERT_EQUAL(&parameter, &getContextParameter(parameter.term));

@@ -3,6 +3,7 @@
 
 #include "HelfrichSpecies.h"
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <map>
 #include <memory>
@@ -257,9 +258,9 @@ struct HelfrichParameters {
 };
 
 /**
- * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite if its term is on, and a target
- * may not be zero; a modulus of zero turns its term off.  A surface's own target is another parameter, whose name has
- * the surface's number at its end.
+ * A parameter of the Context, which sets one of HelfrichParameters.  It must be finite if its term is on, a target may
+ * not be zero, and that of an area or a volume must be positive; a modulus of zero turns its term off.  A surface's own
+ * target is another parameter, whose name has the surface's number at its end.
  */
 struct HelfrichContextParameter {
     Term term;
@@ -267,21 +268,31 @@ struct HelfrichContextParameter {
     const char* name;
     /// what it sets
     double& (*valueIn)(HelfrichParameters& parameters);
-    bool mayBeZero = false;
+    enum { Positive, NotZero, Any } allowed;
+    /**
+     * Get whether a value is one that the parameter may have while its term is on.
+     */
+    bool allows(double value) const {
+        return std::isfinite(value) && (allowed == Any || (allowed == NotZero ? value != 0 : value > 0));
+    }
 };
 
 /**
  * All of them, at most one for each term.
  */
 inline constexpr HelfrichContextParameter HELFRICH_CONTEXT_PARAMETERS[] = {
-        {Term::Area, "TargetArea", [](HelfrichParameters& p) -> double& { return p.targetArea; }},
-        {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; }},
+        {Term::Area, "TargetArea", [](HelfrichParameters& p) -> double& { return p.targetArea; },
+         HelfrichContextParameter::Positive},
+        {Term::Volume, "TargetVolume", [](HelfrichParameters& p) -> double& { return p.targetVolume; },
+         HelfrichContextParameter::Positive},
         {Term::AreaDifference, "TargetAreaDifference",
-         [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }},
-        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; }, true},
-        {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; }, true},
+         [](HelfrichParameters& p) -> double& { return p.targetAreaDifference; }, HelfrichContextParameter::NotZero},
+        {Term::Tension, "Tension", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Tension]; },
+         HelfrichContextParameter::Any},
+        {Term::Pressure, "Pressure", [](HelfrichParameters& p) -> double& { return p.moduli[Term::Pressure]; },
+         HelfrichContextParameter::Any},
         {Term::Bending, "SpontaneousCurvature", [](HelfrichParameters& p) -> double& { return p.spontaneousCurvature; },
-         true}};
+         HelfrichContextParameter::Any}};
 
 /**
  * Get the parameter of the Context of a term that has one.
