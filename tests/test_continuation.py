@@ -8,7 +8,7 @@ from openmm import app, unit
 import openmmhelfrich as mh
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.studies import run
-from openmmhelfrich.sampling.continuation import ContinuationPath
+from openmmhelfrich.sampling.continuation import ContinuationPath, requireOneSign
 from openmmhelfrich.sampling.targets import absoluteTargets
 
 START = {"area": 12.0, "volume": 4.0, "areaDifference": 25.0}
@@ -72,6 +72,29 @@ def testThereAndBackByTheSameWindows():
 def testWrongPaths(arguments, message):
     with pytest.raises(ValueError, match=message):
         ContinuationPath(START, *arguments)
+
+
+@pytest.mark.parametrize("windows", [2, 3])
+def testNoPathOfAnAreaDifferenceLeadsThroughZero(windows):
+    """However few windows: none has to be at 0.  One that is about 0, as a flat sheet's, has no sign."""
+    going = {"steps": 2, "target_area_difference": -20.0}
+    along = {"windows": windows, "equilibration": 1, "path": {"target_area_difference": [0.0, *[1.0] * windows]}}
+    for stage in ({"kind": "approach", **going}, {"kind": "continue", **going, **along}):
+        config = {
+            "mesh": {"icosphere": 1},
+            "membrane": {"area_difference_modulus": 1e3},
+            "stages": [stage],
+            "output": {"prefix": "nowhere"},
+        }
+        with pytest.raises(ValueError, match=r"stage 1 .* would go from 2\d\.\d+ to -20, and through 0"):
+            run(config)
+    _, force, simulation = createSimulation()
+    force.setAreaDifferenceModulus(1e3)
+    force.updateParametersInContext(simulation.context)
+    with pytest.raises(ValueError, match=r"would go from .* through 0, where its energy has no bound"):
+        mh.continueTo(simulation, force, {"areaDifference": -20.0}, 3)
+    requireOneSign("areaDifference", [1e-15, -20.0])
+    requireOneSign("areaDifference", [-25.0, -20.0])
 
 
 def testTargetsWithUnits():

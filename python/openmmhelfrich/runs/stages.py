@@ -34,7 +34,7 @@ from ..sampling.adaptation import (
 )
 from ..sampling.averages import averageWindows, lateRows
 from ..sampling.conditions import CURVATURE, LINE_TENSION, currentConditions, currentMesh, flatEnergy, setConditions
-from ..sampling.continuation import ContinuationPath, windowLambdas
+from ..sampling.continuation import ContinuationPath, requireOneSign, windowLambdas
 from ..sampling.marks import displacement, markedPositions
 from ..sampling.minimization import (
     CUT_SHORT,
@@ -594,6 +594,7 @@ class Continue(MonteCarlo):
             if totalOf(name) == "areaDifference":  # which a flat sheet has not
                 requireBeginning(settings, name, start[name], scene.targetScales[name])
         path = cls._createPath(settings, start)
+        path.requireOneSign()
         for window in range(len(path.lambdas)):
             targets = path.targets(window)
             for name, scale in scene.targetScales.items():
@@ -649,6 +650,13 @@ class Approach(MonteCarlo):
     """Targets that move a little with each step; an automatic step size follows."""
 
     CHECKS = (verdict.FINITE, *verdict.OF_MOVES)  # shapes are those of a membrane that follows
+
+    @classmethod
+    def check(cls, settings: Any, scene: Scene, start: dict[str, float]) -> dict[str, float]:
+        end = super().check(settings, scene, start)
+        for name in endTargets(settings, start):
+            requireOneSign(name, [start[name], end[name]])
+        return end
 
     def _targets(self, n: int) -> dict[str, float]:
         start, progress = self._startTargets, (n + 1) / self.steps

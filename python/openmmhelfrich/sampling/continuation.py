@@ -35,6 +35,8 @@ from .targets import (
 )
 
 Number: TypeAlias = float | unit.Quantity
+# The part of the greatest target below which another one is 0 but for rounding.
+_NO_SIGN = 1e-9
 
 
 def windowLambdas(windows: int, thereAndBack: bool) -> NDArray[np.float64]:
@@ -103,6 +105,11 @@ class ContinuationPath:
         point = self.pointOf(window)
         return {name: float(values[point]) for name, values in self._values.items()}
 
+    def requireOneSign(self) -> None:
+        """Raise a ValueError if an area difference goes through 0 on the way."""
+        for name, values in self._values.items():
+            requireOneSign(name, values)
+
     @staticmethod
     def _lambdasOf(name: str, given: ArrayLike | None, uniform: np.ndarray) -> np.ndarray:
         if given is None:
@@ -124,6 +131,21 @@ class ContinuationPath:
                 f"continuation: the path leads to a target {inWords(name)} of {wrong[0]:g}; it must "
                 f"{'not be 0' if hasSign else 'be positive'}"
             )
+
+
+def requireOneSign(name: str, targets: ArrayLike) -> None:
+    """Raise a ValueError if targets, one after the other on a path, are area differences of both signs: the energy is
+    that of a ratio to the target.  One that is about 0, as a flat sheet's, has no sign.
+    """
+    values = np.asarray(targets, dtype=float)
+    wrong = values[values * values[0] < 0]
+    hasSign = abs(values[0]) > _NO_SIGN * np.abs(values).max()
+    if totalOf(name) == "areaDifference" and hasSign and len(wrong):
+        raise ValueError(
+            f"the target {inWords(name)} would go from {values[0]:.4g} to {wrong[-1]:.4g}, and through 0, where its "
+            f"energy has no bound; all its values must be {'positive' if values[0] > 0 else 'negative'}, or the path "
+            "must begin with a mesh whose area difference has the other sign"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,7 +225,7 @@ def continueTo(
     Raises
     ------
     ValueError
-        if a target or a number is out of range, or the modulus of a target is 0
+        if a target or a number is out of range, the modulus of a target is 0, or an area difference would go through 0
     """
     requireProgress(progress)
     start = _startOf(simulation.context, force)
@@ -213,6 +235,7 @@ def continueTo(
     for name in ends.keys() & scales.keys():
         requireComparableTarget(f"continueTo: the target {name}", name, ends[name], scales[name])
     line = ContinuationPath(start, ends, windows, thereAndBack, _absoluteNames(path))
+    line.requireOneSign()
     interval = wholeNumber(interval, "continueTo: interval", 1)
     steps = wholeNumber(steps, "continueTo, with this interval: steps", interval)
     equilibration = wholeNumber(equilibration, "continueTo: equilibration", 0)
