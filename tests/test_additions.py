@@ -241,7 +241,7 @@ def system(count):
     "section, words",
     [
         ({"fixed": [3, 162]}, r"\[system\] fixed has the vertex 162; the mesh has 162, from 0 to 161"),
-        ({"fixed": [-1]}, r"\[system\] fixed 0 is -1; it must be greater than or equal to 0"),
+        ({"fixed": [-1]}, r"\[system\] fixed\[0\] is -1; it must be greater than or equal to 0"),
         ({"fixed": list(range(162))}, r"\[system\] fixed has all 162 vertices"),
         ({"fixed_box": [[5, 5, 5], [6, 6, 6]]}, r"fixed_box has no vertex in it; they lie from \[-1, -1, -1\] to"),
         ({"fixed_box": [[1, 0, 0], [0, 1, 1]]}, "the least coordinates must come first"),

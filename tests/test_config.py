@@ -1,5 +1,6 @@
 """Configurations: units, stages, defaults written out, and TriMem's converted."""
 
+import datetime
 import itertools
 import json
 from pathlib import Path
@@ -123,6 +124,12 @@ def testLengths():
         ({"mesh": {"icosphere": 2, "file": "a.stl"}}, "[mesh] file and icosphere are both given"),
         ({"bending_modulus": 20}, "there is no section or key 'bending_modulus'; it belongs in [membrane]"),
         ({"membrane": {"chemical_potential": 1}}, "no key 'chemical_potential'; it belongs in [[species]]"),
+        ({"system": {"fixed_box": [[0, 0, 0], [1, "x", 2]]}}, "[system] fixed_box[1][1] is 'x'; it must be a number"),
+        ({"membrane": {"line_tension": {"a, b": "x"}}}, "[membrane] line_tension: the pair a, b has 'x'; it must be"),
+        ({"sampling": {"steps": datetime.date(2020, 1, 2)}}, "[sampling] steps is 2020-01-02; it must be a whole"),
+        ({"sampling": {"steps": True}}, "[sampling] steps is true; it must be a whole number"),
+        ({"output": {"overwrite": "yes"}}, "[output] overwrite is 'yes'; it must be true or false"),
+        ({"stages": [3]}, "stage 1 is 3; it must be a table of keys"),
         ({"sampling": {"windows": 3}}, "[sampling] has no key 'windows'; it belongs in a stage of kind continue"),
     ],
 )
@@ -192,6 +199,7 @@ def testWrongNumbers(sections, message):
             {"kind": "continue", "target_area": 9.0, "windows": 2, "path": {"target_area": [0, 1]}},
             "path of target_area has 2 values; windows = 2 asks for 3",
         ),
+        ({"kind": "anneal", "table": [[0, 300], [9, "x"]]}, "stage 1 (anneal) table[1][1] is 'x'; it must be a number"),
         (
             {"kind": "continue", "target_area": 9.0, "path": {"volume": [0, 1]}},
             "path has 'volume'; it must be a target that the stage gives: target_area",

@@ -1,6 +1,7 @@
 """The configuration of a run: a TOML file, read and validated before anything else happens, without OpenMM."""
 
 import contextlib
+import datetime
 import difflib
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -367,9 +368,14 @@ def _explain(mistake: ErrorDetails) -> str:
         )
     if kind == "value_error" and isinstance(mistake["input"], dict):  # a key of this table, or all of it
         return f"{name}{':' if message.startswith(('it ', 'each ', 'the ')) else ''} {message}"
-    if kind == "model_type":
-        return f"{name} is {quoted(mistake['input'])}; it must be a table of keys"
-    return f"{name} is {quoted(mistake['input'])}; {message}"
+    return f"{name} is {asWritten(mistake['input'])}; {message}"
+
+
+def asWritten(value: Any) -> str:
+    """Return a value for a message as a file has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value) if isinstance(value, datetime.date | datetime.time) else quoted(value)
 
 
 def requirement(mistake: ErrorDetails) -> str:
@@ -377,6 +383,10 @@ def requirement(mistake: ErrorDetails) -> str:
     message, limits = mistake["msg"].removeprefix("Value error, "), mistake.get("ctx", {})
     if mistake["type"] == "string_too_short":
         return "it must not be empty"
+    if mistake["type"] in ("model_type", "model_attributes_type"):
+        return "it must be a table of keys"
+    if mistake["type"] in ("bool_type", "bool_parsing"):
+        return "it must be true or false"
     if mistake["type"] in ("too_short", "too_long"):
         bound = "at least {min_length}" if "min_length" in limits else "at most {max_length}"
         return f"it must have {bound.format(**limits)} values"
@@ -391,17 +401,22 @@ def requirement(mistake: ErrorDetails) -> str:
 
 
 def _placeName(place: Sequence[Any]) -> str:
-    """Return where a mistake is: "[sampling] steps" or "stage 2 (anneal) rate"."""
+    """Return where a mistake is: "[sampling] steps", "[system] fixed[0]" or "stage 2 (anneal) rate"."""
     if not place:
         return "the file"
     if place[0] == "stages":
         kind = f" ({place[2]})" if len(place) > 2 else ""
         stage = f"stage {place[1] + 1}{kind}" if len(place) > 1 else "stages"
-        return " ".join([stage, *(shortened(str(part)) for part in place[3:])])
+        return stage + _insideName(place[3:])
     if place[0] == "species":
         number = f" {place[1] + 1}" if len(place) > 1 else ""
-        return " ".join([f"[[species]]{number}", *(shortened(str(part)) for part in place[2:])])
-    return f"[{place[0]}] {' '.join(shortened(str(part)) for part in place[1:])}".strip()
+        return f"[[species]]{number}{_insideName(place[2:])}"
+    return f"[{place[0]}]{_insideName(place[1:])}"
+
+
+def _insideName(place: Sequence[Any]) -> str:
+    """Return where a mistake is inside a section: keys, and the number of a value of a list, from 0, in brackets."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f" {shortened(str(part))}" for part in place)
 
 
 def _modelOf(home: Sequence[Any]) -> type[Section]:

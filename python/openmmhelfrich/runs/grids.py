@@ -30,7 +30,7 @@ from pydantic_core import ErrorDetails
 from ..files import PathLike
 from ..geometry.mesh import Mesh
 from ..messages import quoted, shortened
-from .config import Config, anchored, nearest, parseConfig, readTOML, requirement
+from .config import Config, anchored, asWritten, nearest, parseConfig, readTOML, requirement
 from .effects import requireEffect
 from .memory import requireMemory
 from .meshsource import loadMesh
@@ -145,7 +145,7 @@ def _explainRange(mistake: ErrorDetails) -> str:
     return (
         requirement(mistake)
         if mistake["type"] == "value_error"
-        else f"{mistake['loc'][0]} is {quoted(mistake['input'])}; {requirement(mistake)}"
+        else f"{mistake['loc'][0]} is {asWritten(mistake['input'])}; {requirement(mistake)}"
     )
 
 
@@ -240,7 +240,7 @@ def _explain(mistake: ErrorDetails) -> str:
         return f"{place} is missing; it must be the name of a configuration file, or a table"
     if kind == "value_error":
         return requirement(mistake)
-    return f"{place} is {quoted(mistake['input'])}; {requirement(mistake)}"
+    return f"{place} is {asWritten(mistake['input'])}; {requirement(mistake)}"
 
 
 def _readBase(file: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from ..messages import quoted
 from ..units import Scales, plainNumber, thermalEnergy
 
 # What sizes numbers may have, and numbers of steps and the like.
@@ -201,8 +202,14 @@ def _lineTension(value: Any, info: ValidationInfo) -> Any:
             raise ValueError("it must be a finite number, or a table of such numbers by pairs, like {'lo, ld' = 2}")
         return float(number)
 
+    def ofPair(pair: str, number: Any) -> float:
+        try:
+            return one(number)
+        except ValueError as error:
+            raise ValueError(f"the pair {pair} has {quoted(number)}; {error}") from None
+
     pairs = _separated(value)
-    return {pair: one(number) for pair, number in pairs.items()} if isinstance(pairs, dict) else one(pairs)
+    return {pair: ofPair(pair, number) for pair, number in pairs.items()} if isinstance(pairs, dict) else one(pairs)
 
 
 # By the names of two species.
