@@ -22,6 +22,7 @@ from openmmhelfrich.analysis.fluctuations import _solidAngles, realHarmonics
 
 KT = 300 * 8.31446261815324e-3
 DEGREES = (2, 3, 4)
+PARTS = 6  # of a run, from which errors are
 AVERAGES = ("bending", "areaOverTarget", "volumeOverTarget")  # of a row, after the modes
 
 
@@ -87,7 +88,7 @@ def autocorrelationTime(a):
 
 
 def squaredChanges(series, evaluations):
-    """Return the mean squared change after some numbers of computations, up to a third of the series and 51,200.
+    """Return the mean squared changes after some numbers of computations, in each of PARTS parts of the run.
 
     Parameters
     ----------
@@ -97,8 +98,9 @@ def squaredChanges(series, evaluations):
         the computations that a sample takes
     """
     most = min(len(series) // 3, round(51200 / evaluations))
-    steps = np.unique(np.geomspace(1, most, 1 + round(4 * math.log2(most))).round().astype(int)) if most > 0 else []
-    return {round(k * evaluations): float(np.mean((series[k:] - series[:-k]) ** 2)) for k in steps}
+    steps = np.unique(np.geomspace(1, most, 1 + round(3 * math.log2(most))).round().astype(int)) if most > 0 else []
+    changes = {round(k * evaluations): (series[k:] - series[:-k]) ** 2 for k in steps}
+    return {lag: [float(f"{part.mean():.5g}") for part in np.array_split(c, PARTS)] for lag, c in changes.items()}
 
 
 def decayTimes(runs, evaluations):
@@ -106,7 +108,7 @@ def decayTimes(runs, evaluations):
     them, and the standard error of its logarithm.
 
     If the correlation decays exponentially, it is twice the time constant.  That is known better than the integrated
-    time, which adds up the noise of long lags.  Errors are from a bootstrap over modes and sixths of each run.
+    time, which adds up the noise of long lags.  Errors are from a bootstrap over modes and parts of each run.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def decayTimes(runs, evaluations):
     evaluations : float
         the computations that a sample takes
     """
-    parts = [part[:, [mode]] for run in runs for part in np.array_split(run, 6) for mode in range(run.shape[1])]
+    parts = [part[:, [mode]] for run in runs for part in np.array_split(run, PARTS) for mode in range(run.shape[1])]
     random, found = np.random.default_rng(1), {}
     for lag in (800 * 2**n for n in range(8)):
         k = round(lag / evaluations)

@@ -16,43 +16,49 @@ from pathlib import Path
 import numpy as np
 
 QUANTITIES = {
-    "squares of l = 2": (lambda run: run["l2"]["ofShape"], 1),
-    "squares of l = 3": (lambda run: run["l3"]["ofShape"], 1),
-    "squares of l = 4": (lambda run: run["l4"]["ofShape"], 1),
-    "elongation": (lambda run: run["elongation"], 1),
-    "modes of l = 3": (lambda run: {"variance": run["l3"]["power"], **run["l3"]}, 7),
-}  # where a run has them, and their components
+    "squares of l = 2": lambda run: run["l2"]["ofShape"],
+    "squares of l = 3": lambda run: run["l3"]["ofShape"],
+    "squares of l = 4": lambda run: run["l4"]["ofShape"],
+    "elongation": lambda run: run["elongation"],
+    "modes of l = 3": lambda run: run["l3"],
+    "modes of l = 4": lambda run: run["l4"],
+}  # where a run has them
 ERROR = 0.15  # the greatest, of a factor that a cost is by
 
 
 class Changes:
-    """The mean squared changes of a quantity in runs of one size, and the computations of these."""
+    """The mean squared changes of a quantity in the parts of runs of one size, which count by their computations."""
 
     def __init__(self, runs, find):
-        self._lengths = np.array([run["trajectories"] * run["steps"] for run in runs])
-        self._runs = [np.array([(int(lag), d) for lag, d in find(run)["squaredChanges"].items()]).T for run in runs]
-        self.lags = self._runs[0][0]
+        self._parts = []
+        for run in runs:
+            changes = find(run)["squaredChanges"]
+            lags = np.array([int(lag) for lag in changes])
+            values = np.array([np.atleast_1d(parts) for parts in changes.values()])
+            self._parts += [(lags, part, run["trajectories"] * run["steps"] / len(values.T)) for part in values.T]
+        self.lags = self._parts[0][0]
 
     def at(self, lag):
-        logs = [np.interp(np.log(lag), np.log(lags), np.log(changes)) for lags, changes in self._runs]
-        return np.average(np.exp(logs), weights=self._lengths, axis=0)
+        """Return the mean squared change after a lag, and the standard error of its logarithm, from the parts."""
+        logs = [np.interp(np.log(lag), np.log(lags), np.log(changes)) for lags, changes, _ in self._parts]
+        changes, weights = np.exp(logs), np.array([length for *_, length in self._parts])
+        mean = np.average(changes, weights=weights, axis=0)
+        squares = np.tensordot(weights**2, (changes - mean) ** 2, 1) / weights.sum() ** 2
+        n = len(weights)
+        return mean, (squares * n / (n - 1) if n > 1 else squares * np.nan) ** 0.5 / mean
 
-    def error(self, lag, components):
-        """Return the standard error of ln D: a run has as many independent changes as the lag fits in, or so."""
-        return (2 * lag / self._lengths.sum() / components) ** 0.5
 
-
-def compare(small, large, lag, components):
+def compare(small, large, lag):
     """Return how many times later large has changed as far as after a lag, and the standard error of the logarithm."""
-    changes = large.at(lag)
-    logs = np.log(small.at(small.lags))
+    changes, error = large.at(lag)
+    logs = np.log(small.at(small.lags)[0])
     where = np.searchsorted(np.maximum.accumulate(logs), np.log(changes))
     if not 0 < where < len(logs):
         return None
     pair = slice(where - 1, where + 1)
     early = np.exp(np.interp(np.log(changes), logs[pair], np.log(small.lags[pair])))
-    slope = np.log(small.at(early * 1.2) / small.at(early / 1.2)) / np.log(1.44)
-    return lag / early, np.hypot(large.error(lag, components), small.error(early, components)) / slope
+    slope = np.log(small.at(early * 1.2)[0] / small.at(early / 1.2)[0]) / np.log(1.44)
+    return lag / early, np.hypot(error, small.at(early)[1]) / slope
 
 
 def has(run, find):
@@ -66,11 +72,11 @@ def report(runs, lags):
     sizes = sorted({run["vertices"] for run in runs})[-2:]
     smaller, larger = ([run for run in runs if run["vertices"] == size] for size in sizes)
     print(f"how many times later as much is left at {sizes[1]} vertices as at {sizes[0]}, after {lags} computations")
-    for name, (find, components) in QUANTITIES.items():
+    for name, find in QUANTITIES.items():
         if not all(has(run, find) for run in smaller + larger):
             continue
         small, large = Changes(smaller, find), Changes(larger, find)
-        factors = [compare(small, large, lag, components) for lag in lags]
+        factors = [compare(small, large, lag) for lag in lags]
         shown = ["-" if found is None else f"{found[0]:.1f} ± {found[1]:.0%}" for found in factors]
         known = [found for found in factors if found is not None and found[1] <= ERROR]
         print(name, *shown, costs(find(max(smaller, key=lambda run: run["trajectories"])), known), sep=" | ")

@@ -84,7 +84,8 @@ def plotShares(axes, runs, degree):
             ]
             sizes.append(run["vertices"])
             changes = run[degree]["squaredChanges"]
-            shares.append(changes[min(changes, key=lambda lag: abs(int(lag) - LAG))] / (2 * np.mean(powers)))
+            changed = np.mean(changes[min(changes, key=lambda lag: abs(int(lag) - LAG))])
+            shares.append(changed / (2 * np.mean(powers)))
     axes.plot(sizes, shares, "o", color=DEGREES[degree], label=f"degree {degree[1:]}")
     law = np.geomspace(500, 14000)
     label = f"1/(1+N/{LARGE[degree]})"
