@@ -494,7 +494,7 @@ def testSubdividedKeepsWhatAMeshHas():
 
 
 @pytest.mark.parametrize(
-    "times, message", [(-1, "-1"), (1.5, "1.5"), ("2", "'2'"), (20, "at most 10 .* triangles"), (10**6, "at most 10")]
+    "times, message", [(-1, "-1"), (1.5, "1.5"), ("2", "'2'"), (20, "about 1.76e.14 vertices"), (10**6, "more than")]
 )
 def testSubdividedOfTheWrongKind(sphere, times, message):
     with pytest.raises(ValueError, match=f"subdivided: .*{message}"):
@@ -592,3 +592,37 @@ def anglesOf(mesh):
     x = mesh.vertices[mesh.triangles]
     a, b = np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
+
+
+def testMeshesThatAreMadeHaveABound():
+    sphere = mh.Mesh.icosphere(2)
+    for make, words in (
+        (lambda: mh.Mesh.icosphere(12), "icosphere: subdivisions is 12, which makes about 1.68e.08 vertices"),
+        (lambda: mh.Mesh.icosphere(10**9), "icosphere: subdivisions is 1000000000, which makes more than"),
+        (lambda: mh.Mesh.torus(2, 0.5, 1e-6), "torus: edgeLength is 1e-06, which makes about 4.56e.13"),
+        (lambda: mh.Mesh.torus(2, 0.5, 1e-300), "torus: edgeLength is 1e-300, which makes more than"),
+        (lambda: mh.Mesh.sheet(100, 100, 1e-3), "sheet: edgeLength is 0.001, which makes about 1.15e.10"),
+        (lambda: sphere.subdivided(9), "subdivided: times is 9, which makes about 4.19e.07 vertices"),
+        (lambda: sphere.remeshed(10**9), "the number of vertices is 1000000000; .* from 12 to 20000000"),
+        (lambda: sphere.remeshed(edgeLength=1e-200), "the edge length is .*, which makes more than"),
+        (lambda: mh.spheroid(10**9, 2), "numVertices is 1000000000; .* from 12 to 20000000"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make()
+    assert connectivity.requireVertices(connectivity.MOST_VERTICES, "n is 2e7") is None
+
+
+@pytest.mark.parametrize("kind", ["sphere", "torus", "sheet"])
+def testHowManyVerticesAreMadeIsKnown(monkeypatch, kind):
+    """The number that is refused is about that of the mesh."""
+    make = {
+        "sphere": lambda: mh.Mesh.icosphere(1).subdivided(),
+        "torus": lambda: mh.Mesh.torus(2, 0.7, 0.2),
+        "sheet": lambda: mh.Mesh.sheet(20, 30, 1),
+    }[kind]
+    count = len(make().vertices)
+    monkeypatch.setattr(connectivity, "MOST_VERTICES", 1.05 * count)
+    make()
+    monkeypatch.setattr(connectivity, "MOST_VERTICES", 0.95 * count)
+    with pytest.raises(ValueError, match="there may be at most"):
+        make()

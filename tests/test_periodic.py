@@ -612,3 +612,10 @@ def test_undulations_have_the_spectrum_of_theory():
     assert spectrum.theory(q, kappa, tension) == pytest.approx(1 / (64 * (kappa * q**4 + tension * q**2)))
     assert np.all(np.abs(spectrum.powers - expected) < 4 * spectrum.errors + 0.08 * expected)
     assert np.all(spectrum.errors < 0.1 * expected)
+
+
+def test_lengths_of_a_sheet_are_of_their_file(tmp_path):
+    for lengths, words in (("[3, 3, 5]", "edgeLength is 5"), ("[100, 100, 0.001]", "edgeLength is 0.001")):
+        (tmp_path / "a.toml").write_text(f"[mesh]\nsheet = {lengths}\n")
+        with pytest.raises(ValueError, match=rf"a\.toml: \[mesh\] sheet: {words}"):
+            mh.Scene.of(tmp_path / "a.toml")

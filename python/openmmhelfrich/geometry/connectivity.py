@@ -13,9 +13,19 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 IndexArray: TypeAlias = NDArray[np.int64]
+MOST_VERTICES = 20_000_000  # of a mesh that is made, of which a run takes 100 GB
 BLOCK = 1 << 16  # rows that what is computed row by row takes at a time, which bounds the memory of large meshes
 # The volume, in areas to the power 3/2, that rounding to seven digits, as in files, leaves to a flat surface at most.
 _ROUNDING = 1e-7
+
+
+def requireVertices(count: float, argument: str) -> None:
+    """Raise a ValueError if a mesh would have too many vertices; the argument that asks for them is told as "times is
+    20".
+    """
+    if not count <= MOST_VERTICES:
+        number = f"about {count:.3g}" if count < 1e15 else "more than 1e+15"
+        raise ValueError(f"{argument}, which makes {number} vertices; there may be at most {MOST_VERTICES:.3g}")
 
 
 def blocks(count: int) -> Iterator[slice]:

@@ -25,8 +25,6 @@ Length: TypeAlias = unit.Unit | unit.Quantity | float
 
 GREATEST = 1e60  # coordinate, in size, so that areas, volumes and their squares are numbers
 
-MOST_TRIANGLES = 500_000_000  # in a mesh that is made, so that halfedges have numbers of 32 bits
-
 # What the array of files is called that has the numbers of species.
 SPECIES_FIELD = "Species"
 
@@ -126,7 +124,7 @@ class Mesh:
         Parameters
         ----------
         subdivisions : int
-            how often, n; the sphere has 10*4^n+2 vertices
+            how often, n; the sphere has 10*4^n+2 vertices, of which there may be 2e7
         radius : float or Quantity
             its radius, in nm
         """
@@ -134,6 +132,7 @@ class Mesh:
         radius = realNumber(radius, "radius", unit.nanometer)
         if not (math.isfinite(radius) and radius > 0):
             raise ValueError(f"icosphere: radius is {radius}; it must be positive")
+        connectivity.requireVertices(10 * _fourTo(subdivisions) + 2, f"icosphere: subdivisions is {subdivisions}")
         sphere = cls(*_icosahedron())
         for _ in range(subdivisions):
             sphere = sphere.subdivided()
@@ -167,6 +166,8 @@ class Mesh:
             raise ValueError(f"torus: R is {R:g} and r {r:g}; r must be positive and less than R")
         if not 0 < length <= min(r, R - r):
             raise ValueError(f"torus: edgeLength is {length:g}; it must be positive and at most {min(r, R - r):g} here")
+        count = 8 * math.pi**2 / math.sqrt(3) * (R / length) * (r / length)  # of even triangles
+        connectivity.requireVertices(count, f"torus: edgeLength is {length:g}")
         return cls(*relax(torusTriangulation(R, r, length), TorusSurface(R, r), rounds=40))
 
     @classmethod
@@ -205,6 +206,8 @@ class Mesh:
                 f"sheet: edgeLength is {length:g}; it must be positive and at most a fifth of the shorter side, "
                 f"{min(sides) / 5:g} here"
             )
+        count = 2 / math.sqrt(3) * (sides[0] / length) * (sides[1] / length)
+        connectivity.requireVertices(count, f"sheet: edgeLength is {length:g}")
         numColumns = round(sides[0] / length)
         numRows = 2 * max(3, round(sides[1] / (math.sqrt(3) * length)))
         row, column = (index.ravel() for index in np.mgrid[:numRows, :numColumns])
@@ -527,15 +530,12 @@ class Mesh:
         Raises
         ------
         ValueError
-            if `times` is negative or no whole number, or there would be more than 5e8 triangles
+            if `times` is negative or no whole number, or there would be more than 2e7 vertices
         """
         times = wholeNumber(times, "subdivided: times", 0)
-        most = int(math.log(MOST_TRIANGLES / max(1, len(self.triangles)), 4))
-        if times > most:
-            raise ValueError(
-                f"subdivided: times is {times}; it must be at most {most} for {len(self.triangles)} triangles, so that "
-                f"there are no more than {MOST_TRIANGLES:.0e}"
-            )
+        if times > 0:
+            count = len(self.vertices) + len(self.triangles) / 2 * (_fourTo(times) - 1)
+            connectivity.requireVertices(count, f"subdivided: times is {times}")
         mesh = self._with(slice(None), self.triangles)
         mesh.beads, mesh.notes = self.beads.copy(), list(self.notes)
         if times > 0:
@@ -873,6 +873,11 @@ def _lengthOf(length: Any) -> float:
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"unit is {value} nm; it must be positive")
     return value
+
+
+def _fourTo(power: int) -> float:
+    """Return a power of four, and no larger one than a float holds."""
+    return 4.0 ** min(power, 500)
 
 
 def _icosahedron() -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ import numpy as np
 from ..optional import require
 from ..units import wholeNumber
 from .connectivity import (
+    MOST_VERTICES,
     areaOf,
     check,
     edgeLengthsOf,
@@ -21,6 +22,7 @@ from .connectivity import (
     halfedges,
     labelComponents,
     pairHalfedges,
+    requireVertices,
     signedVolume,
     triangleNormals,
 )
@@ -144,18 +146,19 @@ class _TriangulatedSurface:
 def _numVertices(mesh: Triangulation, numVertices: int | None, edgeLength: float | None) -> int:
     """Return the number of vertices that is asked for, on a surface of area 1."""
     if numVertices is not None and edgeLength is None:
-        return wholeNumber(numVertices, "remesh: the number of vertices", 12)
+        return wholeNumber(numVertices, "remesh: the number of vertices", 12, MOST_VERTICES)
     if numVertices is not None or edgeLength is None:
         raise ValueError("remesh: give the number of vertices or the edge length, and not both")
     if not (math.isfinite(edgeLength) and edgeLength > 0):
         raise ValueError("remesh: the edge length must be positive")
-    count = round(2 / (math.sqrt(3) * edgeLength**2)) + eulerCharacteristic(mesh)
+    count = 2 / math.sqrt(3) / edgeLength / edgeLength + eulerCharacteristic(mesh)
+    requireVertices(count, f"remesh: the edge length is {edgeLength:.2g} times the square root of the area")
     if count < 12:
         raise ValueError(
-            f"remesh: edges of {edgeLength:.2g} times the square root of the area make {count} vertices; there must be "
-            "at least 12: give a shorter length"
+            f"remesh: edges of {edgeLength:.2g} times the square root of the area make {round(count)} vertices; there "
+            "must be at least 12: give a shorter length"
         )
-    return count
+    return round(count)
 
 
 def eulerCharacteristic(mesh: Triangulation) -> int:

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
 from ..units import wholeNumber
+from .connectivity import MOST_VERTICES
 from .measures import reducedVolume
 from .mesh import Mesh
 from .relaxation import EdgeShortener
@@ -33,7 +34,7 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
         distance from the axis and height of points of the outline, in nm, close together, from one pole to the other;
         both poles are on the axis, and z falls at the first, whose outside is up
     numVertices : int
-        the number of vertices, at least 12
+        the number of vertices, from 12 to 2e7
     rounds : int
         how often the vertices move
 
@@ -50,7 +51,7 @@ def surfaceOfRevolution(outline: ArrayLike, numVertices: int, rounds: int = 100)
         )
     if np.any(outline[1:-1, 0] <= 0) or np.any(np.abs(outline[[0, -1], 0]) > 1e-9 * outline[:, 0].max()):
         raise ValueError("surfaceOfRevolution: the outline must begin and end on the axis, and touch it nowhere else")
-    numVertices = wholeNumber(numVertices, "surfaceOfRevolution: numVertices", 12)
+    numVertices = wholeNumber(numVertices, "surfaceOfRevolution: numVertices", 12, MOST_VERTICES)
     rounds = wholeNumber(rounds, "surfaceOfRevolution: rounds", 0)
     outline[[0, -1], 0] = 0
     surface, flip = _Revolution(outline, numVertices), EdgeShortener(_goldenTriangles(numVertices), numVertices)
@@ -71,7 +72,7 @@ def spheroid(numVertices: int, aspectRatio: float, area: float = 4 * math.pi) ->
     Parameters
     ----------
     numVertices : int
-        the number of vertices, at least 12
+        the number of vertices, from 12 to 2e7
     aspectRatio : float
         length along the axis over width: above 1 the spheroid is prolate, below 1 oblate; see
         :func:`spheroidAspectRatio`

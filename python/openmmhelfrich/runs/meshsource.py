@@ -1,9 +1,11 @@
 """The mesh that a configuration names."""
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 
 from ..geometry.mesh import Mesh
-from .config import Config
+from .config import Config, namingSource
 from .memory import requireMemory
 
 
@@ -16,8 +18,8 @@ def loadMesh(config: Config) -> Mesh:
         source, mesh = "[mesh] icosphere", Mesh.icosphere(config.mesh.icosphere, config.mesh.scale)
     elif config.mesh.sheet is not None:
         source, scale = "[mesh] sheet", config.mesh.scale
-        width, height, edge = config.mesh.sheet
-        mesh = Mesh.sheet(scale * width, scale * height, scale * edge)
+        with namingSource(config), _after("[mesh]"):
+            mesh = Mesh.sheet(*(scale * length for length in config.mesh.sheet))
     else:
         source = str(config.mesh.file)
         field = config.mesh.species_field
@@ -31,7 +33,9 @@ def loadMesh(config: Config) -> Mesh:
                 mesh = mesh.remeshed(config.mesh.remesh)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
-    mesh = _subdivided(mesh, config.mesh.subdivide or 0)
+    if config.mesh.subdivide is not None:
+        with _after(f"[mesh] subdivide is {config.mesh.subdivide}:"):
+            mesh = _subdivided(mesh, config.mesh.subdivide)
     if config.mesh.species_field is not None and mesh.species is None:
         raise ValueError(f"{source}: the mesh has been repaired or remeshed, and so cannot have a species_field")
     return mesh
@@ -39,9 +43,14 @@ def loadMesh(config: Config) -> Mesh:
 
 def _subdivided(mesh: Mesh, times: int) -> Mesh:
     """Return the mesh, subdivided, if the memory is there that a run of it takes."""
+    requireMemory(len(mesh.vertices) + 3 * len(mesh.triangles) // 2 * (4**times - 1) // 3)
+    return mesh.subdivided(times)
+
+
+@contextlib.contextmanager
+def _after(place: str) -> Iterator[None]:
+    """Begin a ValueError with the place of the configuration that has the mistake."""
     try:
-        if times > 0:
-            requireMemory(len(mesh.vertices) + 3 * len(mesh.triangles) // 2 * (4**times - 1) // 3)
-        return mesh.subdivided(times)
+        yield
     except ValueError as error:
-        raise ValueError(f"[mesh] subdivide is {times}: {error}") from None
+        raise ValueError(f"{place} {error}") from None
