@@ -173,6 +173,15 @@ def testWrongNumbers(sections, message):
         ({"kind": "anneal"}, "stage 1 (anneal) end_temperature is missing; give it or a table"),
         ({"kind": "anneal", "end_temperature": 3, "rate": -1.0}, "stage 1 (anneal) rate is -1.0"),
         (
+            {"kind": "anneal", "end_temperature": 600},
+            "configuration: stage 1 (anneal) end_temperature is 600 K; it must be at most the temperature of "
+            "[sampling], 300 K",
+        ),
+        (
+            {"kind": "anneal", "start_temperature": 30, "end_temperature": 31},
+            "stage 1 (anneal) end_temperature is 31 K; it must be at most the start_temperature, 30 K",
+        ),
+        (
             {"kind": "anneal", "end_temperature": 3, "cooling_start": 1000},
             "stage 1 (anneal) cooling_start is 1000; it must be less than the number of steps, 1000",
         ),

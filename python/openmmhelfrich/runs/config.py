@@ -35,7 +35,7 @@ from .sections import (
     checkMaterial,
     checkSpecies,
 )
-from .stagesettings import STAGES, AnyStage, SampleStage, givenConditions
+from .stagesettings import STAGES, AnyStage, SampleStage, checkCooling, givenConditions
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -87,6 +87,7 @@ class Config(Section):
     def _material(self) -> "Config":
         checkSpecies(self.species, self.mesh, self.membrane, self.sampling)
         checkMaterial(self.species, self.membrane, givenConditions(self.stages))
+        checkCooling(self.stages, self.sampling.temperature)
         return self
 
 

@@ -223,6 +223,20 @@ def givenConditions(stages: Iterable[StageSettings]) -> list[str]:
     return list(dict.fromkeys(name for stage in stages for name in stage.conditions()))
 
 
+def checkCooling(stages: Iterable[StageSettings], temperature: float) -> None:
+    """Raise a ValueError if a stage would cool to more than it begins with, a temperature where it says nothing."""
+    for i, stage in enumerate(stages):
+        if isinstance(stage, AnnealStage) and stage.end_temperature is not None:
+            start, key = stage.start_temperature, "start_temperature"
+            if start is None:
+                start, key = temperature, "temperature of [sampling]"
+            if stage.end_temperature > start:
+                raise ValueError(
+                    f"stage {i + 1} ({stage.kind}) end_temperature is {stage.end_temperature:g} K; it must be at most "
+                    f"the {key}, {start:g} K"
+                )
+
+
 class ContinueStage(StageSettings):
     """Goes to its targets, moduli and the like along eta(lambda) = lambda eta_1 + (1-lambda) eta_0, from those at its
     start, window by window.
