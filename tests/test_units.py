@@ -33,6 +33,7 @@ LENGTHS = {
     "µm": u.micrometer,
     "μm": u.micrometer,
     "mm": u.millimeter,
+    "cm": u.centimeter,
     "m": u.meter,
 }
 TIMES = {"fs": u.femtosecond, "ps": u.picosecond, "ns": u.nanosecond, "us": u.microsecond}
@@ -43,7 +44,14 @@ TENSIONS = {
     "uN/m": u.micronewton / u.meter * PER_MOLECULE,
     "pN/nm": u.piconewton / u.nanometer * PER_MOLECULE,
 }
-FORCES = {"pN": u.piconewton * PER_MOLECULE, "nN": u.nanonewton * PER_MOLECULE}
+FORCES = {
+    "N": u.newton * PER_MOLECULE,
+    "mN": u.millinewton * PER_MOLECULE,
+    "uN": u.micronewton * PER_MOLECULE,
+    "dyn": u.dyne * PER_MOLECULE,
+    "nN": u.nanonewton * PER_MOLECULE,
+    "pN": u.piconewton * PER_MOLECULE,
+}
 PRESSURES = {
     "Pa": u.pascal * PER_MOLECULE,
     "kPa": u.kilopascal * PER_MOLECULE,
@@ -54,10 +62,10 @@ PRESSURES = {
 
 
 def test_no_unit_is_forgotten():
-    tables = (units._ENERGIES, ENERGIES), (units._LENGTHS, LENGTHS), (units._TIMES, TIMES), (units._MASSES, MASSES)
-    quotients = (("length", FORCES), ("area", TENSIONS), ("volume", PRESSURES))
-    named = [(units._OTHER_NAMES[f"energy per {kind}"], t) for kind, t in quotients]
-    for own, openmms in (*tables, *named):
+    energies = {name.replace("_", "/") for name in units._ENERGIES}
+    assert energies == set(ENERGIES) - {"pN nm"}  # a product
+    tables = (units._LENGTHS, LENGTHS), (units._FORCES, FORCES), (units._PRESSURES, PRESSURES)
+    for own, openmms in (*tables, (units._OTHERS["time"], TIMES), (units._OTHERS["mass"], MASSES)):
         assert set(own) == set(openmms)
 
 
@@ -69,6 +77,7 @@ def test_no_unit_is_forgotten():
         ("area", {f"{name}^2": unit**2 for name, unit in LENGTHS.items()}, u.nanometer**2),
         ("volume", {f"{name}^3": unit**3 for name, unit in LENGTHS.items()}, u.nanometer**3),
         ("volume", {"fL": u.femtoliter, "aL": u.attoliter}, u.nanometer**3),
+        ("curvature", {f"1/{name}": 1 / unit for name, unit in LENGTHS.items()}, u.nanometer**-1),
         ("energy per length", FORCES, u.kilojoule_per_mole / u.nanometer),
         ("energy per area", TENSIONS, u.kilojoule_per_mole / u.nanometer**2),
         (
@@ -90,6 +99,47 @@ def test_no_unit_is_forgotten():
 def test_units_are_openmms(kind, names, standard):
     for name, unit in names.items():
         assert plainNumber(f"2 {name}", kind, Scales(1.0)) == pytest.approx((2 * unit).value_in_unit(standard), 1e-9)
+
+
+@pytest.mark.parametrize(
+    "kind, plain, ways",
+    [
+        ("curvature", "2 1/um", ["2 um^-1", "2 um⁻¹", "2 um-1", "2/um", "2 / um", "2 1 / um", "2 um**-1"]),
+        ("area", "2 um^2", ["2 um²", "2 um2", "2 um**2", "2 um um", "2 um*um", "2 um^3/um"]),
+        ("energy", "2 pN nm", ["2 pN*nm", "2 pN·nm", "2 nm pN", "2e-3 pN um", "2e-9 N/um nm^2"]),
+        ("energy per area", "2 mN/m", ["2 mN m^-1", "2 mN m⁻¹", "2 dyn/cm", "2e-3 J/m^2", "2e-3 J m^-2", "2 pN/nm"]),
+        ("energy per area", "2 kJ/mol/nm^2", ["2 kJ/(mol nm^2)", "2 kJ/(mol*nm²)", "2 kJ mol^-1 nm^-2"]),
+        ("energy per volume", "2 Pa", ["2 N/m^2", "2 N m^-2", "2 J/m^3"]),
+        ("volume", "2 um^3", ["2 fL", "2e-12 cm^3", "2 um um²"]),
+    ],
+)
+def test_products_quotients_and_powers(kind, plain, ways):
+    wanted = plainNumber(plain, kind, Scales(2.5, 1e3, "um"))
+    for way in ways:
+        assert plainNumber(way, kind, Scales(2.5, 1e3, "um")) == pytest.approx(wanted, rel=1e-12), way
+
+
+def test_digits_before_a_quotient_are_of_the_number():
+    assert plainNumber("51/nm", "curvature", Scales(1.0)) == 51
+
+
+@pytest.mark.parametrize(
+    "kind, unit",
+    [
+        ("energy", "kJ"),
+        ("energy", "kT/mol"),
+        ("curvature", "nm"),
+        ("curvature", "nm^"),
+        ("curvature", "nm^-"),
+        ("curvature", "nm^-22"),
+        ("curvature", "/"),
+        ("area", "nmnm"),
+        ("energy per area", "kJ/mol nm^2"),
+    ],
+)
+def test_what_is_no_unit_of_a_kind(kind, unit):
+    with pytest.raises(ValueError, match=f"is not a unit of {kind}; write it like"):
+        plainNumber(f"2 {unit}", kind, Scales(1.0))
 
 
 def test_quotients_of_energy_and_length():

@@ -16,21 +16,20 @@ from .messages import quoted, shortened
 GAS_CONSTANT = 8.31446261815324  # J/mol/K
 AVOGADRO_CONSTANT = 6.02214076e23  # 1/mol
 
-# Of each kind, what 1 is in OpenMM's units.  Energies of a single membrane in joule are per membrane, not per mole.
+# What 1 is of each unit, in OpenMM's.  Energies of a single membrane in joule are per membrane, not per mole.
 _JOULE = AVOGADRO_CONSTANT / 1000
+_THERMAL_ENERGY = ("kT", "kBT", "k_BT")
 _ENERGIES = {
-    "kJ/mol": 1.0,
-    "kcal/mol": 4.184,
-    "J/mol": 1e-3,
+    "kJ_mol": 1.0,
+    "kcal_mol": 4.184,
+    "J_mol": 1e-3,
     "J": _JOULE,
     "fJ": 1e-15 * _JOULE,
     "aJ": 1e-18 * _JOULE,
     "zJ": 1e-21 * _JOULE,
-    "pN nm": 1e-21 * _JOULE,
     "eV": 1.602176634e-19 * _JOULE,
     "erg": 1e-7 * _JOULE,
 }
-_THERMAL_ENERGY = ("kT", "kBT", "k_BT")
 _LENGTHS = {
     "pm": 1e-3,
     "A": 0.1,
@@ -41,8 +40,40 @@ _LENGTHS = {
     "µm": 1e3,
     "μm": 1e3,
     "mm": 1e6,
+    "cm": 1e7,
     "m": 1e9,
 }
+_VOLUMES = {"fL": 1e9, "aL": 1e6}
+_FORCES = {
+    "N": 1e-9 * _JOULE,
+    "mN": 1e-12 * _JOULE,
+    "uN": 1e-15 * _JOULE,
+    "dyn": 1e-14 * _JOULE,
+    "nN": 1e-18 * _JOULE,
+    "pN": 1e-21 * _JOULE,
+}
+_PRESSURES = {
+    "Pa": 1e-27 * _JOULE,
+    "kPa": 1e-24 * _JOULE,
+    "MPa": 1e-21 * _JOULE,
+    "bar": 1e-22 * _JOULE,
+    "atm": 101325e-27 * _JOULE,
+}
+# Of each factor of a unit, its size and its powers of energy and length.
+_FACTORS = {"1": (1.0, 0, 0)} | {
+    name: (size, energy, length)
+    for sizes, energy, length in (
+        (_ENERGIES, 1, 0),
+        (_LENGTHS, 0, 1),
+        (_VOLUMES, 0, 3),
+        (_FORCES, 1, -1),
+        (_PRESSURES, 1, -3),
+    )
+    for name, size in sizes.items()
+}
+# A factor of a unit as it is written: what it follows, its name and its power.
+_FACTOR = r"\s*([/*]?)\s*([^\W\d]+|1)(?:\^?([-+]?\d))?\s*"
+_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 # The powers of energy and length in what these make up.
 _DIMENSIONS = {
     "energy": (1, 0),
@@ -54,28 +85,19 @@ _DIMENSIONS = {
     "energy per area": (1, -2),
     "energy per volume": (1, -3),
 }
-# Of these, names other than products of units of energy and length.
-_OTHER_NAMES = {
-    "volume": {"fL": 1e9, "aL": 1e6},
-    "energy per length": {"pN": 1e-21 * _JOULE, "nN": 1e-18 * _JOULE},
-    "energy per area": {"N/m": 1e-18 * _JOULE, "mN/m": 1e-21 * _JOULE, "uN/m": 1e-24 * _JOULE, "pN/nm": 1e-21 * _JOULE},
-    "energy per volume": {
-        "Pa": 1e-27 * _JOULE,
-        "kPa": 1e-24 * _JOULE,
-        "MPa": 1e-21 * _JOULE,
-        "bar": 1e-22 * _JOULE,
-        "atm": 101325e-27 * _JOULE,
-    },
+# Units that are no products of energy and length.
+_OTHERS = {
+    "time": {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6},
+    "mass": {"Da": 1.0, "u": 1.0, "kDa": 1e3},
+    "temperature": {"K": 1.0},
 }
-_TIMES = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6}
-_MASSES = {"Da": 1.0, "u": 1.0, "kDa": 1e3}
 _EXAMPLES = {
     "energy": "'80 kJ/mol', '20 kT' or '1e-19 J'",
     "length": "'100 nm' or '0.5 um'",
     "energy per length": "'0.1 kT/nm' or '0.2 pN'",
     "area": "'12 um^2'",
     "volume": "'90 um^3' or '90 fL'",
-    "curvature": "'0.02 1/nm' or '20 1/um'",
+    "curvature": "'0.02 1/nm' or '20 um^-1'",
     "energy per area": "'0.1 mN/m', '2 kT/nm^2' or '5 kJ/mol/nm^2'",
     "energy per volume": "'10 Pa', '2 kT/um^3' or '5 kJ/mol/nm^3'",
     "time": "'1 fs'",
@@ -201,7 +223,7 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         _, length = _DIMENSIONS.get(kind, (0, 0))
         isScaled = length and scales.multiple != 1 and isinstance(value, (int, float)) and not isinstance(value, bool)
         return value * scales.multiple**length if isScaled else value
-    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C|1/.*?)\s*", value)
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?|°C|1?\s*/.*?)\s*", value)
     if match is None:
         raise ValueError(f"it must be a number, or a number with a unit in quotes, like {_EXAMPLES[kind]}")
     number, name = float(match[1]), match[2]
@@ -209,7 +231,7 @@ def plainNumber(value: Any, kind: str, scales: Scales) -> Any:
         return number
     if kind == "temperature" and name in ("C", "°C"):
         return number + 273.15
-    factor = _units(kind, scales).get(name.replace("³", "^3").replace("²", "^2"))
+    factor = _sizeOf(name, kind, scales)
     if factor is None:
         raise ValueError(
             f"{quoted(name)} is not a unit of {kind}; write it like {_EXAMPLES[kind]}, or as a plain number"
@@ -236,20 +258,30 @@ def _openmmUnit(kind: str) -> Any:
     }[kind]
 
 
-def _units(kind: str, scales: Scales) -> dict[str, float]:
-    if kind not in _DIMENSIONS:
-        return {"time": _TIMES, "mass": _MASSES, "temperature": {"K": 1.0}}[kind]
-    energy, length = _DIMENSIONS[kind]
-    if length == 0:
-        return _ENERGIES
-    power = abs(length)
-    units = {name if power == 1 else f"{name}^{power}": size**power for name, size in _LENGTHS.items()}
-    if length < 0 and not energy:
-        return {f"1/{name}": 1 / size for name, size in units.items()}
-    if energy:
-        energies = {**_ENERGIES, **dict.fromkeys(_THERMAL_ENERGY, scales.kT)}
-        units = {f"{a}/{b}": energies[a] / units[b] for a in energies for b in units}
-    return units | _OTHER_NAMES.get(kind, {})
+def _sizeOf(name: str, kind: str, scales: Scales) -> float | None:
+    """Return what 1 is of a unit of a kind, in OpenMM's units, or None if it is none."""
+    if kind in _OTHERS:
+        return _OTHERS[kind].get(name)
+    factors = _FACTORS | dict.fromkeys(_THERMAL_ENERGY, (scales.kT, 1, 0))
+    written, size, powers = _inOneWay(name), 1.0, (0, 0)
+    if not re.fullmatch(f"(?:{_FACTOR})+", written):
+        return None
+    for sign, word, exponent in re.findall(_FACTOR, written):
+        if word not in factors:
+            return None
+        own, energy, length = factors[word]
+        power = int(exponent or 1) * (-1 if sign == "/" else 1)
+        size = size * own**power if power > 0 else size / own**-power
+        powers = (powers[0] + power * energy, powers[1] + power * length)
+    return size if powers == _DIMENSIONS[kind] else None
+
+
+def _inOneWay(unit: str) -> str:
+    """Return a unit with its powers, its products, and what a mole is of, written in one way."""
+    unit = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda power: "^" + power[0].translate(_SUPERSCRIPTS), unit)
+    unit = unit.replace("**", "^").replace("·", "*")
+    unit = re.sub(r"/\s*\(([^()/]*)\)", lambda below: "/" + "/".join(re.split(r"[\s*]+", below[1].strip())), unit)
+    return re.sub(r"\b(kJ|kcal|J)(?:\s*/\s*mol\b|[\s*]+mol\s*\^?-1)", r"\1_mol", unit)
 
 
 def _inPlainUnits(value: float, kind: str, scales: Scales) -> float:
