@@ -129,6 +129,12 @@ def testLengths():
         ({"sampling": {"steps": datetime.date(2020, 1, 2)}}, "[sampling] steps is 2020-01-02; it must be a whole"),
         ({"sampling": {"steps": True}}, "[sampling] steps is true; it must be a whole number"),
         ({"output": {"overwrite": "yes"}}, "[output] overwrite is 'yes'; it must be true or false"),
+        (
+            {"output": {"prefix": "a\0b"}},
+            r"[output] prefix is 'a\x00b'; it must be the name of a file, which has no null",
+        ),
+        ({"mesh": {"file": "a\0b"}}, r"[mesh] file is 'a\x00b'; it must be the name of a file"),
+        ({"system": {"forces": "a\0b"}}, r"[system] forces[0] is 'a\x00b'; it must be the name of a file"),
         ({"stages": [3]}, "stage 1 is 3; it must be a table of keys"),
         ({"sampling": {"windows": 3}}, "[sampling] has no key 'windows'; it belongs in a stage of kind continue"),
     ],
@@ -229,6 +235,42 @@ def testSectionsNamedForAKeyTakeIt():
             assert isNamed == (key != "steps")
             if isNamed:
                 stagesOf(parse(sampling={key: value}, stages=[{"kind": kind, **goal}]))
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("[sampling]\nsteps = ten", "line 2, column 9): 'steps = ten'; lines are like [section], key = 20.5 and"),
+        ("[membrane]\nbending_modulus = 20,5\n", "'bending_modulus = 20,5'; lines are like"),
+        ('[output]\nprefix = "abc\n', """'prefix = "abc'; lines are like"""),
+        ('{"mesh": {"icosphere": 2}}', """'{"mesh": {"icosphere": 2}}'; lines are like [section]"""),
+        (
+            "[mesh]\n\n[mesh]\n",
+            "'[mesh]'; lines are like [section], key = 20.5 and key = \"text\", and each key stands once",
+        ),
+        ("[mesh", "not TOML"),
+    ],
+)
+def testLinesThatAreNotTOML(tmp_path, text, words):
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(ValueError) as error:
+        readConfig(tmp_path / "a.toml")
+    assert str(error.value).startswith(f"{tmp_path / 'a.toml'} is not TOML: ") and words in str(error.value)
+
+
+@pytest.mark.parametrize("factor", [1e59, 1e-30])
+def testMeshTooLargeOrSmallIsSaidToBe(tmp_path, factor):
+    """The configuration's numbers, all defaults, are not."""
+    mesh = mh.Mesh.icosphere(1)
+    mh.Mesh(mesh.vertices * factor, mesh.triangles).write(tmp_path / "a.obj")
+    (tmp_path / "a.toml").write_text('[mesh]\nfile = "a.obj"\n')
+    length = f"{factor * mesh.edgeLengths.mean():.3g}"
+    with pytest.raises(ValueError) as error:
+        Scene.of(tmp_path / "a.toml")
+    assert str(error.value).startswith(
+        f"{tmp_path / 'a.toml'}: the edges of the mesh of {tmp_path / 'a.obj'} are {length} nm long on average; they "
+        "must be from 1e-20 to 1e+20 nm"
+    )
 
 
 def testStepsAndStages():

@@ -3,6 +3,7 @@
 import contextlib
 import datetime
 import difflib
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -231,13 +232,18 @@ def readTOML(file: PathLike) -> dict[str, Any]:
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; the name of a configuration file is expected")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path} is {_otherThanTOML(path, error)}") from None
+        text = path.read_text(encoding="utf-8-sig")
+        return tomllib.loads(text)
+    except UnicodeDecodeError:
+        raise ValueError(
+            f"{path} is {_otherThanTOML(path) or 'not TOML, which is text in UTF-8; save it so'}"
+        ) from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"{path} is {_otherThanTOML(path) or _notTOML(text, error)}") from None
 
 
-def _otherThanTOML(path: Path, error: Exception) -> str:
-    """Return what a file is that cannot be read as TOML, and what to do."""
+def _otherThanTOML(path: Path) -> str:
+    """Return what a file is that cannot be read as TOML, by its name, and what to do; nothing if this does not say."""
     prefix = prefixOf(path)
     if path.suffix.lower() in WRITTEN:
         return (
@@ -245,9 +251,14 @@ def _otherThanTOML(path: Path, error: Exception) -> str:
         )
     if path.suffix.lower() != ".toml" and prefix != path:
         return f"a file of the run {prefix}; a configuration is expected, and resume {prefix} goes on with that run"
-    if isinstance(error, UnicodeDecodeError):
-        return "not TOML, which is text in UTF-8; save it in this encoding"
-    return f"not TOML: {error}"
+    return ""
+
+
+def _notTOML(text: str, error: Exception) -> str:
+    """Return what is wrong with a text that is not TOML, the line where, and what lines are like."""
+    place = re.search(r"at line (\d+)", str(error))
+    line = f": {quoted(text.splitlines()[int(place[1]) - 1].strip())}" if place else ""
+    return f'not TOML: {error}{line}; lines are like [section], key = 20.5 and key = "text", and each key stands once'
 
 
 def parseConfig(data: Mapping[str, Any], source: str = "configuration") -> Config:

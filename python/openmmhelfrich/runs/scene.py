@@ -24,7 +24,7 @@ from .material import bendingModulusOf, numbered, requireOnePlace, setMaterial, 
 from .meshsource import loadMesh
 from .platforms import platformOf
 from .sections import MODULI
-from .sizes import checkSizes, overflowsExplained
+from .sizes import checkSizes, overflowsExplained, requireMeshSize
 from .stagesettings import StageSettings, givenConditions
 from .stepsizes import defaultStepSize
 from .surfaces import defaultAmplitude, radiusOf, surfacesOf, targetScales, targetsOf
@@ -282,6 +282,7 @@ def createScene(config: Config, mesh: Mesh, setup: Setup | None = None) -> Scene
     """
     measured = MeasuredMesh(mesh)
     with namingSource(config), overflowsExplained(config):
+        requireMeshSize(config, measured)
         config = resolve(config, measured)
         checkSizes(config, measured)
         vertexSpecies = speciesOf(config, mesh)

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -123,10 +124,17 @@ ReducedVolume: TypeAlias = Annotated[Any, _perSurface(above=0, most=1)]
 TargetAreaDifference: TypeAlias = Annotated[Any, _perSurface("area")]
 
 
+def _fileName(name: str) -> str:
+    if "\0" in name:
+        raise ValueError("it must be the name of a file, which has no null character")
+    return name
+
+
 # The least or the greatest coordinates of a box, and names of files: one, or a list.
 Corner: TypeAlias = Annotated[list[Length], Field(min_length=3, max_length=3)]
+FileName: TypeAlias = Annotated[str, Field(min_length=1), AfterValidator(_fileName)]
 ForceFiles: TypeAlias = Annotated[
-    list[Annotated[str, Field(min_length=1)]] | None,
+    list[FileName] | None,
     BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
 ]
 
@@ -220,9 +228,8 @@ PairEnergies: TypeAlias = Annotated[dict[str, Energy], BeforeValidator(_separate
 class MeshSection(Section):
     """The membrane to begin with: a file, a sphere, or a periodic sheet."""
 
-    file: str | None = Field(
+    file: FileName | None = Field(
         None,
-        min_length=1,
         description="mesh file (STL, PLY, OBJ, OFF, VTU, GMSH, glTF, TSI ...), relative to the configuration's folder",
     )
     icosphere: int | None = Field(
@@ -714,9 +721,8 @@ class PlatformSection(Section):
 class OutputSection(Section):
     """What is written.  Every name begins with the prefix."""
 
-    prefix: str | None = Field(
+    prefix: FileName | None = Field(
         None,
-        min_length=1,
         description="relative to the working folder; the configuration file's name without suffix by default",
     )
     trajectory_interval: int = Field(100, ge=1, description="steps between frames of PREFIX.dcd and PREFIX.vtkhdf")

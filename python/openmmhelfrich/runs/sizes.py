@@ -15,12 +15,25 @@ from .sections import GREATEST, LEAST, SamplingSection, Targets
 from .stepsizes import defaultStepSize
 from .surfaces import TARGET_KEYS, heldOf, leastAreas, radiusOf, targetScales
 
+# What lengths a mesh's edges may have, so that powers of them do not overflow with any modulus.
+LEAST_EDGE, GREATEST_EDGE = 1e-20, 1e20
 # By so much a length may differ from the mesh's own, and a step size from the rule of thumb.
 GREATEST_FACTOR = 1e6
 # Of flips in a sweep: what SweepEdgeFlipsKernel makes.
 MOST_ATTEMPTS = 2**33
 # The part by which the target area of a sheet may be less than the least one: numbers are rounded.
 _ROUNDING = 0.005
+
+
+def requireMeshSize(config: Config, measured: MeasuredMesh) -> None:
+    """Raise a ValueError if a mesh is so large or small that its energies would overflow."""
+    length, unit = measured.meanEdgeLength, config.mesh.length_unit
+    if not LEAST_EDGE <= length <= GREATEST_EDGE:
+        file = f" of {config.mesh.file}" if config.mesh.file is not None else ""
+        raise ValueError(
+            f"the edges of the mesh{file} are {length:.3g} {unit} long on average; they must be from {LEAST_EDGE:g} to "
+            f"{GREATEST_EDGE:g} {unit}: give it another scale in [mesh]"
+        )
 
 
 def checkSizes(config: Config, measured: MeasuredMesh) -> None:
