@@ -52,7 +52,7 @@ def testRun(folder):
     result = invoke("run", "run.toml")
     assert result.exit_code == 0, result.output
     assert results() == OUTPUTS
-    for word in ("162 vertices", "10 in", "area", "volume", "accepted", "E_B/8 pi kappa", "run.dcd", "step 10 of 10"):
+    for word in ("162 vertices", "10 steps in", "area", "volume", "accepted", "E_B/8 pi kappa", "run.dcd", "step 10 of 10"):
         assert word in result.output
 
 
@@ -73,7 +73,7 @@ def testTheCommandIsInstalled(folder):
 
 def testOptionsTakeThePlaceOfTheConfiguration(folder):
     result = invoke("run", "run.toml", "--platform", "Reference", "--seed", 7, "--steps", 4, "--output", "other")
-    assert result.exit_code == 0 and "4 in" in result.output and "seed 7" in result.output
+    assert result.exit_code == 0 and "4 steps in" in result.output and "seed 7" in result.output
     assert mh.readObservables("other.csv")["step"][-1] == 4
 
 
@@ -129,7 +129,7 @@ def testResume(folder):
         and "openmm-helfrich: the run run is complete, at step 10; ask for more steps to go on" in result.output
     )
     result = invoke("resume", "run", "--steps", 5)
-    assert result.exit_code == 0 and "15, of which the last 5 in" in result.output
+    assert result.exit_code == 0 and "15 steps, of which 5 steps in" in result.output
     result = invoke("resume", "another")
     assert result.exit_code == 1 and "there is no checkpoint another.checkpoint" in result.output
     assert invoke("resume", "run", "--steps", 0).exit_code == 2

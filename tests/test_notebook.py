@@ -48,7 +48,7 @@ def test_objects_are_a_line(result):
         (force.getGeometryInContext(made.context), "<HelfrichGeometry: area 11"),
         (scene.mesh, "<Mesh of 42 vertices and 80 triangles>"),
         (scene, "<Scene: 42 vertices, sample, steps of "),
-        (result, "<Summary: 42 vertices, 13 steps, energy "),
+        (result, "<Summary: 42 vertices, 12 steps and 1 minimization, energy "),
         (result.table, "<Table of 3 rows: step, energy, "),
         (minimum, "<MinimizationResult: energies bending: "),
         (spectrum, "powers array of shape (2,)"),

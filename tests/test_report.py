@@ -95,11 +95,35 @@ def testThePageHoldsTheTableAndTheSettings(results):
     assert panels["energy (kT)"]["bending"] == pytest.approx(table["E_bending"], rel=1e-6)
     assert settings == (results / "run.resolved.toml").read_text()
     assert (
-        facts["steps"] == "20"
+        facts["table"] == "up to 20 steps"
         and facts["frames"] == "5"
         and "µm²" in facts["area"]
         and mh.__version__ in facts["this page"]
     )
+
+
+def testMinimizationsAreNoSteps(inFolder):
+    """Neither on the page, nor in what a run tells at its end."""
+    few = {"kind": "minimize", "max_iterations": 2}
+    for stages, made in (
+        ([few], "1 minimization"),
+        ([few, few], "2 minimizations"),
+        ([{"kind": "sample", "steps": 3}, few, few], "3 steps and 2 minimizations"),
+        ([few, {"kind": "sample", "steps": 1}], "1 step and 1 minimization"),
+    ):
+        output = {"prefix": "run", "overwrite": True, "observables_interval": 1}
+        config = {
+            "mesh": {"icosphere": 1},
+            "sampling": {"steps_per_trajectory": 10},
+            "stages": stages,
+            "output": output,
+        }
+        summary = mh.run(config)
+        assert f"vertices, {made}, energy" in repr(summary)
+        assert len(stages) == 1 or dict(summary.lines())["made"].startswith(f"{made} in ")
+        assert partsOf(writeReport("run", overwrite=True))[2]["table"] == f"up to {made}"
+    more = mh.resume("run", steps=2)
+    assert dict(more.lines())["made"].startswith("3 steps and 1 minimization, of which 2 steps in ")
 
 
 def testThePageNeedsNothingElse(results):

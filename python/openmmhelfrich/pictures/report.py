@@ -5,6 +5,7 @@ needs nothing else.
 import base64
 import html
 import json
+import re
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -27,6 +28,7 @@ from ..sampling.observables import (
     PANELS,
     Observable,
     curves,
+    madeBetween,
     observablesIn,
     observableUnits,
     readObservables,
@@ -123,7 +125,7 @@ def writeReport(
             "data": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
             "facts": "".join(
                 f"<tr><th>{html.escape(label)}</th><td>{html.escape(text)}</td></tr>"
-                for label, text in _facts(frames, table, units)
+                for label, text in _facts(frames, table, units, _kindsIn(settings))
             ),
             "warnings": "".join(f"<li>{html.escape(line)}</li>" for line in warnings),
             "settings": html.escape(settings),
@@ -275,8 +277,15 @@ def _rounded(values: np.ndarray) -> list[float | None]:
     return [float(f"{value:.7g}") if np.isfinite(value) else None for value in values]
 
 
-def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, str]) -> list[tuple[str, str]]:
-    """Return a label and a text for what the run was like on average."""
+def _kindsIn(settings: str) -> list[str]:
+    """Return the kinds of the stages in the text of a run's settings."""
+    return re.findall(r'^kind = "(\w+)"', settings, re.MULTILINE)
+
+
+def _facts(
+    frames: Sequence[MeshFrame], table: Table | None, units: dict[str, str], kinds: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Return a label and a text for what the run, of stages of some kinds, was like on average."""
     facts = []
     if len(frames):
         mesh = frames[len(frames) - 1].mesh
@@ -290,7 +299,7 @@ def _facts(frames: Sequence[MeshFrame], table: Table | None, units: dict[str, st
     if table is not None:
         late = lateRows(table)
         facts += [
-            ("steps", f"{int(table['step'][-1])}"),
+            ("table", f"up to {madeBetween(0, int(table['step'][-1]), table, kinds)}"),
             ("averages", f"with standard deviations, from step {int(late['step'][0])} on")
             if len(late["step"]) > 1
             else ("values", f"at step {int(late['step'][0])}"),

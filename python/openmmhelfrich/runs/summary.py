@@ -10,7 +10,7 @@ from ..analysis.verdict import Verdict
 from ..display import htmlTable, lineText
 from ..pictures.plots import Picture, observablesPicture
 from ..sampling.averages import lateRows
-from ..sampling.observables import Observable, observablesIn
+from ..sampling.observables import Made, Observable, madeBetween, observablesIn
 from ..tables import Table, unwarned
 from .config import Config, after
 from .outputs import Outputs
@@ -28,7 +28,7 @@ class Summary:
     outputs : Outputs
         the files that were written
     steps, newSteps : int
-        Monte Carlo steps made in all, and since the run was begun or resumed
+        steps made in all, and since the run was begun or resumed: Monte Carlo steps, and one for each minimization
     seconds : float
         what the latter took
     table : Table
@@ -79,7 +79,7 @@ class Summary:
         energy, volume = self.mean("energy"), self.table.get("reducedVolume")
         shape = "" if volume is None else f", reduced volume {self.mean('reducedVolume'):.4f}"
         stopped = ", interrupted" if self.interrupted else ""
-        return f"<Summary: {self.numVertices} vertices, {self.steps} steps{stopped}, energy {energy:.5g} kT{shape}>"
+        return f"<Summary: {self.numVertices} vertices, {self._made(0)}{stopped}, energy {energy:.5g} kT{shape}>"
 
     def __str__(self) -> str:
         return lineText(self.lines())
@@ -117,7 +117,7 @@ class Summary:
         shown = [observable for observable in observablesIn(self.table) if observable.digits]
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
-            ("time", self._timeLine()) if self.loneDescent else ("steps", self._stepsLine()),
+            ("time", self._timeLine()) if self.loneDescent else ("made", self._madeLine()),
             ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:")
             if last.isMonteCarlo
             else ("values", self._valuesLine()),
@@ -172,11 +172,13 @@ class Summary:
     def _late(self) -> Table:
         return lateRows(self.table)
 
-    def _stepsLine(self) -> str:
-        made = (
-            f"{self.steps} in" if self.newSteps == self.steps else f"{self.steps}, of which the last {self.newSteps} in"
-        )
-        return f"{made} {self._timeLine()}"
+    def _made(self, first: int) -> Made:
+        """Return what was made after a step."""
+        return madeBetween(first, self.steps, self.table, [stage.kind for stage in self.config.stages])
+
+    def _madeLine(self) -> str:
+        first = self.steps - self.newSteps
+        return f"{self._made(0)}{f', of which {self._made(first)}' if first else ''} in {self._timeLine()}"
 
     def _timeLine(self) -> str:
         stopped = (

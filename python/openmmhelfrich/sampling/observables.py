@@ -5,7 +5,7 @@ averaged and summed up as its entry says.
 """
 
 import itertools
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -655,6 +655,27 @@ def _isIdle(rate: Observable, table: Table) -> bool:
 def onlyMinimizes(table: Table) -> bool:
     """Return whether all stages of a table are minimizations, each of which counts as a step."""
     return "stage" in table and bool(table["step"][-1] <= table["stage"][-1])
+
+
+class Made(NamedTuple):
+    """What a run has made: Monte Carlo steps, and minimizations, each of which counts as a step of the table."""
+
+    steps: int
+    minimizations: int
+
+    def __str__(self) -> str:
+        counts = ((self.steps, "step"), (self.minimizations, "minimization"))
+        told = [f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts if count]
+        return " and ".join(told) or "0 steps"
+
+
+def madeBetween(first: int, last: int, table: Table, kinds: Sequence[str]) -> Made:
+    """Return what was made after a step and up to another one, given the table, which has a row at the end of each
+    minimization, and the kinds of its stages.
+    """
+    stages = {int(stage) for stage in table["stage"][table["step"] > first]} if "stage" in table else set()
+    minimizations = sum(kind == "minimize" for number, kind in enumerate(kinds, 1) if number in stages)
+    return Made(last - first - minimizations, minimizations)
 
 
 def isTarget(observable: Observable) -> bool:
