@@ -11,6 +11,7 @@ import time
 import zipfile
 from pathlib import Path
 
+import h5py
 import numpy as np
 import openmm as mm
 import pytest
@@ -52,18 +53,30 @@ def configure(prefix, stages=STAGES, **sections):
     return parseConfig(config)
 
 
+def datasetsOf(file):
+    """Return all datasets and attributes of a HDF5 file, wherever in it they are."""
+    found = {}
+
+    def keep(name, item):
+        values = (item.dtype.str, item.shape, item[()].tobytes()) if isinstance(item, h5py.Dataset) else ()
+        found[name] = (values, {key: np.asarray(value).tolist() for key, value in item.attrs.items()})
+
+    with h5py.File(file) as content:
+        keep("/", content)
+        content.visititems(keep)
+    return found
+
+
 def contentsOf(prefix):
     """Return everything that runs with equal results must have in common."""
     files = {ending: Path(f"{prefix}.{ending}").read_bytes() for ending in ("dcd", "psf")}
-    with mh.readMeshTrajectory(f"{prefix}.vtkhdf") as frames:
-        meshes = [(frame.step, frame.mesh.vertices.tobytes(), frame.mesh.triangles.tobytes()) for frame in frames]
     final = mh.Mesh.read(f"{prefix}.ply")
     with zipfile.ZipFile(f"{prefix}.checkpoint") as checkpoint:
         state = [checkpoint.read(name) for name in ("state.xml", "positions", "velocities")]
     return {
         "rows": Path(f"{prefix}.csv").read_text().split("\n"),  # one by one, so that a test says which is another
         **files,
-        "meshes": meshes,
+        "meshes": datasetsOf(f"{prefix}.vtkhdf"),
         "vertices": final.vertices.tobytes(),
         "triangles": final.triangles.tobytes(),
         "state": state,
