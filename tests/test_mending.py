@@ -77,6 +77,7 @@ def testCornersAreWelded(seed, noise, scale):
     mended = repairedAndChecked(loose)
     assert len(mended.vertices) == 162 and mended.area == pytest.approx(sphere.area, rel=1e-2)
     assert mended.notes[0].startswith("798 corners were welded to another")
+    assert not any("another surface" in note for note in mended.notes)
 
 
 def testCornersThatAreFarApartAreNotWelded(sphere):
@@ -380,3 +381,35 @@ def testRunRepairs(inFolder, sphere):
     (inFolder / "a.toml").write_text(text.format("repair = true"))
     done = invoke("run", "a.toml")
     assert done.exit_code == 0 and "1 surface was inside out and turned" in done.output
+
+
+@pytest.mark.parametrize("noise", [0, 1e-8])
+@pytest.mark.parametrize("turned", [False, True])
+def testSurfaceThatIsThereTwice(noise, turned):
+    """An object that a program exported twice: the second one is a fault, which is mended by leaving it out."""
+    sphere, order = mh.Mesh.icosphere(2), np.random.default_rng(1).permutation(162)
+    moved = sphere.vertices[order] + noise * np.random.default_rng(2).uniform(-1, 1, (162, 3))
+    again = mh.Mesh(moved, np.argsort(order)[sphere.triangles][:, :: -1 if turned else 1])
+    apart = mh.Mesh(sphere.vertices + 5, sphere.triangles)
+    twice = mh.Mesh.merged([apart, sphere, again])
+    if not turned:
+        words = (
+            r"surface 2, of 3: vertices \d+ and \d+ of two surfaces are in the same place \(162 such pairs\).*repair"
+        )
+        with pytest.raises(ValueError, match=words):
+            twice.check()
+    mended = twice.repaired()
+    mended.check()
+    assert len(mended.triangles) == 640 and mended.volume == pytest.approx(2 * sphere.volume)
+    assert mended.notes[0].startswith("162 vertices were welded to another surface's that is closer than")
+    assert mended.notes[1].startswith("320 facets were taken away that lay on another")
+
+
+def testSurfacesThatTouchAtAVertex():
+    sphere = mh.Mesh.icosphere(2)
+    touching = mh.Mesh.merged([sphere, mh.Mesh(sphere.vertices + 2 * sphere.vertices[0], sphere.triangles)])
+    with pytest.raises(ValueError, match=r"are in the same place \(1 such pair\)"):
+        touching.check()
+    mended = touching.repaired()
+    mended.check()
+    assert len(mended.components()) == 2 and mended.volume == pytest.approx(2 * sphere.volume, rel=0.01)

@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 IndexArray: TypeAlias = NDArray[np.int64]
 MOST_VERTICES = 20_000_000  # of a mesh that is made, of which a run takes 100 GB
 BLOCK = 1 << 16  # rows that what is computed row by row takes at a time, which bounds the memory of large meshes
 # The volume, in areas to the power 3/2, that rounding to seven digits, as in files, leaves to a flat surface at most.
 _ROUNDING = 1e-7
+# Vertices of two surfaces are in one place if they are closer than this part of the mean length of the edges.
+_COINCIDENT = 1e-6
 
 
 def requireVertices(count: float, argument: str) -> None:
@@ -341,6 +344,7 @@ def check(
     del order, start
     _checkNeighbors(triangles, opposite)
     _checkVertices(triangles, len(vertices), opposite)
+    _checkPlaces(vertices, triangles)
     if box is None:
         _checkVolumes(vertices, triangles)
     else:
@@ -451,6 +455,31 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, opposite: np.ndarray
             f"the surface touches itself at vertex {v}, whose triangles form more than one fan; "
             "give each sheet a vertex of its own",
             v,
+        )
+
+
+def coincident(vertices: NDArray[np.float64], triangles: NDArray[np.integer], part: float) -> tuple[IndexArray, float]:
+    """Return pairs of vertices of two surfaces that are closer than a part of the mean length of the edges, (K, 2), and
+    that distance.
+    """
+    _, label = labelComponents(triangles, len(vertices))
+    used = np.flatnonzero(isUsed(triangles, len(vertices)))
+    if len(used) == 0 or np.all(label[used] == label[used[0]]):
+        return np.zeros((0, 2), dtype=np.int64), 0.0
+    distance = part * float(edgeLengthsOf(vertices, np.column_stack(halfedges(triangles))).mean())
+    pairs = used[cKDTree(vertices[used]).query_pairs(distance, output_type="ndarray")]
+    return pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], distance
+
+
+def _checkPlaces(vertices: np.ndarray, triangles: np.ndarray) -> None:
+    """Check that no two surfaces have vertices in one place, as one that was exported twice has."""
+    pairs, _ = coincident(vertices, triangles, _COINCIDENT)
+    if len(pairs):
+        a, b = pairs[np.lexsort(pairs.T)[0]]
+        raise Fault(
+            f"vertices {a} and {b} of two surfaces are in the same place ({len(pairs)} such pair"
+            f"{'s' if len(pairs) > 1 else ''}); surfaces must not touch, and each must be there once",
+            b,
         )
 
 

@@ -258,6 +258,15 @@ def _weld(surface: _Surface, tolerance: float) -> None:
     surface.triangles, count = weldRims(surface.vertices, surface.triangles, distance)
     if count:
         surface.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
+    pairs, distance = connectivity.coincident(surface.vertices, surface.triangles, tolerance)
+    if len(pairs):
+        _, label = _components(pairs[:, 0], pairs[:, 1], len(surface.vertices))
+        _, first, mine = np.unique(label, return_index=True, return_inverse=True)
+        surface.triangles = first[mine][surface.triangles]
+        surface.notes.append(
+            f"{counted(len(mine) - len(first), 'vertex', 'vertices')} welded to another surface's that is closer than "
+            f"{distance:.3g}"
+        )
 
 
 def _dropTwice(surface: _Surface) -> int:

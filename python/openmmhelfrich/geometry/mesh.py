@@ -354,7 +354,7 @@ class Mesh:
         done in a sentence.
 
         A surface that is folded into a periodic box is unfolded.  Corners along open edges that are close to each other
-        are welded.  Facets that have no area, lie on another one or stick to the surface by an edge are taken away.
+        are welded, and so are those of two surfaces in the same place.  Facets that have no area, lie on another one or stick to the surface by an edge are taken away.
         All facets are turned the same way, outwards.  Where the surface touches itself, its sheets are parted.  Specks
         are left out.  Holes are noted.
 
