@@ -136,6 +136,19 @@ def testWhatIsNotWrittenIsSaid(tmp_path, monkeypatch, sphere):
         sphere.write(tmp_path / "b.inp")
 
 
+def testPathsThatAreNone(tmp_path, sphere):
+    for none in (None, b"a.ply", 3):
+        for act, name in ((mh.Mesh.read, "read"), (sphere.write, "write")):
+            with pytest.raises(
+                TypeError, match=rf"{name}: file is {none!r}; it must be a path: a str or a pathlib.Path"
+            ):
+                act(none)
+    for suffix in formats.WRITTEN:
+        with pytest.raises(FileNotFoundError) as caught:
+            sphere.write(tmp_path / "nope" / f"a{suffix}")
+        assert caught.value.filename == str(tmp_path / "nope")
+
+
 # --- what is beside triangles
 
 

@@ -6,13 +6,22 @@ import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+from .messages import quoted
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
 # No deflated data become larger than this many times their size, and nothing is refused that is smaller than this many
 # bytes.
 _GREATEST_RATIO, _SMALL = 1032, 1 << 20
+
+
+def pathOf(file: Any, argument: str) -> Path:
+    """Return the path that an argument gives; raise a TypeError that names it if it is none."""
+    if isinstance(file, str | os.PathLike) and isinstance(os.fspath(file), str):
+        return Path(file)
+    raise TypeError(f"{argument} is {quoted(file)}; it must be a path: a str or a pathlib.Path")
 
 
 @contextlib.contextmanager
@@ -32,8 +41,9 @@ def replacing(file: PathLike) -> Iterator[Path]:
     except BaseException as error:
         with contextlib.suppress(OSError):  # the first error tells more
             part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno and not error.filename:
-            error.filename = str(path)  # an error of a write does not know it
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(part)):
+            # An error of a write does not know the file, and one of its beginning has the hidden one.
+            error.filename = str(path) if path.parent.is_dir() else str(path.parent)
         raise
     syncFolder(path.parent)
 

@@ -3,7 +3,6 @@
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from openmm import app, unit
 
 from ..display import drawing
-from ..files import PathLike
+from ..files import PathLike, pathOf
 from ..units import realNumber, valueIn, wholeNumber
 from . import connectivity, mending, meshfiles
 from .formats.content import Content
@@ -284,8 +283,10 @@ class Mesh:
             if there is no such file
         ValueError
             if it does not hold a mesh
+        TypeError
+            if `file` is no path
         """
-        path = Path(file)
+        path = pathOf(file, "read: file")
         if not path.exists():
             raise FileNotFoundError(f"there is no mesh file {path}")
         if not path.is_file() or path.stat().st_size == 0:
@@ -326,10 +327,12 @@ class Mesh:
             format has no box: PLY, TSI and Q have
         OSError
             if the file cannot be written
+        TypeError
+            if `file` is no path
         """
-        length = _lengthOf(unit)
-        if self.isPeriodic and Path(file).suffix.lower() not in meshfiles.WITH_BOX:
-            meshfiles.requireWritten(Path(file))
+        path, length = pathOf(file, "write: file"), _lengthOf(unit)
+        if self.isPeriodic and path.suffix.lower() not in meshfiles.WITH_BOX:
+            meshfiles.requireWritten(path)
             raise ValueError(
                 f"{file}: the mesh is periodic, and files of this format have no box; use one of "
                 f"{', '.join(meshfiles.WITH_BOX)}, or .vtkhdf ('openmm-helfrich convert' or writeMeshTrajectory()); or "
@@ -338,7 +341,7 @@ class Mesh:
         box = None if self.box is None else self.box / length
         own = {} if self.species is None else {SPECIES_FIELD: self.species}
         meshfiles.write(
-            Path(file), self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
+            path, self.vertices / length, self.triangles, {**(data or {}), **own} or None, box, self.isPeriodic
         )
 
     def repaired(
@@ -354,9 +357,9 @@ class Mesh:
         done in a sentence.
 
         A surface that is folded into a periodic box is unfolded.  Corners along open edges that are close to each other
-        are welded, and so are those of two surfaces in the same place.  Facets that have no area, lie on another one or stick to the surface by an edge are taken away.
-        All facets are turned the same way, outwards.  Where the surface touches itself, its sheets are parted.  Specks
-        are left out.  Holes are noted.
+        are welded, and so are those of two surfaces in the same place.  Facets that have no area, lie on another one or
+        stick to the surface by an edge are taken away.  All facets are turned the same way, outwards.  Where the
+        surface touches itself, its sheets are parted.  Specks are left out.  Holes are noted.
 
         Parameters
         ----------
