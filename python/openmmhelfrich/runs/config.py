@@ -444,8 +444,9 @@ def _explainUnknown(place: Sequence[Any]) -> str:
     isOfStage = home[:1] == ["stages"]
     homes = [name for name in _homesOf(key) if not (isOfStage and (name, key) == _OWN_OF_STAGES)]
     kinds = [kind for kind, model in STAGES.items() if key in _ownKeys(model)]
-    if not homes and not kinds:
-        return f"{where} {quoted(key)}{nearest(key, _ownFirst(_modelOf(home)) if home else Config.model_fields)}"
+    model = _modelOf(home) if home else Config
+    if model is SpeciesChange or not (homes or kinds):
+        return f"{where} {quoted(key)}{nearest(key, _ownFirst(model))}"
     places = [*homes[:1], *([f"a stage of kind {_either(kinds)}"] if kinds else [])]
     own = f"; {home[2]} has {', '.join(_ownKeys(STAGES[home[2]]))}" if isOfStage and not homes else ""
     return f"{where} {quoted(key)}; it belongs in {', or in '.join(places)}{own}"
