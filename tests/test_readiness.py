@@ -391,3 +391,12 @@ def test_advice_on_a_subdivided_mesh_leaves_subdivide_out(tmp_path):
         mh.run(
             {"mesh": {"file": str(tmp_path / "long.ply"), "subdivide": 1}, "output": {"prefix": str(tmp_path / "a")}}
         )
+
+
+def test_needles_that_cannot_be_remeshed_are_said(inFolder):
+    """No command is given that would fail."""
+    mesh = mh.Mesh.icosphere(2)
+    mh.Mesh(mesh.vertices * [1, 1, 1000], mesh.triangles).write("needle.ply")
+    result = invoke("check", "needle.ply")
+    assert result.exit_code == 1 and "does not keep its topology with so few vertices" in result.output
+    assert "ready after" not in result.output

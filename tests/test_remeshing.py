@@ -118,7 +118,7 @@ def test_what_corners_do_not_let_be_is_said():
     [
         ({}, "the number of vertices or the edge length"),
         ({"numVertices": 100, "edgeLength": 1.0}, "the number of vertices or the edge length"),
-        ({"numVertices": 11}, "the number of vertices is 11; it must be a whole number, 12 or more"),
+        ({"numVertices": 11}, "the number of vertices is 11; it must be a whole number from 12 to 20000000"),
         ({"numVertices": 100.5}, "100.5; it must be a whole number"),
         ({"edgeLength": 0}, "the edge length must be positive"),
         ({"edgeLength": float("nan")}, "the edge length must be positive"),
@@ -216,3 +216,12 @@ def test_merged_meshes_keep_box_and_notes():
     assert np.array_equal(both.box, 5 * np.eye(3)) and both.notes == ["a note", "a note"]
     with pytest.raises(ValueError, match="different periodic boxes"):
         mh.Mesh.merged([inBox, mh.Mesh(sphere.vertices, sphere.triangles, 6.0)])
+
+
+def test_surface_that_is_too_thin():
+    """What is made of it is turned over, and the message does not blame the surface that was given."""
+    sphere = mh.Mesh.icosphere(2)
+    thin = mh.Mesh(sphere.vertices * [1, 1, 1e-6], sphere.triangles).repaired()
+    thin.check()
+    with pytest.raises(ValueError, match=r"remesh: the surface is too thin, .* no membrane .*; ask for more vertices"):
+        thin.remeshed(162)

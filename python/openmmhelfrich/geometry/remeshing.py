@@ -111,7 +111,7 @@ def remesh(mesh: Triangulation, numVertices: int | None = None, edgeLength: floa
     count = _numVertices(given, numVertices, edgeLength and edgeLength / size)
     surface = _TriangulatedSurface(given)
     made = relax(_splitLongest(_uniform(given, count), count), surface, _ROUNDS)
-    check(*made)
+    _requireSound(made)
     lengths = edgeLengthsOf(made.vertices, edgesOf(made.triangles, count))
     return Remeshing(
         Triangulation(made.vertices * size + center, made.triangles),
@@ -231,6 +231,17 @@ def _isSound(mesh: Triangulation) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _requireSound(made: Triangulation) -> None:
+    """Raise a ValueError if what was made is no membrane, which is no fault of the surface that was given."""
+    try:
+        check(*made)
+    except ValueError as error:
+        raise ValueError(
+            "remesh: the surface is too thin, or too sharp, for so few vertices, and what is made of it is no membrane "
+            f"({error}); ask for more vertices"
+        ) from None
 
 
 def _splitLongest(mesh: Triangulation, count: int) -> Triangulation:

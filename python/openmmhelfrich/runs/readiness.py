@@ -217,10 +217,9 @@ def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness
         return found
     if mesh.isPeriodic:
         return found._replace(reason=f"{found.reason}; {_another(left.scene)}")
-    if genus(mesh.triangles, len(mesh.vertices)) > 0:  # which remeshing must keep
-        failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
-        if failure is not None:
-            return found._replace(reason=f"{found.reason}; and {failure}")
+    failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
+    if failure is not None:
+        return found._replace(reason=f"{found.reason}; and {failure}")
     return found._replace(commands=[*repair, remeshing(file, left.scene, mesh)], notes=notes)
 
 
