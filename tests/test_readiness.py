@@ -395,6 +395,7 @@ def test_advice_on_a_subdivided_mesh_leaves_subdivide_out(tmp_path):
 
 def test_needles_that_cannot_be_remeshed_are_said(inFolder):
     """No command is given that would fail."""
+    pytest.importorskip("mmgpy")
     mesh = mh.Mesh.icosphere(2)
     mh.Mesh(mesh.vertices * [1, 1, 1000], mesh.triangles).write("needle.ply")
     result = invoke("check", "needle.ply")
