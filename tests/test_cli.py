@@ -52,7 +52,8 @@ def testRun(folder):
     result = invoke("run", "run.toml")
     assert result.exit_code == 0, result.output
     assert results() == OUTPUTS
-    for word in ("162 vertices", "10 steps in", "area", "volume", "accepted", "E_B/8 pi kappa", "run.dcd", "step 10 of 10"):
+    words = ("162 vertices", "10 steps in", "area", "volume", "accepted", "E_B/8 pi kappa", "run.dcd", "step 10 of 10")
+    for word in words:
         assert word in result.output
 
 

@@ -1,6 +1,8 @@
 """Runs of TriMem's configurations in the place of TriMem's command, as a program sees them that calls it."""
 
+import ast
 import configparser
+import contextlib
 import io
 import json
 import os
@@ -11,6 +13,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 from xml.etree import ElementTree
 
 import h5py
@@ -21,10 +24,12 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from conftest import ROOT
 from membranes import uvSphere
+from openmmhelfrich.analysis import verdict
 from openmmhelfrich.cli import app
-from openmmhelfrich.runs.config import readConfig
+from openmmhelfrich.runs.config import Config, readConfig
 from openmmhelfrich.runs.mcapp import Checkpoints, backUp, runLikeTriMem
-from openmmhelfrich.runs.trimem import Source, converted
+from openmmhelfrich.runs.stagesettings import ApproachStage, MinimizeStage, SampleStage
+from openmmhelfrich.runs.trimem import _KEYS, Source, converted
 
 MOSAIC = """\
 [GENERAL]
@@ -318,6 +323,56 @@ def testAdviceOnAnUnevenCheckpointMendsIt(uneven):
     for command in adviceOf(invoke("run", "--conf", uneven, "--restart")):
         do(command)
     assert invoke("run", "--conf", uneven, "--restart").exit_code == 0
+
+
+def wordsOfAdvice():
+    """Return the texts of the module of verdicts, without its descriptions."""
+    tree = ast.parse(Path(verdict.__file__).read_text(encoding="utf-8"))
+    described = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in described:
+            yield node.value
+
+
+def testAdviceNamesTrimemsKeys(cell):
+    """All that a verdict can say, once and again."""
+    source, advice = Source(cell), [text for text in wordsOfAdvice() if " " in text]
+    ours = {
+        name for section in Config.model_fields.values() for name in getattr(section.annotation, "model_fields", ())
+    }
+    ours |= {name for kind in (MinimizeStage, SampleStage, ApproachStage) for name in kind.model_fields}
+    unknown = {name for name in ours if "_" in name} - {name for keys in _KEYS.values() for name in keys}
+    isOurs = re.compile(rf"\b({'|'.join(unknown)})\b|stages? of kind|sampling\.|\[output\]")
+    assert len(unknown) > 40 and sum(bool(isOurs.search(text)) for text in advice) > 10
+    for text in advice:
+        told = source.inItsWords(text)
+        assert not isOurs.search(told) and source.inItsWords(told) == told, told
+
+
+@pytest.mark.parametrize("algorithm", ["hmc", "minimize"])
+def testARunTellsItsNotesAndItsVerdictInTrimemsWords(cell, algorithm):
+    """While it goes on, at its end, and where nothing shows it; files that a run of ours goes on with keep our keys."""
+    volume, its, ours = {
+        "hmc": ("0.98", "[GENERAL] info is 1, and not 5", "observables_interval"),
+        "minimize": ("0.7", "(maxiter)", "max_iterations"),
+    }[algorithm]
+    text = SAMPLING.replace("info = 2", f"info = 5\nalgorithm = {algorithm}").replace("num_steps = 6", "num_steps = 4")
+    text = text.replace("volume_fraction = 0.9", f"volume_fraction = {volume}").replace(
+        "_lambda = 0.0", "_lambda = 0.5"
+    )
+    cell.write_text(text + "[MINIMIZATION]\nmaxiter = 2\n")
+    with pytest.warns(UserWarning) if algorithm == "minimize" else contextlib.nullcontext() as warned:
+        summary = runLikeTriMem(cell)
+    told = [
+        str(summary),
+        "\n".join([*summary.notes, str(summary.verdict)]),
+        *(str(each.message) for each in warned or ()),
+    ]
+    command = [sys.executable, "-m", "openmmhelfrich.cli", "mc-app", "run", "--conf", str(cell)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    for shown in [*told, done.stdout, *([done.stderr] if algorithm == "hmc" else [])]:
+        assert its in shown and ours not in shown
+    assert ours in Path("cell.resolved.toml").read_text()
 
 
 def testBackupsHaveFreeNames(inFolder):

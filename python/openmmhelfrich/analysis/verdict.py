@@ -115,6 +115,10 @@ class Verdict:
             finding.what if finding.advice in advice[:i] else str(finding) for i, finding in enumerate(self.findings)
         ]
 
+    def inWords(self, words: Callable[[str], str]) -> "Verdict":
+        """Return it with what was found and the advice in other words."""
+        return Verdict(tuple(replace(each, what=words(each.what), advice=words(each.advice)) for each in self.findings))
+
     def toData(self) -> list[dict[str, Any]]:
         """Return the findings, fit for JSON."""
         return [asdict(finding) for finding in self.findings]

@@ -22,8 +22,9 @@ from ..io.runfiles import beside
 from ..sampling.progress import requireProgress
 from .config import parseConfig
 from .outputs import Outputs
+from .progress import RunProgress, following
 from .readiness import UnevenError
-from .studies import run as runStudy
+from .studies import run as runStudy, told
 from .summary import Summary
 from .trimem import Source, converted
 
@@ -83,10 +84,20 @@ def runLikeTriMem(
     with locked(outputs.prefix):
         if begin is None:
             backUp({*outputs.paths(), *_parts(prefix), *checkpoints.files()}, source.mesh)
-        with source.namingItsKeys(), _namingMesh(source.path, begin):
-            summary = runStudy(config, progress)
+        with (
+            source.namingItsKeys(),
+            _namingMesh(source.path, begin),
+            following(progress, RunProgress) as shown,
+        ):
+            if isinstance(shown, RunProgress):
+                shown.words = source.inItsWords
+            summary = runStudy(config, shown or _unseen).inWords(source.inItsWords)
     checkpoints.write(part, Mesh.read(outputs.mesh), source.textAfter(0 if source.minimizes else _stepsOf(summary)))
-    return summary
+    return told(summary, progress)
+
+
+def _unseen(study: "Study") -> None:
+    """Show nothing of how a run goes: what it comes to is told in TriMem's words."""
 
 
 def _stepsOf(summary: Summary) -> int:

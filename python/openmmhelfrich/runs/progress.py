@@ -71,6 +71,7 @@ class RunProgress(Bars):
 
     def __init__(self, quiet: bool = False, console: Console | None = None):
         super().__init__(quiet, console)
+        self.words: Callable[[str], str] = str  # what gives notes the words of the user's configuration
         self._stage: Any = None
         self._shownAt = 0.0
 
@@ -80,7 +81,7 @@ class RunProgress(Bars):
             return
         if self._stage is None:
             for note in study.notes:
-                self._say(f"note: {note}")
+                self._say(f"note: {self.words(note)}")
         if stage is not self._stage:
             self._begin(study, now)
         seconds = SECONDS_BETWEEN_UPDATES if self._bar else SECONDS_BETWEEN_LINES

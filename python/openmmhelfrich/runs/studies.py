@@ -116,7 +116,7 @@ def run(
         for path in old:
             path.unlink(missing_ok=True)
         with following(progress, RunProgress) as shown:
-            return _told(study.finish(shown), progress)
+            return told(study.finish(shown), progress)
 
 
 def resume(
@@ -190,7 +190,7 @@ def resume(
             requireRoom(scene, outputs, state.step)
         requireMatplotlib()
         with following(progress, RunProgress) as shown:
-            return _told(study.finish(shown), progress)
+            return told(study.finish(shown), progress)
 
 
 def _absence(prefix: Path) -> str:
@@ -572,7 +572,7 @@ class StopSignals:
         signal.signal(number, self._before[number])
 
 
-def _told(summary: Summary, progress: Any) -> Summary:
+def told(summary: Summary, progress: Any) -> Summary:
     """Return a Summary, with a warning if its verdict is failed and nothing shows how the run goes."""
     if not progress and summary.verdict is not None and summary.verdict.level == FAILED:
         warnings.warn(f"{summary.outputs.prefix}: the verdict is {summary.verdict}", stacklevel=3)

@@ -1,7 +1,8 @@
 """What a run did, in a few lines."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +55,8 @@ class Summary:
         whether it was stopped before its end
     signal : int or None
         the signal that stopped it
+    words : callable
+        what gives a line the words of the user's own configuration, if that is of another program
     """
 
     config: Config
@@ -74,6 +77,7 @@ class Summary:
     verdict: Verdict | None
     interrupted: bool
     signal: int | None
+    words: Callable[[str], str] = str
 
     def __repr__(self) -> str:
         energy, volume = self.mean("energy"), self.table.get("reducedVolume")
@@ -144,7 +148,13 @@ class Summary:
         lines.append(("files", ", ".join(map(str, self.outputs.paths()))))
         if self.outputs.topology is None:
             lines.append(("no PSF file", "[output] psf = true writes one for a membrane of any size"))
-        return lines
+        return [(label, self.words(text)) for label, text in lines]
+
+    def inWords(self, words: Callable[[str], str]) -> "Summary":
+        """Return it in the words of another program's configuration."""
+        stages = [(title, verdict.inWords(words)) for title, verdict in self.stageVerdicts]
+        verdict, notes = self.verdict and self.verdict.inWords(words), [words(note) for note in self.notes]
+        return replace(self, notes=notes, stageVerdicts=stages, verdict=verdict, words=words)
 
     @property
     def _lastIndex(self) -> int:

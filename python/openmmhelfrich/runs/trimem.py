@@ -108,6 +108,27 @@ _KEYS = {
     "MINIMIZATION": {"maxiter": Key("stages.max_iterations", 10, 1, GREATEST_COUNT), "out_every": Key(None)},
 }
 _EACH = [(section, name, key) for section, keys in _KEYS.items() for name, key in keys.items()]
+# What else advice names that is not TriMem's, and what there is instead, the longer before its parts.
+_CONVERSION = "what openmm-helfrich config --from-trimem {file} writes"
+_WORDS = {
+    "sampling.approach, or a stage of kind approach or continue that takes longer": (
+        "continuation_lambda = 0, a smaller continuation_delta and a larger num_steps"
+    ),
+    "in a stage of kind approach or continue": "by continuation_lambda = 0 and a smaller continuation_delta",
+    "in a stage of kind approach that has them": "by continuation_delta in a run with algorithm = hmc",
+    "in a stage of kind sample or approach": "by a run with algorithm = hmc",
+    "a stage of kind approach before it": "a run with algorithm = hmc and continuation_delta before it",
+    "max_iterations, tolerance": "maxiter",
+    ', or step_size = "auto"': f', or one that is found: step_size is "auto" then, in {_CONVERSION}',
+    ', or "auto", or none': "",
+    "more steps, or a shorter burn_in or equilibration": "a larger num_steps",
+    "flip_probability = 0": "flip_type = none",
+    "bounds of the tether let": "bounds of the tether (lc0, lc1) let",
+    "bounds of the tether keep": "bounds of the tether (lc0, lc1) keep",
+    "onset of the repulsion": "lc1 of [SURFACEREPULSION]",
+    "in [tether]": "in [BONDS]",
+    "[output] psf = true": f"psf = true in [output] of {_CONVERSION}",
+}
 
 
 def convertConfig(file: PathLike) -> str:
@@ -247,9 +268,24 @@ class Source:
             for section, name, key in _EACH:
                 if key.ours:
                     text = self._renamed(text, section, name, *key.ours.split("."))
+            text = self.inItsWords(text)
             if text == str(error):
                 raise
             raise ValueError(text) from None
+
+    def inItsWords(self, text: str) -> str:
+        """Return advice or a note with TriMem's keys in the place of ours, and with what there is instead where it has
+        none.  Keys of one word, as prefix, are left where they have no section, and so are names of files.
+        """
+        for ours, its in _WORDS.items():
+            text = text.replace(ours, its.format(file=self.path))
+        for section, name, key in _EACH:
+            if key.ours:
+                ourSection, ourKey = key.ours.split(".")
+                text = re.sub(rf"\[{ourSection}\] {ourKey}\b", f"[{section}] {name}", text)
+                if "_" in ourKey:
+                    text = re.sub(rf"(?<![\w./-]){ourKey}(?![\w/-]|\.\w)", name, text)
+        return text
 
     def _renamed(self, text: str, section: str, key: str, ourSection: str, ourKey: str) -> str:
         """Return a message with a key of TriMem's in the place of ours, and its value beside another one of ours."""
