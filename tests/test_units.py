@@ -135,6 +135,7 @@ def test_digits_before_a_quotient_are_of_the_number():
         ("curvature", "/"),
         ("area", "nmnm"),
         ("energy per area", "kJ/mol nm^2"),
+        ("energy", 10 * "kilojoule" + "?"),  # of which each letter could be a unit
     ],
 )
 def test_what_is_no_unit_of_a_kind(kind, unit):

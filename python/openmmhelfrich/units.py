@@ -264,7 +264,7 @@ def _sizeOf(name: str, kind: str, scales: Scales) -> float | None:
         return _OTHERS[kind].get(name)
     factors = _FACTORS | dict.fromkeys(_THERMAL_ENERGY, (scales.kT, 1, 0))
     written, size, powers = _inOneWay(name), 1.0, (0, 0)
-    if not re.fullmatch(f"(?:{_FACTOR})+", written):
+    if re.sub(_FACTOR, "", written):  # a pattern of many factors would try all ways to part a long word
         return None
     for sign, word, exponent in re.findall(_FACTOR, written):
         if word not in factors:
