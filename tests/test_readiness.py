@@ -1,5 +1,6 @@
 """What check says of a mesh, and that a run whose trajectories would not be accepted stops before it begins."""
 
+import re
 import shlex
 from fractions import Fraction
 from itertools import product
@@ -391,6 +392,22 @@ def test_advice_on_a_subdivided_mesh_leaves_subdivide_out(tmp_path):
         mh.run(
             {"mesh": {"file": str(tmp_path / "long.ply"), "subdivide": 1}, "output": {"prefix": str(tmp_path / "a")}}
         )
+
+
+def test_a_tether_that_no_mesh_of_the_surface_goes_with_is_to_have_other_lengths(inFolder):
+    """Those that are told do, and so does one that only another mesh goes with."""
+
+    def begin(level, least, most):
+        tether = {"min_length": least, "max_length": most}
+        mh.run({"mesh": {"icosphere": level}, "tether": tether, "sampling": {"steps": 1}, "output": {"prefix": "a"}})
+
+    with pytest.raises(ValueError, match=r"a surface has at most [0-9] vertices, and must have 162 or more") as caught:
+        begin(2, 2.0, 3.0)
+    message = str(caught.value)
+    assert "remesh" not in message
+    begin(2, *map(float, re.search(r"edges that there are, (\S+) and (\S+) nm$", message).groups()))
+    with pytest.raises(ValueError, match=r"it is ready with remesh = 1\d\d in \[mesh\]"):
+        begin(3, 0.26, 0.33)
 
 
 def test_needles_that_cannot_be_remeshed_are_said(inFolder):

@@ -24,6 +24,7 @@ from .additions import additionsTo
 from .config import Config, parseConfig
 from .scene import Scene, createScene
 from .sections import SystemSection
+from .tethers import FITTING
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
 # folded: its trajectories are then accepted as the step size has it.
@@ -31,6 +32,8 @@ _TETHER_SHARE, _LEAST_ANGLE, _GREATEST_DIHEDRAL = 0.5, 15.0, 120.0
 # The number of vertices from which on fluid membranes of 20 kT did not fold on their way from a sphere to a reduced
 # volume, from the largest down: docs/reference/verdicts.md has what was tried.
 LEAST_VERTICES = ((0.77, 162), (0.62, 252), (0.47, 362), (-np.inf, 642))
+# What advice asks for at least.
+_FEWEST = min(count for _, count in LEAST_VERTICES)
 # Of a mesh that is not, so many trajectories of so many that are tried must be accepted.
 _ACCEPTED, _TRIED = 3, 24
 # Of the random numbers of trials: one answer for a mesh and its settings, whatever the seed of the run.
@@ -109,6 +112,9 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     source = section.file or f"[mesh] {'icosphere' if section.sheet is None else 'sheet'}"
     if scene.mesh.isPeriodic:
         return ValueError(f"{source}: {sentence}; {_another(scene)}")
+    misfit = _misfit(scene)
+    if misfit is not None:
+        return ValueError(f"{source}: {sentence}; {misfit}")
     instead = " instead of subdivide" if section.subdivide else ""
     advice = f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]{instead}"
     if section.file is None:
@@ -122,11 +128,23 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     return UnevenError(f"{source}: {sentence}; {after}", commands, _named(file, "even"), advice)
 
 
+def _misfit(scene: Scene) -> str | None:
+    """Return that the tether is too long for a surface, and which lengths are not; None if a mesh goes with it."""
+    area, mean = min(surface.area for surface in scene.mesh.components()), float(scene.mesh.edgeLengths.mean())
+    count = _numWithEdges(min(scene.tether.minLength / FITTING[0], _middle(scene)), area)
+    if _fits(scene, scene.mesh) or count >= _FEWEST:
+        return None
+    return (
+        f"with edges as long as the tether wants them a surface has at most {count} vertices, and must have {_FEWEST} "
+        "or more: leave min_length and max_length out of [tether], or give such as go with the edges that there are, "
+        f"{FITTING[0] * mean:.3g} and {FITTING[1] * mean:.3g} {scene.lengthUnit}"
+    )
+
+
 def _another(scene: Scene) -> str:
     """Return the advice to take another mesh in place of a periodic one, which is not made anew."""
-    tether = scene.tether
     return (
-        f"begin with another mesh, with even edges about {(tether.minLength + tether.maxLength) / 2:.3g} "
+        f"begin with another mesh, with even edges about {_middle(scene):.3g} "
         f"{scene.lengthUnit} long, as remesh takes no periodic one"
     )
 
@@ -335,7 +353,19 @@ def _forTrial(config: Config) -> Config:
 
 def _numVertices(scene: Scene, mesh: Mesh) -> int:
     """Return the number of vertices with which edges are where the tether wants them."""
-    if scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength:
-        return max(len(mesh.vertices), 162)
-    length = (scene.tether.minLength + scene.tether.maxLength) / 2
-    return max(round(2 * mesh.area / (np.sqrt(3) * length**2)), 12)
+    return max(len(mesh.vertices) if _fits(scene, mesh) else _numWithEdges(_middle(scene), mesh.area), _FEWEST)
+
+
+def _fits(scene: Scene, mesh: Mesh) -> bool:
+    """Return whether the edges of a mesh are, on average, where the tether wants them."""
+    return bool(scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength)
+
+
+def _middle(scene: Scene) -> float:
+    """Return the length in the middle of the tether's bounds."""
+    return (scene.tether.minLength + scene.tether.maxLength) / 2
+
+
+def _numWithEdges(length: float, area: float) -> int:
+    """Return the number of vertices of a surface of an area with equal edges of a length."""
+    return round(2 * area / (np.sqrt(3) * length**2))

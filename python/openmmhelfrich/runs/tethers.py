@@ -9,6 +9,9 @@ from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from .config import Config
 
+# The bounds by default, in mean edge lengths.
+FITTING = (0.83, 1.33)
+
 
 class Tether(NamedTuple):
     """A tether: its modulus, in kT, the least and greatest length of an edge, and the length scale of its energy."""
@@ -29,7 +32,7 @@ def tetherOf(config: Config, measured: MeasuredMesh) -> Tether:
     tether = config.tether
     given = (tether.modulus, tether.min_length, tether.max_length, tether.length_scale)
     mean = measured.meanEdgeLength if None in given else math.nan
-    minLength, maxLength = tether.min_length or 0.83 * mean, tether.max_length or 1.33 * mean
+    minLength, maxLength = tether.min_length or FITTING[0] * mean, tether.max_length or FITTING[1] * mean
     if minLength >= maxLength:
         raise ValueError(
             f"[tether] min_length is {minLength:.4g} and max_length {maxLength:.4g}; min_length must be less"

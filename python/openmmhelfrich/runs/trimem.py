@@ -126,7 +126,7 @@ _WORDS = {
     "bounds of the tether let": "bounds of the tether (lc0, lc1) let",
     "bounds of the tether keep": "bounds of the tether (lc0, lc1) keep",
     "onset of the repulsion": "lc1 of [SURFACEREPULSION]",
-    "in [tether]": "in [BONDS]",
+    "out of [tether]": "out of [BONDS]",
     "[output] psf = true": f"psf = true in [output] of {_CONVERSION}",
 }
 
