@@ -17,6 +17,7 @@ NEEDS = {"remeshing.py": "mmgpy", "meshes.py": "pyvista"}  # of the extras
 RUNS = [
     ("benchmark.py --sizes 642 --threads 1 --seconds 0.01 --output a", "642 CPU 1 #"),
     ("benchmark.py --terms --sizes 642 --seconds 0.01", "all but repulsion", "all the same", "Gaussian moduli"),
+    ("breathing.py 2 --frames 3 --widths 1 --sizes 0.05 --settle 10", "same cost 1 | 0.05 | #% | # | # | #"),
     ("budding.py minima --vertices 60 --tensions 5", "5.00 # # # # # # energy/kappa #, flat 31.42"),
     ("budding.py fluid --subdivisions 2 --steps 50 --tensions 5", "5.0 50 steps, converged # # # # #"),
     ("demixing.py frozen --sweeps 1000 --J 0.5 --plot a.png", "162 vertices, J = 0.5000 kT: U # +- #, |m| #, #"),
