@@ -247,6 +247,22 @@ def test_what_nothing_mends(inFolder):
     assert "but not all" in result.output
 
 
+def test_surfaces_that_pass_through_themselves_all_over(inFolder):
+    """Two copies of a surface that differ by noise are mended; two spheres that overlap nothing mends."""
+    sphere, noise = mh.Mesh.icosphere(2), np.random.default_rng(1).normal(size=(162, 3))
+    mh.Mesh.merged([sphere, mh.Mesh(sphere.vertices + 2e-6 * noise, sphere.triangles)]).write("twice.vtu")
+    found = readiness.readinessOf(mh.Mesh.read("twice.vtu"), "twice.vtu")
+    assert "passes through itself" in found.reason and found.commands[0].startswith("openmm-helfrich repair")
+    mended = mh.Mesh.read("twice.vtu", repair=True)
+    assert len(mended.triangles) == 320 and readiness.readinessOf(mended, "twice.vtu").reason is None
+    small = mh.Mesh.icosphere(1)
+    for shift, isReady in ((0.8, False), (1.9, True)):
+        overlapping = mh.Mesh.merged([small, shifted(small, shift, 0.02, 0.05)])
+        found = readiness.readinessOf(overlapping, "two.ply")
+        assert len(crossings(overlapping)) and not found.commands
+        assert found.reason is None if isReady else "part or merge what overlaps" in found.reason
+
+
 def test_handles_that_are_too_thin_to_remesh_are_said(inFolder):
     """As noise in a segmentation makes them; no command is promised that would fail."""
     pytest.importorskip("mmgpy")

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from openmm import OpenMMException, app, unit
 
+from ..analysis.verdict import INTERSECTIONS
 from ..files import PathLike
 from ..geometry.connectivity import genus
 from ..geometry.measures import reducedVolume
@@ -276,12 +277,26 @@ def _readinessAsItIs(mesh: Mesh, lengthUnit: str) -> Readiness:
     except ValueError as error:
         return Readiness(str(error))
     scene, quality = defaultScene(mesh, lengthUnit), MeshQuality(mesh)
+    crossed = _crossed(quality)
+    if crossed is not None:
+        return Readiness(crossed, quality=quality)
     isEven = _isEven(quality)  # before there is a Context, so that the memory for both is not needed at once
     force = scene.createForce()
     simulation = scene.createSimulation(force)
     if isEven and _isRelaxed(scene, simulation, force):
         return Readiness(scene=scene, quality=quality)
     return Readiness(_refusal(scene, simulation, mesh, scene.stepSize), scene=scene, quality=quality)
+
+
+def _crossed(quality: MeshQuality) -> str | None:
+    """Return that a surface passes through itself so often that any run is failed, or None."""
+    count, edges = len(quality.crossings), len(quality.mesh.edges)
+    if count <= INTERSECTIONS.failed * edges:
+        return None
+    return (
+        f"the surface passes through itself {count} times, which is at more than {INTERSECTIONS.failed:.0%} of its "
+        f"{edges} edges: part or merge what overlaps, in the program that it comes from"
+    )
 
 
 def defaultScene(mesh: Mesh, lengthUnit: str = "nm") -> Scene:

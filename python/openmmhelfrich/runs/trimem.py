@@ -7,6 +7,7 @@ mean curvature; ours are areas and volumes.  Terms and their exponents are the s
 
 import configparser
 import contextlib
+import difflib
 import io
 import json
 import math
@@ -119,7 +120,7 @@ _WORDS = {
     "in a stage of kind sample or approach": "by a run with algorithm = hmc",
     "a stage of kind approach before it": "a run with algorithm = hmc and continuation_delta before it",
     "max_iterations, tolerance": "maxiter",
-    ', or step_size = "auto"': f', or one that is found: step_size is "auto" then, in {_CONVERSION}',
+    ', or step_size = "auto"': f', or one that is found, as step_size = "auto" put into {_CONVERSION} asks for',
     ', or "auto", or none': "",
     "more steps, or a shorter burn_in or equilibration": "a larger num_steps",
     "flip_probability = 0": "flip_type = none",
@@ -309,10 +310,16 @@ class Source:
     def leftOut(self) -> list[str]:
         """Return a comment on the keys that are not needed, and one on those that are unknown."""
         keys = [(section, key) for section in self._parser.sections() for key in self._parser[section]]
-        unknown = [f"[{section}] {key}" for section, key in keys if key not in _KEYS.get(section, ())]
+        unknown = [_unknown(section, key) for section, key in keys if key not in _KEYS.get(section, ())]
         known = [key for section, key in keys if key in _KEYS.get(section, ()) and _KEYS[section][key].ours is None]
         lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
         return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+
+
+def _unknown(section: str, key: str) -> str:
+    """Return a key that TriMem does not know, and the one that it resembles."""
+    meant = difflib.get_close_matches(f"[{section}] {key}", [f"[{other}] {name}" for other, name, _ in _EACH], n=1)
+    return f"[{section}] {key}" + (f" (did you mean {meant[0]}?)" if meant else "")
 
 
 def _areSame(text: str, value: str) -> bool:
