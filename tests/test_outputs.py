@@ -93,7 +93,7 @@ def testSummaryTellsWhatWasDone(done):
     text = "\n".join(" ".join(line) for line in done.lines())
     for word in (
         "162 vertices",
-        "60 in",
+        "60 steps in",
         "seed 5",
         "area",
         "volume",

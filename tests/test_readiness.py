@@ -432,5 +432,5 @@ def test_needles_that_cannot_be_remeshed_are_said(inFolder):
     mesh = mh.Mesh.icosphere(2)
     mh.Mesh(mesh.vertices * [1, 1, 1000], mesh.triangles).write("needle.ply")
     result = invoke("check", "needle.ply")
-    assert result.exit_code == 1 and "does not keep its topology with so few vertices" in result.output
+    assert result.exit_code == 1 and "too long and thin for so few vertices" in result.output
     assert "ready after" not in result.output

@@ -225,3 +225,14 @@ def test_surface_that_is_too_thin():
     thin.check()
     with pytest.raises(ValueError, match=r"remesh: the surface is too thin, .* no membrane .*; ask for more vertices"):
         thin.remeshed(162)
+
+
+def test_what_is_too_thin_for_so_few_vertices_is_said():
+    """Before the library takes all time and memory for a needle; surfaces that are far apart are not long."""
+    sphere = mh.Mesh.icosphere(1)
+    sphere.vertices[np.argmax(sphere.vertices[:, 2]), 2] += 1e6
+    with pytest.raises(ValueError, match="too long and thin for so few vertices"):
+        sphere.remeshed(162)
+    small = mh.Mesh.icosphere(2)
+    apart = mh.Mesh.merged([small, mh.Mesh(small.vertices + 1000, small.triangles)])
+    assert len(apart.remeshed(300).vertices) == 300

@@ -133,7 +133,7 @@ WRONG = [
     (
         {"kind": "anneal", "steps": 4, "end_temperature": 400.0},
         {},
-        "minimum is 400.0 K; it must not be above the start",
+        "stage 3 (anneal) end_temperature is 400 K; it must be at most the temperature of [sampling], 300 K",
     ),
     ({"kind": "sample", "steps": 4, "target_volume": 1e-20}, {}, "the target volume is 1e-20; it must be within"),
     ({"kind": "continue", "target_area_difference": 3.0}, {}, "target for the area difference, whose modulus is 0"),

@@ -170,6 +170,8 @@ def _uniform(mesh: Triangulation, count: int) -> Triangulation:
     """Return triangles of edges about as long as each other, with a few percent less vertices than asked for."""
     wanted = 0.96 * count
     length = math.sqrt(2 / math.sqrt(3) / wanted)
+    if _extent(mesh) > wanted / 3 * length:  # of which MMG would take all memory
+        raise ValueError("remesh: the surface is too long and thin for so few vertices; ask for more")
     made = first = _byMMG(mesh, np.full(len(mesh.vertices), length))
     # An even mesh is left as it is by any length that is near its own, unless lengths vary from place to place.
     variation = np.random.default_rng(1).uniform(0.6, 1.4, len(first.vertices))
@@ -183,6 +185,14 @@ def _uniform(mesh: Triangulation, count: int) -> Triangulation:
         f"remesh: the number of vertices is {count}, and this surface takes about {found}; give another number, or "
         "repair the mesh first if it has specks"
     )
+
+
+def _extent(mesh: Triangulation) -> float:
+    """Return how long the longest of the surfaces is, along an axis."""
+    count, label = labelComponents(mesh.triangles, len(mesh.vertices))
+    order = np.argsort(label, kind="stable")
+    x, first = mesh.vertices[order], np.searchsorted(label[order], np.arange(count))
+    return float((np.maximum.reduceat(x, first) - np.minimum.reduceat(x, first)).max())
 
 
 def hindrance(mesh: Triangulation, numVertices: int) -> str | None:
