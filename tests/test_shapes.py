@@ -133,7 +133,7 @@ def testCheckCommand(inFolder):
 
 def testCheckCommandWarns(inFolder):
     mesh = together(mh.Mesh.icosphere(2), mh.Mesh.icosphere(2))
-    mesh.vertices[162:, 0] += 1.71
+    mesh.vertices[162:, 0] += 1.92
     mesh.vertices *= 1000
     mesh.write("pair.ply")
     result = invoke("check", "pair.ply")
