@@ -344,9 +344,10 @@ def check(
     del order, start
     _checkNeighbors(triangles, opposite)
     _checkVertices(triangles, len(vertices), opposite)
-    _checkPlaces(vertices, triangles)
+    count, label = labelComponents(triangles, len(vertices))
+    _checkPlaces(vertices, triangles, label)
     if box is None:
-        _checkVolumes(vertices, triangles)
+        _checkVolumes(vertices, triangles, count, label)
     else:
         _checkBox(edgeLengthsOf(vertices, edgesOf(triangles, len(vertices)), box), box)
 
@@ -458,11 +459,12 @@ def _checkVertices(triangles: np.ndarray, numVertices: int, opposite: np.ndarray
         )
 
 
-def coincident(vertices: NDArray[np.float64], triangles: NDArray[np.integer], part: float) -> tuple[IndexArray, float]:
-    """Return pairs of vertices of two surfaces that are closer than a part of the mean length of the edges, (K, 2), and
-    that distance.
+def coincident(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer], label: IndexArray, part: float
+) -> tuple[IndexArray, float]:
+    """Return pairs of vertices of two surfaces, by the label of each vertex, that are closer than a part of the mean
+    length of the edges, (K, 2), and that distance.
     """
-    _, label = labelComponents(triangles, len(vertices))
     used = np.flatnonzero(isUsed(triangles, len(vertices)))
     if len(used) == 0 or np.all(label[used] == label[used[0]]):
         return np.zeros((0, 2), dtype=np.int64), 0.0
@@ -471,9 +473,9 @@ def coincident(vertices: NDArray[np.float64], triangles: NDArray[np.integer], pa
     return pairs[label[pairs[:, 0]] != label[pairs[:, 1]]], distance
 
 
-def _checkPlaces(vertices: np.ndarray, triangles: np.ndarray) -> None:
+def _checkPlaces(vertices: np.ndarray, triangles: np.ndarray, label: IndexArray) -> None:
     """Check that no two surfaces have vertices in one place, as one that was exported twice has."""
-    pairs, _ = coincident(vertices, triangles, _COINCIDENT)
+    pairs, _ = coincident(vertices, triangles, label, _COINCIDENT)
     if len(pairs):
         a, b = pairs[np.lexsort(pairs.T)[0]]
         raise Fault(
@@ -483,8 +485,7 @@ def _checkPlaces(vertices: np.ndarray, triangles: np.ndarray) -> None:
         )
 
 
-def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray) -> None:
-    count, label = labelComponents(triangles, len(vertices))
+def _checkVolumes(vertices: np.ndarray, triangles: np.ndarray, count: int, label: IndexArray) -> None:
     parts = [triangles]
     if count > 1:
         mine = label[triangles[:, 0]]

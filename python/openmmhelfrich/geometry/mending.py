@@ -258,7 +258,8 @@ def _weld(surface: _Surface, tolerance: float) -> None:
     surface.triangles, count = weldRims(surface.vertices, surface.triangles, distance)
     if count:
         surface.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
-    pairs, distance = connectivity.coincident(surface.vertices, surface.triangles, tolerance)
+    _, label = connectivity.labelComponents(surface.triangles, len(surface.vertices))
+    pairs, distance = connectivity.coincident(surface.vertices, surface.triangles, label, tolerance)
     if len(pairs):
         _, label = _components(pairs[:, 0], pairs[:, 1], len(surface.vertices))
         _, first, mine = np.unique(label, return_index=True, return_inverse=True)

@@ -99,25 +99,29 @@ def requireHeldDifference(where: str, modulus: float, name: str, target: float, 
     """Raise a ValueError if a modulus, given without a target, holds to an area difference that can be none: the mesh's
     own as a rule, which is near 0 of a flat sheet.
     """
-    least, greatest = differenceBounds(sphere)
-    if not least <= abs(target) <= greatest:
-        raise ValueError(
-            f"{where}area_difference_modulus is {modulus:g}, and the target {inWords(name)}, which is the mesh's own "
-            f"unless target_area_difference is given, is {target:.4g}; its size must be from {least:.4g} to "
-            f"{greatest:.4g}, as the energy is that of a ratio to it: give such a target_area_difference, or an "
-            "area_difference_modulus of 0"
-        )
+    _requireDifference(
+        f"{where}area_difference_modulus is {modulus:g}, and the target {inWords(name)}, which is the mesh's own "
+        f"unless target_area_difference is given, is {target:.4g}",
+        *(target, sphere, "give such a target_area_difference, or an area_difference_modulus of 0"),
+    )
 
 
 def requireBeginning(goal: Targets, name: str, start: float, sphere: float) -> None:
     """Raise a ValueError if a path to an area difference begins with one that can be no target, as a flat sheet's."""
+    _requireDifference(
+        f"the path to {_keyOf(name)} = {goal.target_area_difference} begins with an area difference of {start:.4g}, "
+        "that of the mesh unless one is given before",
+        *(start, sphere, "let a stage of kind sample before it give a target_area_difference"),
+    )
+
+
+def _requireDifference(what: str, difference: float, sphere: float, remedy: str) -> None:
+    """Raise a ValueError, of what it is and what to do, if an area difference can be no target."""
     least, greatest = differenceBounds(sphere)
-    if not least <= abs(start) <= greatest:
+    if not least <= abs(difference) <= greatest:
         raise ValueError(
-            f"the path to {_keyOf(name)} = {goal.target_area_difference} begins with an area difference of "
-            f"{start:.4g}, that of the mesh unless one is given before; its size must be from {least:.4g} to "
-            f"{greatest:.4g}, as the energy is that of a ratio to it: let a stage of kind sample before it give a "
-            "target_area_difference"
+            f"{what}; its size must be from {least:.4g} to {greatest:.4g}, as the energy is that of a ratio to it: "
+            f"{remedy}"
         )
 
 

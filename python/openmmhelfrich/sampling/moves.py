@@ -52,11 +52,11 @@ def numDiverged(integrator: Any) -> int:
 class Counters(NamedTuple):
     """How often an integrator has tried trajectories and flips, and what came of it."""
 
-    trajectories: int
-    accepted: int
-    flips: int
-    acceptedFlips: int
-    diverged: int
+    trajectories: int = 0
+    accepted: int = 0
+    flips: int = 0
+    acceptedFlips: int = 0
+    diverged: int = 0
 
 
 def countersOf(integrator: Any) -> Counters:

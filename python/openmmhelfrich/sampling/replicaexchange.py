@@ -33,7 +33,6 @@ from .observables import Moment, Observable, isTarget, observablesOf, observe
 from .states import Membrane, ThermodynamicState, mutationsOf
 
 FORMATS = (1, 2, 3)  # the first one has no observables and counters, the second no counters of each round
-NONE = Counters(*[0] * len(Counters._fields))
 # What of a serialized force a Context has of its own.
 _LIVE = {"targetArea", "targetVolume", "targetAreaDifference", "tension", "pressure", "default"}
 _LIVE |= {"Triangles", "SurfaceTargets"}
@@ -197,8 +196,8 @@ class ReplicaExchange:
         the start.
         """
         first = self.numRounds - len(self._made)  # of an earlier version's rounds only the sum is known
-        made = self._made[max(0, discard - first) :]
-        return Counters(*np.sum([counters[state] for counters in made], axis=0, dtype=int).tolist()) if made else NONE
+        made = [counters[state].tolist() for counters in self._made[max(0, discard - first) :]]
+        return Counters(*map(sum, zip(*made)))
 
     def membrane(self, replica: int) -> HelfrichForce | None:
         """Return the HelfrichForce of a replica, or None if it has none."""
