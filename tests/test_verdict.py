@@ -240,6 +240,21 @@ def testASheetWithoutRoomForItsUndulationsIsToHaveALargerArea():
         assert "let it be approached" in advice and "larger target_area" not in advice
 
 
+def testARunThatCreepsToItsTargetsIsToHaveALargerStep():
+    """Where all trajectories of a given, short step are accepted, an approach would not be what is missing."""
+    rows = rowsOf(targetArea=np.full(40, 11.0))
+
+    def adviceWith(**changes):
+        found = judge(replace(GOOD, rows=rows, **changes)).findings
+        return next(each.advice for each in found if each.check == "targets")
+
+    short = adviceWith(acceptance=1.0, stepSize=1e-4, timeScale=2e-3)
+    assert short.startswith('give a larger step_size, or "auto", or none: it is 0.0001 ps, where 0.002 ps go')
+    assert "let it be approached" in short
+    for changes in ({"acceptance": 0.3}, {"stepSize": 1e-3}, {"adaptation": "a longer burn_in"}):
+        assert "step_size" not in adviceWith(**({"acceptance": 1.0, "stepSize": 1e-4, "timeScale": 2e-3} | changes))
+
+
 def testAnAreaDifferenceOfTheOtherSignIsTold():
     """However soft its modulus: no way leads through 0; of a sheet, which has about 0 on average, it is not known."""
     for modulus, mean, isOther in ((1e3, -25.0, True), (1e6, -25.0, True), (1e3, 25.0, False), (10.0, -0.1, False)):

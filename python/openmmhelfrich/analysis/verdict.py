@@ -457,6 +457,8 @@ def _approaching(e: Evidence, total: str, mean: float) -> str:
     """Return what brings a constraint nearer to its target, which its modulus could hold."""
     if not e.heat:
         return _descending(e, total)
+    if _hasShortStep(e):
+        return f"{_LARGER_STEP}: it is {e.stepSize:.2g} ps, where {e.timeScale:.2g} ps go with the moduli; or {_LONGER}"
     if not (total == "area" and mean > 0 and e.mesh is not None and e.mesh.isPeriodic):
         return _LONGER
     return _ROOM if mean <= FAR else f"{_LONGER}, or {_ROOM}"  # it is near already
@@ -520,7 +522,15 @@ def _divergence(e: Evidence) -> Iterator[Measured]:
 
 _ANEW = "begin anew, and let the targets be approached more slowly, in a stage of kind approach or continue"
 _SMALLER_STEP = 'a smaller step_size helps, or step_size = "auto"'
+_LARGER_STEP = 'give a larger step_size, or "auto", or none'
 _UNEVEN = "the mesh is uneven or crumpled, so remesh it, or minimize before sampling"
+
+
+def _hasShortStep(e: Evidence) -> bool:
+    """Return whether the step size is given, and much smaller than trajectories need in order to be accepted."""
+    if e.stepSize is None or e.timeScale is None or e.acceptance is None or e.adaptation:
+        return False
+    return e.acceptance > 0.5 and e.stepSize < SHORT_STEP * e.timeScale
 
 
 def _stepAdvice(e: Evidence) -> str:
@@ -551,8 +561,7 @@ def _flips(e: Evidence) -> Iterator[Measured]:
 def _stepSize(e: Evidence) -> Iterator[Measured]:
     if e.stepSize is not None and e.timeScale is not None and e.acceptance is not None:
         what = f"the step size of {e.stepSize:.2g} ps creeps: {e.timeScale:.2g} ps go with the moduli and the mesh"
-        isTooSmall = e.acceptance > 0.5 and not e.adaptation
-        advice = 'a larger step_size, or "auto", or none' if isTooSmall else _UNEVEN
+        advice = _LARGER_STEP if _hasShortStep(e) else _UNEVEN
         yield Measured(e.stepSize / e.timeScale, what, advice)
 
 
