@@ -375,6 +375,15 @@ def testARunTellsItsNotesAndItsVerdictInTrimemsWords(cell, algorithm):
     assert ours in Path("cell.resolved.toml").read_text()
 
 
+def testUnknownKeysAreAmongTheNotesOfARun(cell):
+    """They are left out, as TriMem leaves them: who reads what the run came to sees it, too."""
+    cell.write_text(cell.read_text().replace("kappa_b", "kapa_b") + "[hmc]\nnum_steps = 3\n")
+    told = "Unknown, and left out: [ENERGY] kapa_b (did you mean [ENERGY] kappa_b?), [hmc] num_steps"
+    assert runLikeTriMem(cell).notes[-1].startswith(told)
+    result = invoke("run", "--conf", cell)
+    assert told in " ".join(result.stdout.split()), result.output
+
+
 def testBackupsHaveFreeNames(inFolder):
     for text in ("a", "b", "c"):
         for name in ("x.csv", "x.ply"):

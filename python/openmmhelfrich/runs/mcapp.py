@@ -10,7 +10,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -92,6 +92,7 @@ def runLikeTriMem(
             if isinstance(shown, RunProgress):
                 shown.words = source.inItsWords
             summary = runStudy(config, shown or _unseen).inWords(source.inItsWords)
+    summary = replace(summary, notes=[*summary.notes, *source.unknown()])
     checkpoints.write(part, Mesh.read(outputs.mesh), source.textAfter(0 if source.minimizes else _stepsOf(summary)))
     return told(summary, progress)
 

@@ -308,12 +308,15 @@ class Source:
         return self.mesh if self.path.parent == Path() else self.mesh.resolve()
 
     def leftOut(self) -> list[str]:
-        """Return a comment on the keys that are not needed, and one on those that are unknown."""
+        """Return a comment on the keys that are not needed, and that on those that are unknown."""
+        keys = [name for section, name, key in _EACH if key.ours is None and self._parser.has_option(section, name)]
+        return [*([f"Without a counterpart, and not needed: {', '.join(keys)}."] if keys else []), *self.unknown()]
+
+    def unknown(self) -> list[str]:
+        """Return a comment on the keys that are unknown, if there are any."""
         keys = [(section, key) for section in self._parser.sections() for key in self._parser[section]]
         unknown = [_unknown(section, key) for section, key in keys if key not in _KEYS.get(section, ())]
-        known = [key for section, key in keys if key in _KEYS.get(section, ()) and _KEYS[section][key].ours is None]
-        lines = [f"Without a counterpart, and not needed: {', '.join(known)}."] if known else []
-        return [*lines, f"Unknown, and left out: {', '.join(unknown)}."] if unknown else lines
+        return [f"Unknown, and left out: {', '.join(unknown)}."] if unknown else []
 
 
 def _unknown(section: str, key: str) -> str:

@@ -554,7 +554,8 @@ def _requireSameEnergies(
         if forces != own:
             raise ValueError(
                 f"ReplicaExchange: the forces of simulation {k} are not those of simulation 0; they must be the same, "
-                "with moduli in kJ/mol that do not depend on the temperature of a state"
+                "with moduli in kJ/mol that do not depend on the temperature of a state: create all simulations at one "
+                "temperature, and the states set theirs"
             )
 
 
