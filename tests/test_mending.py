@@ -413,3 +413,58 @@ def testSurfacesThatTouchAtAVertex():
     mended = touching.repaired()
     mended.check()
     assert len(mended.components()) == 2 and mended.volume == pytest.approx(2 * sphere.volume, rel=0.01)
+
+
+def lower(sphere, bound, factor):
+    """Return a sphere whose part below a height is stretched."""
+    z = sphere.vertices[:, 2]
+    stretched = np.column_stack((sphere.vertices[:, :2], np.where(z < bound, bound + factor * (z - bound), z)))
+    return mh.Mesh(stretched, sphere.triangles)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl"])
+@pytest.mark.parametrize("bound", [-0.8, 0.0, 0.5])
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def testSurfacesThatShareAPartAreNotMended(tmp_path, suffix, bound, factor):
+    """With vertices of their own, or in a file in which they have vertices in common: nothing is promised."""
+    sphere, path = mh.Mesh.icosphere(2), tmp_path / f"two.{suffix}"
+    mh.Mesh.merged([sphere, lower(sphere, bound, factor)]).write(path)
+    mesh = mh.Mesh.read(path)
+    with pytest.raises(ValueError, match=r"does not mend this|but not all: edge"):
+        mesh.check()
+    for closeHoles in (False, True):
+        mended = mesh.repaired(closeHoles=closeHoles)
+        assert mended.notes and not any("hole" in note for note in mended.notes)
+        with pytest.raises(ValueError, match=r"in the same place|belongs to 3 triangles"):
+            mended.check()
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl"])
+@pytest.mark.parametrize("levels", [(1, 2), (2, 1), (2, 3)])
+def testCopiesOfOtherResolutionAreNotMended(tmp_path, suffix, levels):
+    """Nothing is promised, and one can be chosen."""
+    path = tmp_path / f"two.{suffix}"
+    mh.Mesh.merged([mh.Mesh.icosphere(level) for level in levels]).write(path)
+    mesh = mh.Mesh.read(path)
+    for surface in (mesh, mesh.repaired()):
+        with pytest.raises(ValueError, match="'openmm-helfrich repair' does not mend this"):
+            surface.check()
+    for k, level in enumerate(levels):
+        kept = mesh.repaired(keep=[k])
+        kept.check()
+        assert len(kept.vertices) == 10 * 4**level + 2
+
+
+def testAPartThatIsThereTwiceIsMended():
+    """Half of a sphere, with vertices of its own, on a whole one; beside surfaces of which nothing is mended."""
+    sphere = mh.Mesh.icosphere(2)
+    top = sphere.triangles[sphere.vertices[sphere.triangles].mean(axis=1)[:, 2] > 0]
+    part = mh.Mesh(sphere.vertices, top).repaired()
+    twice = mh.Mesh.merged([sphere, part])
+    mended = twice.repaired()
+    mended.check()
+    assert len(mended.triangles) == 320
+    spoiled = [mh.Mesh(m.vertices + 5, m.triangles) for m in (sphere, lower(sphere, 0.5, 1.5))]
+    left = mh.Mesh.merged([*spoiled, twice]).repaired()
+    assert len(left.triangles) == 3 * 320
+    assert any(note.startswith("43 vertices were left where another surface's is") for note in left.notes)

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from . import connectivity
+from .copies import copies
 
 Points = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -102,7 +103,7 @@ def repair(
     _agree(surface)
     isTurned = _turnAll(surface)
     _dropFlat(surface, repeated)
-    _part(surface)
+    _part(surface, wanted.keep is not None)
     _keepSurfaces(surface, wanted)
     if not wanted.reverse:
         _turnOutwards(surface, isTurned)
@@ -258,16 +259,61 @@ def _weld(surface: _Surface, tolerance: float) -> None:
     surface.triangles, count = weldRims(surface.vertices, surface.triangles, distance)
     if count:
         surface.notes.append(f"{counted(count, 'corner')} welded to another that is closer than {distance:.3g}")
+    _weldSurfaces(surface, tolerance)
+
+
+def _weldSurfaces(surface: _Surface, tolerance: float) -> None:
+    """Weld vertices of surfaces that are in one place, but for those of which welding makes no surfaces."""
     _, label = connectivity.labelComponents(surface.triangles, len(surface.vertices))
     pairs, distance = connectivity.coincident(surface.vertices, surface.triangles, label, tolerance)
-    if len(pairs):
-        _, label = _components(pairs[:, 0], pairs[:, 1], len(surface.vertices))
-        _, first, mine = np.unique(label, return_index=True, return_inverse=True)
-        surface.triangles = first[mine][surface.triangles]
+    if not len(pairs):
+        return
+    _, group = _components(label[pairs[:, 0]], label[pairs[:, 1]], int(label.max()) + 1)
+    isLeft = _spoiled(surface, pairs, label, group[label])[group[label[pairs[:, 0]]]]
+    if isLeft.any():
         surface.notes.append(
-            f"{counted(len(mine) - len(first), 'vertex', 'vertices')} welded to another surface's that is closer than "
-            f"{distance:.3g}"
+            f"{counted(len(np.unique(pairs[isLeft, 1])), 'vertex', 'vertices')} left where another surface's is, since "
+            "the surfaces share a part, and welding does not mend that"
         )
+    triangles, count = _welded(surface, pairs[~isLeft])
+    if count:
+        surface.triangles = triangles
+        surface.notes.append(
+            f"{counted(count, 'vertex', 'vertices')} welded to another surface's that is closer than {distance:.3g}"
+        )
+
+
+def _welded(surface: _Surface, pairs: NDArray[np.int64]) -> tuple[Triangles, int]:
+    """Return the triangles with the vertices of pairs made one, and how many vertices that takes away."""
+    _, label = _components(pairs[:, 0], pairs[:, 1], len(surface.vertices))
+    _, first, mine = np.unique(label, return_index=True, return_inverse=True)
+    return first[mine][surface.triangles], len(mine) - len(first)
+
+
+def _spoiled(
+    surface: _Surface, pairs: NDArray[np.int64], label: NDArray[np.int64], group: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which groups of surfaces that are joined by pairs of vertices welding does not mend, tried on a copy:
+    those that have more edges of an odd number of facets then, as surfaces have that differ beyond a common part, or
+    that lie on each other without a common facet.  Surfaces and groups are those of each vertex.
+    """
+    trial, size = _Surface(surface.vertices, _welded(surface, pairs)[0]), int(group.max()) + 1
+    _dropTwice(trial)
+    _dropRepeated(trial)
+    odd, facets = (
+        [np.bincount(group[some], minlength=size) for some in ends]
+        for ends in zip(*((_oddEnds(each), each.triangles[:, 0]) for each in (surface, trial)))
+    )
+    isSpoiled = odd[1] > odd[0]
+    for copy in copies(surface.vertices, surface.triangles, label):
+        mine = group[np.flatnonzero(label == copy.first)[0]]
+        isSpoiled[mine] |= mine == group[np.flatnonzero(label == copy.second)[0]] and facets[1][mine] == facets[0][mine]
+    return isSpoiled
+
+
+def _oddEnds(surface: _Surface) -> NDArray[np.int64]:
+    """Return where each halfedge begins whose edge has an odd number of facets."""
+    return surface.triangles[surface.facetsPerHalfedge() % 2 == 1]
 
 
 def _dropTwice(surface: _Surface) -> int:
@@ -279,26 +325,33 @@ def _dropTwice(surface: _Surface) -> int:
 
 
 def _dropRepeated(surface: _Surface) -> None:
-    """Take away all but one of the triangles with the same vertices, that one too if it sticks to a closed surface, and
-    others that stick to one by an edge.
+    """Take away all but one of the triangles with the same vertices, and then what sticks to a surface by an edge,
+    unless that opens it, as it does surfaces that share a part.
     """
     before = len(surface.triangles)
     _, first, counts = np.unique(np.sort(surface.triangles, axis=1), axis=0, return_index=True, return_counts=True)
     order = np.argsort(first)
-    surface.triangles, isRepeated = surface.triangles[first[order]], counts[order] > 1
+    surface.triangles = unique = surface.triangles[first[order]]
+    _dropFins(surface, counts[order] > 1)
+    if len(surface.triangles) < len(unique):
+        numOpen = [np.sum(each.facetsPerHalfedge() == 1) for each in (surface, _Surface(surface.vertices, unique))]
+        surface.triangles = unique if numOpen[0] > numOpen[1] else surface.triangles
+    if before > len(surface.triangles):
+        surface.notes.append(
+            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck out"
+        )
+
+
+def _dropFins(surface: _Surface, isRepeated: NDArray[np.bool_]) -> None:
+    """Take away triangles that stick to a surface by an edge: those that were repeated first, then open ones."""
     if isRepeated.any():
-        isFin = isRepeated & np.any(surface.facetsPerHalfedge() > 2, axis=1)
-        surface.triangles = surface.triangles[~isFin]
+        surface.triangles = surface.triangles[~(isRepeated & np.any(surface.facetsPerHalfedge() > 2, axis=1))]
     for _ in range(_ROUNDS):
         perEdge = surface.facetsPerHalfedge()
         isFin = np.any(perEdge == 1, axis=1) & np.any(perEdge > 2, axis=1)
         if not isFin.any():
             break
         surface.triangles = surface.triangles[~isFin]
-    if before > len(surface.triangles):
-        surface.notes.append(
-            f"{counted(before - len(surface.triangles), 'facet')} taken away that lay on another or stuck out"
-        )
 
 
 def _dropFlat(surface: _Surface, found: int) -> None:
@@ -500,15 +553,21 @@ def _turnOutwards(surface: _Surface, isTurned: bool) -> None:
         surface.notes.append(f"{counted(count, 'surface')} inside out and turned")
 
 
-def _part(surface: _Surface) -> None:
-    """Give each sheet of a surface that touches itself, at a vertex or along an edge, vertices of its own."""
+def _part(surface: _Surface, keepsCopies: bool) -> None:
+    """Give each sheet of a surface that touches itself, at a vertex or along an edge, vertices of its own; unless they
+    lie on each other all over, as copies of one object do, and are not to be kept all the same.
+    """
+    before = _Surface(surface.vertices, surface.triangles.copy())
     parted = _partVertices(surface)
     for _ in range(_ROUNDS):
         divided = _divideEdges(surface)
         if divided == 0:
             break
         parted += divided
-    if parted:
+    if parted and not keepsCopies and _madeCopies(surface, before):
+        surface.vertices, surface.triangles = before.vertices, before.triangles
+        surface.notes.append("the surface touches itself all over, as two copies of one object do, and was not parted")
+    elif parted:
         surface.notes.append(
             f"{counted(parted, 'vertex', 'vertices')} added where the surface touched itself, whose sheets were moved "
             f"apart by {_PARTING:g} of an edge"
@@ -518,6 +577,16 @@ def _part(surface: _Surface) -> None:
     if len(left):
         where = place(surface.vertices[surface.triangles.ravel()[left[0]]])
         surface.notes.append(f"{counted(len(left), 'edge')} left with more than two facets, one of them at {where}")
+
+
+def _madeCopies(surface: _Surface, before: _Surface) -> bool:
+    """Return whether a surface has become several of which two lie on each other."""
+    labels = [connectivity.labelComponents(each.triangles, len(each.vertices))[1] for each in (surface, before)]
+    new, old = labels[0][surface.triangles[: len(before.triangles), 0]], labels[1][before.triangles[:, 0]]
+    return any(
+        old[new == copy.first][0] == old[new == copy.second][0]
+        for copy in copies(surface.vertices, surface.triangles, labels[0])
+    )
 
 
 def _partVertices(surface: _Surface) -> int:
