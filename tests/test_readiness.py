@@ -434,3 +434,88 @@ def test_needles_that_cannot_be_remeshed_are_said(inFolder):
     result = invoke("check", "needle.ply")
     assert result.exit_code == 1 and "too long and thin for so few vertices" in result.output
     assert "ready after" not in result.output
+
+
+# --- copies
+
+
+def smoothed(mesh):
+    """Return a mesh with each vertex moved halfway to the mean of its neighbors."""
+    a, b = np.concatenate((mesh.edges, mesh.edges[:, ::-1])).T
+    sums = np.column_stack([np.bincount(a, mesh.vertices[b, k]) for k in range(3)])
+    return mh.Mesh((mesh.vertices + sums / np.bincount(a)[:, np.newaxis]) / 2, mesh.triangles)
+
+
+def turned(mesh):
+    """Return a mesh of the same shape, if it is a sphere, with triangles in other places."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    return mh.Mesh(mesh.vertices @ [[c, s, 0], [-s, c, 0], [0, 0, 1]], mesh.triangles)
+
+
+@pytest.mark.parametrize("other", [smoothed, lambda m: mh.Mesh(0.999 * m.vertices, m.triangles)])
+def test_copies_are_ready_with_a_warning(inFolder, other):
+    sphere = mh.Mesh.icosphere(2, 50)
+    mh.Mesh.merged([shifted(sphere, 200, 0, 0), sphere, other(sphere)]).write("two.ply")
+    result = invoke("check", "two.ply")
+    assert result.exit_code == 0 and "surfaces 1 and 2 are within" in result.output
+    assert "leave one out, in the program that exported the file" in result.output
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl"])
+@pytest.mark.parametrize(
+    "other", [turned(mh.Mesh.icosphere(3, 50)), mh.Mesh.icosphere(3, 50), mh.Mesh.icosphere(1, 50)]
+)
+def test_copies_that_cross_or_touch_are_named(inFolder, suffix, other):
+    mh.Mesh.merged([mh.Mesh.icosphere(2, 50), other]).write(f"two.{suffix}")
+    result = invoke("check", f"two.{suffix}")
+    assert result.exit_code == 1 and not commandsOf(result.output)
+    assert "surfaces 0 and 1 are within" in result.output and "mends this" not in result.output
+
+
+def test_the_distance_of_copies_is_known():
+    """And each pair is told, however the surfaces are divided into triangles."""
+    sphere = mh.Mesh.icosphere(3, 50)
+    for step in (0.1, 0.5):
+        ((first, second, distance, part),) = assess(
+            mh.Mesh.merged([sphere, mh.Mesh((1 - step / 50) * sphere.vertices, sphere.triangles)])
+        ).copies
+        assert (first, second) == (0, 1) and distance == pytest.approx(step, rel=0.02)
+        assert part == pytest.approx(step / sphere.edgeLengths.mean(), rel=0.03)
+    three = assess(mh.Mesh.merged([sphere, shifted(turned(sphere), 0.2, -0.1, 0.1), shifted(sphere, 0.1, 0.2, 0.1)]))
+    assert [(c.first, c.second) for c in three.copies] == [(0, 1), (0, 2), (1, 2)]
+    assert "the first of 3 pairs" in three.copied()
+    sheet = mh.Mesh.sheet(10, 10, 1)
+    for step, count in ((0.05, 1), (0.5, 0)):
+        both = mh.Mesh.merged([sheet, mh.Mesh(sheet.vertices + np.array([4.3, 0.2, step]), sheet.triangles, sheet.box)])
+        assert len(assess(both).copies) == count
+
+
+@pytest.mark.parametrize("gap", [0.5, 1.0])
+def test_what_lies_beside_is_no_copy(gap):
+    """Nested vesicles and leaflets, of equal and other edges, neighbors, small vesicles at the side of a large one."""
+    sphere, small = mh.Mesh.icosphere(3, 50), mh.Mesh.icosphere(2, 10)
+    gap *= float(sphere.edgeLengths.mean())
+    for others in (
+        [mh.Mesh.icosphere(3, 50 - gap)],
+        [mh.Mesh.icosphere(2, 50 - gap)],
+        [mh.Mesh.icosphere(4, 50 - gap)],
+        [turned(mh.Mesh.icosphere(3, 50 - gap))],
+        [shifted(sphere, 100 + 0.01 * gap, 0, 0)],
+        [shifted(small, 39.7, 0, 0), shifted(small, 0, 0, -60.1)],
+    ):
+        assert assess(mh.Mesh.merged([sphere, *others])).copied() is None
+
+
+def test_what_repair_closes_and_leaves_overlapping_is_said(inFolder):
+    sphere = mh.Mesh.icosphere(2, 50)
+    top = sphere.triangles[sphere.vertices[sphere.triangles].mean(axis=1)[:, 2] > 0]
+    mh.Mesh.merged([sphere, shifted(mh.Mesh(sphere.vertices, top), 1, 0, 0)]).write("two.ply")
+    result = invoke("check", "two.ply")
+    assert result.exit_code == 1 and not commandsOf(result.output)
+    assert "; but then the surface passes through itself" in result.output
+
+
+def test_surfaces_without_size_are_no_copies():
+    point = mh.Mesh(np.zeros((4, 3)), [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
+    found = readiness.readinessOf(mh.Mesh.merged([point, point]), "two.ply")
+    assert "has no area" in found.reason and "copies" not in found.reason

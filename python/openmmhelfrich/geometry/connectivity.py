@@ -230,6 +230,16 @@ def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexA
     return count, np.argsort(np.argsort(first))[labels]
 
 
+def sheets(triangles: NDArray[np.integer], numVertices: int) -> IndexArray:
+    """Return the sheet of each triangle, numbered by first appearance: surfaces that touch at vertices are several."""
+    order, start = groupHalfedges(triangles, numVertices)
+    first = start[np.diff(start, append=len(order)) == 2]
+    ends, size = (order[first] // 3, order[first + 1] // 3), len(triangles)
+    _, sheet = connected_components(coo_array((np.ones(len(first), dtype=bool), ends), (size, size)), directed=False)
+    _, begin, sheet = np.unique(sheet, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(begin))[sheet]
+
+
 def genus(triangles: NDArray[np.integer], numVertices: int) -> int:
     """Return the number of handles of all closed membranes together: 0 for spheres, 1 for a torus."""
     count, _ = labelComponents(triangles, numVertices)

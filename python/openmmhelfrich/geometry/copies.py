@@ -1,6 +1,6 @@
 """Surfaces that lie on each other, as two copies of one object do that differ in their triangles.
 
-All functions work on arrays: vertices (N, 3), triangles (T, 3), and the surface of each vertex (N,).
+All functions work on arrays: vertices (N, 3), triangles (T, 3), and the surface of each triangle (T,).
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class Copy(NamedTuple):
     Attributes
     ----------
     first, second : int
-        their labels
+        their numbers
     distance : float
         within which each lies of the other, over most of its area
     part : float
@@ -40,9 +40,8 @@ class Copy(NamedTuple):
     part: float
 
 
-def copies(vertices: Points, triangles: NDArray[np.integer], label: IndexArray) -> list[Copy]:
+def copies(vertices: Points, triangles: NDArray[np.integer], surface: IndexArray) -> list[Copy]:
     """Return the pairs of surfaces that lie on each other."""
-    surface = label[triangles[:, 0]]
     if not len(triangles) or np.all(surface == surface[0]):
         return []
     corners = vertices[triangles]
@@ -55,7 +54,7 @@ def copies(vertices: Points, triangles: NDArray[np.integer], label: IndexArray) 
                 parts[k] = corners[surface == k], corners[samples[surface[samples] == k]]
         distance = max(_reach(parts[i][1], parts[j][0]), _reach(parts[j][1], parts[i][0]))
         edge = min(float(np.linalg.norm(x - x[:, [1, 2, 0]], axis=2).mean()) for x, _ in (parts[i], parts[j]))
-        if distance <= _NEAR * edge:
+        if edge > 0 and distance <= _NEAR * edge:
             found.append(Copy(i, j, distance, distance / edge))
     return found
 

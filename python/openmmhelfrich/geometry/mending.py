@@ -305,7 +305,7 @@ def _spoiled(
         for ends in zip(*((_oddEnds(each), each.triangles[:, 0]) for each in (surface, trial)))
     )
     isSpoiled = odd[1] > odd[0]
-    for copy in copies(surface.vertices, surface.triangles, label):
+    for copy in copies(surface.vertices, surface.triangles, label[surface.triangles[:, 0]]):
         mine = group[np.flatnonzero(label == copy.first)[0]]
         isSpoiled[mine] |= mine == group[np.flatnonzero(label == copy.second)[0]] and facets[1][mine] == facets[0][mine]
     return isSpoiled
@@ -581,11 +581,11 @@ def _part(surface: _Surface, keepsCopies: bool) -> None:
 
 def _madeCopies(surface: _Surface, before: _Surface) -> bool:
     """Return whether a surface has become several of which two lie on each other."""
-    labels = [connectivity.labelComponents(each.triangles, len(each.vertices))[1] for each in (surface, before)]
-    new, old = labels[0][surface.triangles[: len(before.triangles), 0]], labels[1][before.triangles[:, 0]]
+    new, old = (surfaces(each.triangles, len(each.vertices))[1] for each in (surface, before))
+    among = new[: len(old)]
     return any(
-        old[new == copy.first][0] == old[new == copy.second][0]
-        for copy in copies(surface.vertices, surface.triangles, labels[0])
+        old[among == copy.first][0] == old[among == copy.second][0]
+        for copy in copies(surface.vertices, surface.triangles, new)
     )
 
 

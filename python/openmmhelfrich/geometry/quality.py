@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from ..units import lengthUnit as lengthInNm
 from . import connectivity
+from .copies import Copy, copies
 from .measured import MeasuredMesh
 from .measures import reducedVolume
 from .mesh import Mesh
@@ -49,6 +50,8 @@ class MeshQuality(MeasuredMesh):
         nm.  None if there are none within two mean edge lengths
     crossings : (K, 3) array
         the vertices of an edge and the number of a triangle through which it passes, for each such pair
+    copies : list of Copy
+        the pairs of surfaces that lie on each other, as two copies of one object do
     """
 
     @cached_property
@@ -91,6 +94,14 @@ class MeshQuality(MeasuredMesh):
     def crossings(self) -> np.ndarray:
         return crossings(self.mesh)
 
+    @cached_property
+    def copies(self) -> list[Copy]:
+        mesh, sheets = self.mesh, connectivity.sheets(self.mesh.triangles, len(self.mesh.vertices))
+        if not mesh.isPeriodic:
+            return copies(mesh.vertices, mesh.triangles, sheets)
+        patch = connectivity.patchOf(mesh.vertices, mesh.triangles, np.asarray(mesh.box))
+        return copies(patch.vertices, patch.triangles, sheets[patch.triangleOf])
+
     @property
     def reducedVolumes(self) -> list[float | None]:
         """The reduced volume of each surface; None of one that is periodic."""
@@ -129,6 +140,9 @@ class MeshQuality(MeasuredMesh):
                 f"the surface passes through itself {len(self.crossings)} times, "
                 f"first where edge ({a}, {b}) passes through triangle {t}"
             )
+        copied = self.copied(lengthUnit)
+        if copied is not None:
+            found.append(copied)
         size, nm = float(np.ptp(self.mesh.vertices, axis=0).max()), lengthInNm(lengthUnit)
         if nm is not None and not _SMALLEST <= size * nm <= _LARGEST:
             found.append(
@@ -136,6 +150,18 @@ class MeshQuality(MeasuredMesh):
                 "and vesicles are: is that the unit of the file?  --length-unit tells it; shapes do not depend on it"
             )
         return found
+
+    def copied(self, lengthUnit: str = "nm") -> str | None:
+        """Return which surfaces lie on each other and what to do about it, in a sentence, or None if none do."""
+        if not self.copies:
+            return None
+        first, second, distance, part = self.copies[0]
+        more = f", the first of {len(self.copies)} pairs" if len(self.copies) > 1 else ""
+        return (
+            f"surfaces {first} and {second} are within {distance:.2g} {lengthUnit}, {part:.2g} of an edge, of each "
+            f"other over most of their area, like copies of one object{more}: leave one out, in the program that "
+            "exported the file"
+        )
 
     def _kind(self, u: str) -> str:
         if not self.mesh.isPeriodic:

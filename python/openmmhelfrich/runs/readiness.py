@@ -233,7 +233,9 @@ def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness
     if left.reason is None:
         return found._replace(commands=repair, notes=notes)
     if left.scene is None:
-        return found
+        after = f"; but then {left.reason}" if notes else ""
+        copied = MeshQuality(mesh).copied(lengthUnit)
+        return found._replace(reason=f"{found.reason}{after}{'' if copied is None else f'; {copied}'}")
     if mesh.isPeriodic:
         return found._replace(reason=f"{found.reason}; {_another(left.scene)}")
     failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
