@@ -150,6 +150,21 @@ def test_ready(inFolder):
     assert result.exit_code == 0 and result.output.split()[-2:] == ["verdict", "ready"]
 
 
+@pytest.mark.parametrize("mesh", [cube(), mh.Mesh.icosphere(0), mh.Mesh.icosphere(1)])
+def test_too_few_vertices_are_ready_and_not_to_be_trusted(inFolder, mesh):
+    """With the advice the warning is gone."""
+    mesh.write("cell.ply")
+    result = invoke("check", "cell.ply")
+    assert result.exit_code == 0 and f"{len(mesh.vertices)} vertices are too few for" in result.output
+    assert "Do not trust energies and shapes" in result.output
+    (times,) = re.findall(r"subdivide = (\d) in \[mesh\]", result.output)
+    for k, isEnough in ((int(times) - 1, False), (int(times), True)):
+        (mesh.subdivided(k) if k else mesh).write("fine.ply")
+        assert ("too few" not in invoke("check", "fine.ply").output) == isEnough
+    configure(mesh=f'file = "cell.ply"\nsubdivide = {times}')
+    assert "too few" not in invoke("run", "run.toml").output
+
+
 @pytest.fixture
 def unevenFolder(inFolder):
     pytest.importorskip("mmgpy")

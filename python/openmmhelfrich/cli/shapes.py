@@ -62,7 +62,7 @@ def check(
         show(quality.lines(section.length_unit) + _shapes(quality.surfaces) + _suggestions(scene))
         volumes = zip(quality.surfaces, quality.reducedVolumes)
         notes = (coarse(part, volume) for part, volume in volumes if volume is not None)
-        show([("warning", str(note)) for note in notes if note])
+        show([("warning", note.advice()) for note in notes if note])
     show([("note", note) for note in surface.notes])
     if readiness.reason is None:
         show([("verdict", "ready")])

@@ -165,6 +165,14 @@ class Coarse(NamedTuple):
             f"energy than any smooth shape then; {self.enough} or more do not"
         )
 
+    def advice(self) -> str:
+        """Return the sentence with what not to trust, and how to get a mesh that is fine enough."""
+        times = next(k for k in range(1, 7) if 4**k * (self.vertices - 2) + 2 >= self.enough)
+        return (
+            f"{self}.  Do not trust energies and shapes of this mesh; subdivide = {times} in [mesh], or "
+            f"Mesh.subdivided({times}), makes it fine enough"
+        )
+
 
 def coarseness(scene: Scene, targets: Sequence[dict[str, float]]) -> list[Coarse]:
     """Return the surfaces that have too few vertices for the smallest of some reduced volumes to which their targets
