@@ -200,7 +200,7 @@ def test_trajectories_are_tried_until_the_answer_is_certain(monkeypatch, stretch
 
     monkeypatch.setattr(readiness, "_nextEnergyChange", nextEnergyChange)
     mesh = mh.Mesh(sphere.vertices * [1, 1, stretching], sphere.triangles)
-    found = readiness.readinessOf(mesh, "cell.ply")
+    found = readiness._readinessAsItIs(mesh, "nm")
     assert (found.reason is None) == isReady and len(tried) == count
 
 
@@ -439,6 +439,34 @@ def test_a_tether_that_no_mesh_of_the_surface_goes_with_is_to_have_other_lengths
     begin(2, *map(float, re.search(r"edges that there are, (\S+) and (\S+) nm$", message).groups()))
     with pytest.raises(ValueError, match=r"it is ready with remesh = 1\d\d in \[mesh\]"):
         begin(3, 0.26, 0.33)
+
+
+@pytest.mark.parametrize("stretching", [(1, 1, 0.1), (1, 1, 0.003), (1, 1, 0.001), (1, 0.02, 0.02), (1, 1, 12)])
+@pytest.mark.parametrize("level", [2, 3])
+def test_commands_for_thin_surfaces_are_tried(inFolder, stretching, level):
+    """None is given that fails, takes the shape away, or makes nothing that is ready."""
+    pytest.importorskip("mmgpy")
+    sphere = mh.Mesh.icosphere(level, 50)
+    mesh = mh.Mesh(sphere.vertices * stretching, sphere.triangles)
+    mesh.write("thin.ply")
+    result = invoke("check", "thin.ply")
+    assert result.exit_code == 1 and "trajectories from this mesh are not accepted" in result.output
+    for command in commandsOf(result.output):
+        assert invoke(*shlex.split(command)[1:]).exit_code == 0
+        assert mh.Mesh.read("thin_even.ply").volume == pytest.approx(mesh.volume, rel=0.1)
+        assert invoke("check", "thin_even.ply").exit_code == 0
+    assert bool(commandsOf(result.output)) == (stretching in ((1, 1, 0.1), (1, 1, 12)))
+    assert bool(commandsOf(result.output)) != ("; and " in result.output)
+
+
+def test_runs_name_no_remesh_that_fails(inFolder):
+    pytest.importorskip("mmgpy")
+    sphere = mh.Mesh.icosphere(2, 50)
+    mh.Mesh(sphere.vertices * [1, 1, 0.003], sphere.triangles).write("cell.stl")
+    configure()
+    result = invoke("run", "run.toml")
+    assert result.exit_code == 1 and "remesh with 162 vertices changes its area by -" in result.output
+    assert "ready" not in result.output and "openmm-helfrich remesh" not in result.output
 
 
 def test_needles_that_cannot_be_remeshed_are_said(inFolder):

@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 import openmmhelfrich as mh
 from membranes import cube, uvSphere
 from openmmhelfrich.cli import app
-from openmmhelfrich.geometry import connectivity
+from openmmhelfrich.geometry import connectivity, remeshing
+from openmmhelfrich.geometry.relaxation import Triangulation
+from openmmhelfrich.geometry.remeshing import tried
 from openmmhelfrich.geometry.shapes import invaginatedSphere, spheroid, surfaceOfRevolution
 from openmmhelfrich.runs.config import parseConfig
 from openmmhelfrich.runs.meshsource import loadMesh
@@ -236,3 +238,12 @@ def test_what_is_too_thin_for_so_few_vertices_is_said():
     small = mh.Mesh.icosphere(2)
     apart = mh.Mesh.merged([small, mh.Mesh(small.vertices + 1000, small.triangles)])
     assert len(apart.remeshed(300).vertices) == 300
+
+
+def test_large_surfaces_are_tried_as_far_as_the_library_shows_at_once(sphere, monkeypatch):
+    made = tried(Triangulation(sphere.vertices, sphere.triangles), 200)
+    assert made is not None and len(made.triangulation.vertices) == 200
+    monkeypatch.setattr(remeshing, "_MOST_TRIED", 199)
+    assert tried(Triangulation(sphere.vertices, sphere.triangles), 200) is None
+    with pytest.raises(ValueError, match="too long and thin for so few vertices"):
+        tried(Triangulation(sphere.vertices * [1, 1, 1000], sphere.triangles), 200)

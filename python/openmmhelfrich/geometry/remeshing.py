@@ -32,6 +32,9 @@ from .relaxation import FloatArray, IntegerArray, Triangulation, relax
 # and the greatest edge length over the mean.
 MOST_CHANGE, MOST_DISTANCE, EDGE_RANGE = 0.01, 0.1, (0.6, 1.5)
 _ROUNDS = 20
+_LIBRARIES = "mmgpy", "igl"
+# Of so many vertices a surface is covered in some ten seconds, only to see whether it can be.
+_MOST_TRIED = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,18 +198,19 @@ def _extent(mesh: Triangulation) -> float:
     return float((np.maximum.reduceat(x, first) - np.minimum.reduceat(x, first)).max())
 
 
-def hindrance(mesh: Triangulation, numVertices: int) -> str | None:
-    """Return why a closed surface cannot be covered anew by so many vertices, in a sentence, as far as the library
-    shows that at once; None if it can, or if the library is missing.
+def tried(mesh: Triangulation, numVertices: int) -> Remeshing | None:
+    """Return a closed surface covered anew, or None if the libraries are missing or it is too large to be tried.
+
+    Raises ValueError if it cannot be covered, as far as the library shows that at once where it is large.
     """
     try:
-        require("mmgpy", "remeshing", "remesh")
+        for library in _LIBRARIES:
+            require(library, "remeshing", "remesh")
     except ValueError:
         return None
-    try:
-        _uniform(_ofUnitArea(mesh), numVertices)
-    except ValueError as error:
-        return str(error)
+    if max(numVertices, len(mesh.vertices)) <= _MOST_TRIED:
+        return remesh(mesh, numVertices)
+    _uniform(_ofUnitArea(mesh), numVertices)
     return None
 
 

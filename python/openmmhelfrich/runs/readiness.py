@@ -15,7 +15,7 @@ from ..geometry.measures import reducedVolume
 from ..geometry.mesh import Mesh
 from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
-from ..geometry.remeshing import hindrance
+from ..geometry.remeshing import tried
 from ..helfrich import HelfrichForce
 from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
@@ -42,6 +42,10 @@ _TRIAL_SEED = 1
 # Where each of the first few ends by so many kT higher, flips do not mend the mesh meanwhile: what was tried is in
 # docs/how-to/remeshing.md.
 _FIRST_FEW, _HOPELESS = 5, 2e4
+# A mesh that is made anew is another surface if its area or its volume changes by more than this part.
+_OTHER = 0.1
+# What is thin is tried with up to so many vertices, which takes some seconds.
+_MOST_FOR_THIN = 10_000
 
 
 def obstacle(
@@ -116,15 +120,19 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     misfit = _misfit(scene)
     if misfit is not None:
         return ValueError(f"{source}: {sentence}; {misfit}")
+    numVertices = _numVertices(scene, scene.mesh)
+    failure = _hindrance(scene, scene.mesh, numVertices)
+    if failure is not None:
+        return ValueError(f"{source}: {sentence}; and {failure}")
     instead = " instead of subdivide" if section.subdivide else ""
-    advice = f"remesh = {_numVertices(scene, scene.mesh)} in [mesh]{instead}"
+    advice = f"remesh = {numVertices} in [mesh]{instead}"
     if section.file is None:
         return ValueError(f"{source}: {sentence}; it is ready with {advice}")
     commands, file = [], Path(section.file)
     if section.repair:
         file = _named(file, "repaired")
         commands = [repairing(section.file, file)]
-    commands.append(remeshing(file, scene, scene.mesh))
+    commands.append(remeshing(file, numVertices))
     after = f"it is ready after{', without subdivide,' if section.subdivide else ''}"
     return UnevenError(f"{source}: {sentence}; {after}", commands, _named(file, "even"), advice)
 
@@ -246,10 +254,38 @@ def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness
         return found._replace(reason=f"{found.reason}{after}{'' if copied is None else f'; {copied}'}")
     if mesh.isPeriodic:
         return found._replace(reason=f"{found.reason}; {_another(left.scene)}")
-    failure = hindrance(Triangulation(mesh.vertices, mesh.triangles), _numVertices(left.scene, mesh))
-    if failure is not None:
-        return found._replace(reason=f"{found.reason}; and {failure}")
-    return found._replace(commands=[*repair, remeshing(file, left.scene, mesh)], notes=notes)
+    failure = None
+    for numVertices in _countsToTry(left.scene, mesh):
+        failure = _hindrance(left.scene, mesh, numVertices)
+        if failure is None:
+            return found._replace(commands=[*repair, remeshing(file, numVertices)], notes=notes)
+    return found._replace(reason=f"{found.reason}; and {failure}")
+
+
+def _countsToTry(scene: Scene, mesh: Mesh) -> list[int]:
+    """Return with how many vertices a mesh is made anew: as many as its edges ask for, or more if it is thin."""
+    first = _numVertices(scene, mesh)
+    return [first, *(count for count in (4 * first, 16 * first) if count <= _MOST_FOR_THIN)]
+
+
+def _hindrance(scene: Scene, mesh: Mesh, numVertices: int) -> str | None:
+    """Return why a mesh that is made anew is not ready, which is tried, in a sentence; None if it is, or if the
+    libraries are missing or the mesh is too large for that.
+    """
+    try:
+        made = tried(Triangulation(mesh.vertices, mesh.triangles), numVertices)
+    except ValueError as error:
+        return str(error)
+    if made is None:
+        return None
+    if max(abs(made.areaChange), abs(made.volumeChange)) > _OTHER:
+        return (
+            f"remesh with {numVertices} vertices changes its area by {made.areaChange:+.0%} and its volume by "
+            f"{made.volumeChange:+.0%}: it has parts that are thinner than the edges, for which many more vertices are "
+            "needed, or a thicker shape"
+        )
+    reason = _readinessAsItIs(Mesh(*made.triangulation), scene.lengthUnit).reason
+    return None if reason is None else f"after remesh with {numVertices} vertices {reason}"
 
 
 def _repaired(mesh: Mesh) -> tuple[Mesh, list[str]]:
@@ -264,9 +300,9 @@ def _repaired(mesh: Mesh) -> tuple[Mesh, list[str]]:
     return mesh, []
 
 
-def remeshing(file: PathLike, scene: Scene, mesh: Mesh) -> str:
+def remeshing(file: PathLike, numVertices: int) -> str:
     """Return the command that makes the mesh of a file anew."""
-    arguments = "remesh", file, _named(file, "even"), "--vertices", _numVertices(scene, mesh)
+    arguments = "remesh", file, _named(file, "even"), "--vertices", numVertices
     return shlex.join(["openmm-helfrich", *map(str, arguments)])
 
 
