@@ -2,7 +2,9 @@
 
 import re
 import shlex
+import sys
 from fractions import Fraction
+from importlib import util
 from itertools import product
 
 import numpy as np
@@ -364,6 +366,25 @@ def test_minimum_that_cannot_be_sampled_is_kept(unevenFolder):
     assert (unevenFolder / "run.checkpoint").exists() and len(readObservables("run.csv")["step"]) == 2
     again = invoke("resume", "run")
     assert again.exit_code == 1 and "trajectories from this mesh are not accepted" in again.output
+
+
+@pytest.mark.parametrize("library", ["mmgpy", "igl"])
+def test_an_extra_that_is_missing_is_named_with_the_command(inFolder, monkeypatch, library):
+    """And not where nothing is missing, or what is told needs no library."""
+    extra = "with the libraries that pip install 'openmm-helfrich[remesh]' brings"
+    uvSphere(32, 16).write("cell.stl")
+    configure()
+    config, inverted = {"mesh": {"icosphere": 3}, "tether": {"min_length": 0.26, "max_length": 0.33}}, "inverted.ply"
+    mh.Mesh.icosphere(2).reversed().write(inverted)
+    for isMissing in (False, True) if util.find_spec("mmgpy") and util.find_spec("igl") else (True,):
+        if isMissing:
+            monkeypatch.setitem(sys.modules, library, None)
+        assert (f"verdict  ready after, {extra}\n" in invoke("check", "cell.stl").output) == isMissing
+        assert (f"it is ready after, {extra}\n" in invoke("run", "run.toml").output) == isMissing
+        with pytest.raises(ValueError, match=r"it is ready with remesh = \d+ in \[mesh\]") as caught:
+            mh.run({**config, "sampling": {"steps": 1}, "output": {"prefix": "a"}})
+        assert str(caught.value).endswith(extra) == isMissing
+        assert "verdict  ready after\n" in invoke("check", inverted).output
 
 
 def test_small_steps_are_left_to_the_user(unevenFolder):

@@ -69,7 +69,8 @@ def check(
         return
     if not readiness.commands:
         raise ValueError(f"{mesh}: {readiness.reason}")
-    show([("reason", readiness.reason), *(("repair", note) for note in readiness.notes), ("verdict", "ready after")])
+    repairs, verdict = (("repair", note) for note in readiness.notes), f"ready after{readiness.needs}"
+    show([("reason", readiness.reason), *repairs, ("verdict", verdict)])
     print("\n".join(readiness.commands))
     raise typer.Exit(1)
 

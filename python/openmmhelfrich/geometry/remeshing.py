@@ -198,15 +198,22 @@ def _extent(mesh: Triangulation) -> float:
     return float((np.maximum.reduceat(x, first) - np.minimum.reduceat(x, first)).max())
 
 
+def missing() -> str:
+    """Return how to get the libraries if one is missing, to go on what is ready with them; else nothing."""
+    try:
+        for library in _LIBRARIES:
+            require(library, "remeshing", "remesh")
+    except ValueError:
+        return ", with the libraries that pip install 'openmm-helfrich[remesh]' brings"
+    return ""
+
+
 def tried(mesh: Triangulation, numVertices: int) -> Remeshing | None:
     """Return a closed surface covered anew, or None if the libraries are missing or it is too large to be tried.
 
     Raises ValueError if it cannot be covered, as far as the library shows that at once where it is large.
     """
-    try:
-        for library in _LIBRARIES:
-            require(library, "remeshing", "remesh")
-    except ValueError:
+    if missing():
         return None
     if max(numVertices, len(mesh.vertices)) <= _MOST_TRIED:
         return remesh(mesh, numVertices)

@@ -15,7 +15,7 @@ from ..geometry.measures import reducedVolume
 from ..geometry.mesh import Mesh
 from ..geometry.quality import MeshQuality, triangleAngles
 from ..geometry.relaxation import Triangulation
-from ..geometry.remeshing import tried
+from ..geometry.remeshing import missing, tried
 from ..helfrich import HelfrichForce
 from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
@@ -127,13 +127,13 @@ def remeshFirst(scene: Scene, sentence: str) -> ValueError:
     instead = " instead of subdivide" if section.subdivide else ""
     advice = f"remesh = {numVertices} in [mesh]{instead}"
     if section.file is None:
-        return ValueError(f"{source}: {sentence}; it is ready with {advice}")
+        return ValueError(f"{source}: {sentence}; it is ready with {advice}{missing()}")
     commands, file = [], Path(section.file)
     if section.repair:
         file = _named(file, "repaired")
         commands = [repairing(section.file, file)]
     commands.append(remeshing(file, numVertices))
-    after = f"it is ready after{', without subdivide,' if section.subdivide else ''}"
+    after = f"it is ready after{', without subdivide,' if section.subdivide else ''}{missing()}"
     return UnevenError(f"{source}: {sentence}; {after}", commands, _named(file, "even"), advice)
 
 
@@ -222,6 +222,8 @@ class Readiness(NamedTuple):
         what makes it ready; none if it is, or if nothing is known that does
     notes : sequence of str
         what the first of them would do
+    needs : str
+        how to get the libraries that they need and that are not installed, to go on "ready after"; else nothing
     scene : Scene or None
         what a run with this mesh has; none if the mesh is no membrane
     quality : MeshQuality or None
@@ -231,6 +233,7 @@ class Readiness(NamedTuple):
     reason: str | None = None
     commands: Sequence[str] = ()
     notes: Sequence[str] = ()
+    needs: str = ""
     scene: Scene | None = None
     quality: MeshQuality | None = None
 
@@ -258,7 +261,8 @@ def readinessOf(mesh: Mesh, file: PathLike, lengthUnit: str = "nm") -> Readiness
     for numVertices in _countsToTry(left.scene, mesh):
         failure = _hindrance(left.scene, mesh, numVertices)
         if failure is None:
-            return found._replace(commands=[*repair, remeshing(file, numVertices)], notes=notes)
+            commands = [*repair, remeshing(file, numVertices)]
+            return found._replace(commands=commands, notes=notes, needs=missing())
     return found._replace(reason=f"{found.reason}; and {failure}")
 
 
