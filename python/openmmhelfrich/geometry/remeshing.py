@@ -33,8 +33,8 @@ from .relaxation import FloatArray, IntegerArray, Triangulation, relax
 MOST_CHANGE, MOST_DISTANCE, EDGE_RANGE = 0.01, 0.1, (0.6, 1.5)
 _ROUNDS = 20
 _LIBRARIES = "mmgpy", "igl"
-# Of so many vertices a surface is covered in some ten seconds, only to see whether it can be.
-_MOST_TRIED = 50_000
+# Of so many vertices a surface is covered in some seconds, only to see whether it can be.
+_MOST_TRIED = 20_000
 
 
 @dataclass(frozen=True, eq=False)
