@@ -18,7 +18,7 @@ import openmmhelfrich as mh
 from membranes import forcesOf, positionsOf, termsOf
 from openmmhelfrich.analysis import describeShape
 from openmmhelfrich.geometry.shapes import invaginatedSphere
-from openmmhelfrich.sampling.minimization import _Descent
+from openmmhelfrich.sampling.minimization import _CONVERGED, STALLED, _Descent
 from openmmhelfrich.sampling.waves import WaveStiffness
 
 KAPPA = 50.0
@@ -346,6 +346,22 @@ def test_waves_serve_fluid_membranes():
     assert fluid.converged and fluid.iterations < 2 * alone.iterations
 
 
+@pytest.mark.parametrize("minimize", [mh.minimize, mh.minimizeFluid])
+@pytest.mark.parametrize("subdivisions, stretch, reducedVolume", [(1, 8, 0.9), (2, 1, 0.3), (1, 20, 0.9)])
+def test_waves_end_where_they_lower_nothing(minimize, subdivisions, stretch, reducedVolume):
+    """On a rough energy, where their steps go on by rounding, vertices move one by one, until they find nothing."""
+    sphere = mh.Mesh.icosphere(subdivisions)
+    scene = mh.Scene.of(
+        {"membrane": {"reduced_volume": reducedVolume}, "sampling": {"approach": "none"}},
+        mh.Mesh(sphere.vertices * [1, 1, stretch], sphere.triangles),
+    )
+    force = scene.createForce()
+    simulation = scene.createSimulation(force)
+    result = minimize(simulation, force, maxIterations=9000, multilevelWeight=2)
+    assert result.iterations < 9000 and result.reason in (STALLED, _CONVERGED)
+    assert np.all(result.energy._value <= result.history[-1] * (1 + 1e-9))
+
+
 def test_a_field_turns_a_membrane():
     """Turned as a whole, a prolate in a valley comes to lie along it."""
     field = mm.CustomExternalForce("0.5*z^2")
@@ -436,6 +452,17 @@ def test_what_is_refused(call, problem):
     simulation.context.setPositions(mesh.vertices)
     with pytest.raises(ValueError, match=problem):
         call(simulation, force)
+
+
+def test_where_nothing_can_move_it_is_said():
+    mesh = mh.Mesh.icosphere(1)
+    force, simulation = createSimulation(mesh, 0.95)
+    for particle in range(len(mesh.vertices)):
+        simulation.system.setParticleMass(particle, 0)
+    simulation.context.reinitialize(preserveState=True)
+    for minimize in (mh.minimize, mh.minimizeFluid):
+        with pytest.raises(ValueError, match="all particles of the System have mass 0; one must have another to move"):
+            minimize(simulation, force)
 
 
 def test_without_bending_a_tolerance_is_asked_for():

@@ -320,6 +320,26 @@ def test_damaged_velocities_are_refused():
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
+def test_velocities_are_scaled(platform):
+    """There and back by a factor of 2, to the last bit; in between a trajectory is another one."""
+    _, trajectories, context = createRun(2, platform, stepSize=0.001, MomentumRefreshment=0.4)
+    trajectories.step(3)
+    checkpoint, positions = context.createCheckpoint(), []
+    for factors in ((), (2, 0.5), (2,)):
+        context.loadCheckpoint(checkpoint)
+        for factor in factors:
+            trajectories.scaleCoarseVelocities(factor)
+        trajectories.step(6)
+        positions.append(positionsOf(context))
+    assert np.array_equal(positions[0], positions[1]) and not np.array_equal(positions[0], positions[2])
+    for factor in (0, -1, np.nan, np.inf):
+        with pytest.raises(mm.OpenMMException, match="the factor of velocities is .*; it must be finite and positive"):
+            trajectories.scaleCoarseVelocities(factor)
+    with pytest.raises(mm.OpenMMException, match="it is not bound to a Context"):
+        createIntegrator().scaleCoarseVelocities(2)
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
 def test_long_waves_move_faster(platform):
     """A trajectory moves the longest waves further than one without coarser meshes, and short ones alike."""
     lengths = []
@@ -342,6 +362,10 @@ def test_settings():
     for value in (-1, np.nan, np.inf, 1e4):
         with pytest.raises(mm.OpenMMException, match=r"the multilevel weight is .*; it must be"):
             integrator.setMultilevelWeight(value)
+    with pytest.raises(mm.OpenMMException, match=r"the refreshment of momenta is 1\.000000001\d*; it must be from more"):
+        integrator.setMomentumRefreshment(1 + 1e-9)
+    with pytest.raises(mm.OpenMMException, match=r"the jitter of trajectories is -1e-09; it must be from 0"):
+        integrator.setTrajectoryJitter(-1e-9)
     custom = mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom")
     custom.setMultilevelWeight(0)
     with pytest.raises(mm.OpenMMException, match="the multilevel weight is 2"):

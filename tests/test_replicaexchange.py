@@ -6,6 +6,7 @@ import math
 import re
 import zipfile
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import openmm as mm
@@ -134,6 +135,27 @@ def test_velocities_follow_the_temperature():
     ) == pytest.approx((2, 4, 6))
     integrator = exchange.simulations[0].integrator
     assert integrator.getTemperature() == 1200 * unit.kelvin and integrator.getStepSize() == 0.01 * unit.picosecond
+
+
+def coarseVelocitiesIn(simulation):
+    state = mm.XmlSerializer.serialize(simulation.context.getState(integratorParameters=True))
+    found = [dict(node.attrib) for node in ElementTree.fromstring(state).iter("Velocity")]
+    return np.array([[float(node[axis]) for axis in "xyz"] for node in found if "level" in node])
+
+
+def test_velocities_of_coarser_meshes_follow_the_temperature():
+    """Momenta that are kept would else bring the temperature of the one state into the other."""
+    exchange = vesicles()
+    for simulation in exchange.simulations:
+        simulation.integrator.setMultilevelWeight(2)
+        simulation.integrator.setMomentumRefreshment(0.1)
+        simulation.step(3)
+    before = [coarseVelocitiesIn(simulation) for simulation in exchange.simulations]
+    exchange._enter(0, 1)
+    exchange._enter(1, 0)
+    after = [coarseVelocitiesIn(simulation) for simulation in exchange.simulations]
+    for k, factor in enumerate([math.sqrt(1.1), math.sqrt(1 / 1.1), 1]):
+        assert len(before[k]) > 4 and after[k] == pytest.approx(factor * before[k], rel=1e-12)
 
 
 def test_dynamics_takes_over_the_temperature():

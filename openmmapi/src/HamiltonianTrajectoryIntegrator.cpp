@@ -59,7 +59,7 @@ void HamiltonianTrajectoryIntegrator::setForcePrecision(const string& precision)
 
 void HamiltonianTrajectoryIntegrator::setTrajectoryJitter(double jitter) {
     if (!(jitter >= 0 && jitter < 1))
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the jitter of trajectories is " + to_string(jitter) +
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the jitter of trajectories is " + toText(jitter) +
                               "; it must be from 0 to less than 1");
     trajectoryJitter = jitter;
 }
@@ -83,7 +83,7 @@ void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
 void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment) {
     if (!(refreshment > 0 && refreshment <= 1))
         throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is " +
-                              to_string(refreshment) + "; it must be from more than 0 to 1");
+                              toText(refreshment) + "; it must be from more than 0 to 1");
     momentumRefreshment = refreshment;
 }
 
@@ -91,6 +91,17 @@ void HamiltonianTrajectoryIntegrator::setMultilevelWeight(double weight) {
     requirePositive("HamiltonianTrajectoryIntegrator: the multilevel weight", weight, true);
     requireAtMost("HamiltonianTrajectoryIntegrator: the multilevel weight", weight, MAX_WEIGHT);
     multilevelWeight = weight;
+}
+
+void HamiltonianTrajectoryIntegrator::scaleCoarseVelocities(double factor) {
+    requirePositive("HamiltonianTrajectoryIntegrator: the factor of velocities", factor);
+    if (context == NULL)
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: it is not bound to a Context");
+    auto velocities = kernel.getAs<IntegrateHamiltonianTrajectoryKernel>().getCoarseVelocities();
+    for (auto& ofMembrane : velocities)
+        for (auto& item : ofMembrane)
+            item.velocity *= factor;
+    setCoarseVelocities(velocities);
 }
 
 void HamiltonianTrajectoryIntegrator::initialize(ContextImpl& contextRef) {

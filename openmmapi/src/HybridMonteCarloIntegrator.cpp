@@ -65,14 +65,14 @@ void HybridMonteCarloIntegrator::add(Integrator* move, double probability, const
 
 void HybridMonteCarloIntegrator::checkProbability(int index, double probability, const string& item) const {
     if (!(probability >= 0 && probability <= 1))
-        throw OpenMMException("HybridMonteCarloIntegrator: " + item + " is " + to_string(probability) +
+        throw OpenMMException("HybridMonteCarloIntegrator: " + item + " is " + toText(probability) +
                               "; it must be between 0 and 1");
     double sum = 0;
     for (int i = 1; i < max(getNumMoves(), index + 1); i++)
         sum += (i == index ? probability : probabilities[i]);
     if (sum > 1)
-        throw OpenMMException("HybridMonteCarloIntegrator: with " + item + ", " + to_string(probability) +
-                              ", the probabilities of moves add up to more than 1, to " + to_string(sum));
+        throw OpenMMException("HybridMonteCarloIntegrator: with " + item + ", " + toText(probability) +
+                              ", the probabilities of moves add up to more than 1, to " + toText(sum));
 }
 
 void HybridMonteCarloIntegrator::checkIndex(int index) const {

@@ -53,7 +53,7 @@ void SpeciesExchangeIntegrator::setChemicalPotential(int species, double chemica
     requireSpecies(species);
     if (!isfinite(chemicalPotential))
         throw OpenMMException("SpeciesExchangeIntegrator: the chemical potential of species " + to_string(species) +
-                              " is " + to_string(chemicalPotential) + "; it must be finite");
+                              " is " + toText(chemicalPotential) + "; it must be finite");
     chemicalPotentials[species] = chemicalPotential;
 }
 

@@ -151,6 +151,12 @@ public:
      */
     void setMultilevelWeight(double weight);
     /**
+     * Multiply the velocities of vertices of coarser meshes in the Context by a factor.  What gives a Context another
+     * temperature, as replica exchange does, and multiplies the velocities of its particles by sqrt(T'/T), does so with
+     * these: momenta that are kept are else those of the temperature before.
+     */
+    void scaleCoarseVelocities(double factor);
+    /**
      * Get the number of steps of the last trajectory, or 0 before the first.
      */
     int getLastNumSteps() const {

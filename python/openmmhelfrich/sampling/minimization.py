@@ -105,6 +105,8 @@ def minimize(
     A surface whose mesh has the symmetry of a regular solid, as an icosphere, would keep it: where it is far from its
     targets it is first lengthened, by a third of an edge at most.
 
+    Settings of the force that its updateParametersInContext() has not yet given to the Context may be given to it.
+
     ::
 
         result = mh.minimize(simulation, force)
@@ -232,7 +234,7 @@ def _settle(
         before, energy = energy, descent.energy()
         idle = 0 if before - energy > 1e-9 * abs(energy) else idle + 1
         if (stalled > 0 and accepted == 0) or max(stalled, idle) == 5:
-            return reason, rounds, flips
+            return STALLED if reason == _ROUND else reason, rounds, flips
 
 
 _CONVERGED = "the forces fell below the tolerance"
@@ -267,6 +269,8 @@ class _Descent:
         self.multilevelWeight = multilevelWeight
         masses = map(simulation.system.getParticleMass, range(simulation.system.getNumParticles()))
         self._isFixed = np.array([mass._value == 0 for mass in masses])
+        if np.all(self._isFixed):
+            raise ValueError("minimization: all particles of the System have mass 0; one must have another to move")
         self.history: list[float] = []
         self.isOver = False
         self._pairs: list[tuple[np.ndarray, np.ndarray]] = []

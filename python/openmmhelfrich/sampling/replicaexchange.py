@@ -23,7 +23,7 @@ from openmm import app, unit
 
 from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
-from ..helfrich import HelfrichForce
+from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import conditionNames, putConditions
@@ -503,8 +503,11 @@ class ReplicaExchange:
             move.setTemperature(state.temperature)
         trajectoriesOf(integrator).setStepSize(state.stepSize)
         self._membranes[replica].takeOn(state.parameters)
-        if hasChanged:  # Hybrid Monte Carlo draws new ones, but dynamics does not
+        if hasChanged:  # dynamics goes on with its velocities, and so do trajectories whose momenta are kept
             context.setVelocities(factor * context.getState(velocities=True).getVelocities(asNumpy=True))
+            for move in movesOf(integrator):
+                if isinstance(move, HamiltonianTrajectoryIntegrator):
+                    move.scaleCoarseVelocities(factor)
 
     def _check(self, simulations: Sequence[app.Simulation], states: Sequence[ThermodynamicState]) -> None:
         if len(simulations) != len(states) or len(states) < 2:

@@ -12,6 +12,8 @@ _IN_PLANE, _LEAST_COTANGENT = 10.0, 0.05
 # The number of pairs of steps and changes of slopes that are kept, the iterations between two stiffnesses, the
 # farthest step of a vertex in mean edge lengths, and the most trials of a line search.
 _MEMORY, _RENEWAL, _FARTHEST, _TRIALS = 20, 25, 0.3, 30
+# A descent ends where the iterations with one stiffness lower the energy by no more than this part, as rounding does.
+_ROUNDING = 1e-12
 # A step lowers the energy by this part of what the slope promises, and leaves no more than that part of the slope.
 _DECREASE, _SLOPE = 1e-4, 0.9
 
@@ -134,10 +136,12 @@ def descend(
     x, (energy, slopes) = start, evaluate(start)
     pairs = [] if pairs is None else pairs
     count, age = 0, 0
-    stiffness = stiffnessAt(x)
+    stiffness, before = stiffnessAt(x), energy
     while not iterations or count < iterations:
         if age == _RENEWAL:
-            stiffness, age = stiffnessAt(x), 0
+            if before - energy <= _ROUNDING * abs(energy):
+                return
+            stiffness, age, before = stiffnessAt(x), 0, energy
         direction = -_twoLoops(pairs, slopes, stiffness)
         found = _search(evaluate, x, energy, slopes, direction, length)
         if found is None:

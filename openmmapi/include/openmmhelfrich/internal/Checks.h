@@ -3,6 +3,7 @@
 
 #include "openmm/OpenMMException.h"
 #include <cmath>
+#include <cstdlib>
 #include <sstream>
 #include <string>
 
@@ -11,14 +12,24 @@
 namespace HelfrichPlugin {
 
 /**
+ * Get a number as text, with as many digits as it takes to tell it from what is allowed.
+ */
+inline std::string toText(double value) {
+    std::stringstream brief, whole;
+    brief << value;
+    whole.precision(17);
+    whole << value;
+    return (std::strtod(brief.str().c_str(), NULL) == value ? brief : whole).str();
+}
+
+/**
  * Throw an OpenMMException unless a value is finite and positive, or zero where that is allowed.
  */
 inline void requirePositive(const std::string& item, double value, bool allowZero = false) {
     if (std::isfinite(value) && (value > 0 || (allowZero && value == 0)))
         return;
-    std::stringstream message;
-    message << item << " is " << value << "; it must be finite and " << (allowZero ? "not negative" : "positive");
-    throw OpenMM::OpenMMException(message.str());
+    throw OpenMM::OpenMMException(item + " is " + toText(value) + "; it must be finite and " +
+                                  (allowZero ? "not negative" : "positive"));
 }
 
 /**
@@ -27,9 +38,7 @@ inline void requirePositive(const std::string& item, double value, bool allowZer
 inline void requireAtMost(const std::string& item, double value, double greatest) {
     if (value <= greatest)
         return;
-    std::stringstream message;
-    message << item << " is " << value << "; it must be at most " << greatest;
-    throw OpenMM::OpenMMException(message.str());
+    throw OpenMM::OpenMMException(item + " is " + toText(value) + "; it must be at most " + toText(greatest));
 }
 
 } // namespace HelfrichPlugin
