@@ -82,8 +82,8 @@ void HamiltonianTrajectoryIntegrator::setTetherSubsteps(int substeps) {
 
 void HamiltonianTrajectoryIntegrator::setMomentumRefreshment(double refreshment) {
     if (!(refreshment > 0 && refreshment <= 1))
-        throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is " +
-                              toText(refreshment) + "; it must be from more than 0 to 1");
+        throw OpenMMException("HamiltonianTrajectoryIntegrator: the refreshment of momenta is " + toText(refreshment) +
+                              "; it must be from more than 0 to 1");
     momentumRefreshment = refreshment;
 }
 
