@@ -362,9 +362,9 @@ def test_settings():
     for value in (-1, np.nan, np.inf, 1e4):
         with pytest.raises(mm.OpenMMException, match=r"the multilevel weight is .*; it must be"):
             integrator.setMultilevelWeight(value)
-    with pytest.raises(mm.OpenMMException, match=r"the refreshment of momenta is 1\.000000001\d*; it must be from more"):
+    with pytest.raises(mm.OpenMMException, match=r"refreshment of momenta is 1\.000000001\d*; it must"):
         integrator.setMomentumRefreshment(1 + 1e-9)
-    with pytest.raises(mm.OpenMMException, match=r"the jitter of trajectories is -1e-09; it must be from 0"):
+    with pytest.raises(mm.OpenMMException, match="jitter of trajectories is -1e-09; it must be from 0"):
         integrator.setTrajectoryJitter(-1e-9)
     custom = mh.HybridMonteCarloIntegrator(300, 0.1, engine="custom")
     custom.setMultilevelWeight(0)
