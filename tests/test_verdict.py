@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import openmmhelfrich as mh
 from conftest import ROOT
-from openmmhelfrich.analysis.verdict import CHECKS, Evidence, Verdict, judge, ratesOf, verdictOfStages
+from openmmhelfrich.analysis.verdict import CHECKS, LEAST_TRIED, Evidence, Verdict, judge, ratesOf, verdictOfStages
 from openmmhelfrich.cli import app
 from openmmhelfrich.pictures.report import writeReport
 from openmmhelfrich.runs import sweeps
@@ -489,6 +489,85 @@ def testAStoppedRunHasTheSameVerdictLater(inFolder):
     stopped = mh.run(configure("b", step_size=1e-9), stop)
     assert stopped.verdict is None and "verdict" not in dict(stopped.lines()) and verdictOf("b.checkpoint") is None
     assert mh.resume("b").verdict == whole.verdict
+
+
+def rare(prefix, *stages):
+    """Return a configuration whose table has a row every 50 steps."""
+    config = configure(prefix, stages=list(stages), steps_per_trajectory=5, approach="none")
+    return {**config, "output": {**config["output"], "observables_interval": 50}}
+
+
+@pytest.mark.parametrize(
+    ("last", "level", "checks"),
+    [
+        (
+            {"kind": "sample", "step_size": 1.0, "reduced_volume": 0.95},
+            "failed",
+            {"acceptance of trajectories", "diverged trajectories", "targets", "rows to average"},
+        ),
+        ({"kind": "sample"}, "doubtful", {"rows to average"}),
+        ({"kind": "anneal", "end_temperature": 100, "reduced_volume": 0.8}, "failed", {"folds"}),
+        ({"kind": "approach", "reduced_volume": 0.98}, "good", set()),
+    ],
+)
+def testAStageBetweenRowsIsJudgedByOneAtItsEnd(inFolder, monkeypatch, last, level, checks):
+    monkeypatch.setitem(LEAST_TRIED, "flips", 10)
+    result = mh.run(rare("a", {"kind": "sample", "steps": 100}, {**last, "steps": 45}))
+    assert (result.table["step"][-1], result.table["stage"][-1]) == (145, 2)
+    assert result.verdict.level == level and checks <= {finding.check for finding in result.verdict.findings}
+    assert result.lines()[2] == ("values", "at step 145, the only row of the table to average:")
+    assert "always" not in dict(result.lines())["area"]
+    assert not any("on average" in finding.what for finding in result.verdict.findings)
+
+
+def testTheRowOfTheStartIsNotOfTheFirstStage(inFolder):
+    first = {"kind": "sample", "steps": 30, "step_size": 1.0, "reduced_volume": 0.95}
+    result = mh.run(rare("a", first, {"kind": "sample", "steps": 60, "reduced_volume": 0.95}))
+    assert result.table["step"].tolist() == [0, 30, 50]
+    assert "targets" in [finding.check for finding in result.stageVerdicts[0][1].findings]
+
+
+def testAStageThatHasARowGetsNoOther(inFolder):
+    stages = {"kind": "sample", "steps": 70}, {"kind": "minimize", "max_iterations": 5}, {"kind": "sample", "steps": 79}
+    assert mh.run(rare("a", *stages)).table["step"].tolist() == [0, 50, 71, 100, 150]
+    assert mh.resume("a", steps=20).table["step"].tolist() == [0, 50, 71, 100, 150]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "line"),
+    [
+        (
+            {"kind": "sample", "steps": 110},
+            {"kind": "sample", "steps": 30},
+            ("averages", "over the second half of stage 1 (sample); the table has no row of stage 2 (sample) yet:"),
+        ),
+        (
+            {"kind": "sample", "steps": 60},
+            {"kind": "minimize"},
+            ("values", "at step 50, the only row of the table to average; the table has no row of stage 2"),
+        ),
+        (
+            {"kind": "minimize"},
+            {"kind": "sample", "steps": 30},
+            ("values", "at the end of stage 1 (minimize); the table has no row of stage 2 (sample) yet:"),
+        ),
+    ],
+)
+def testAStoppedRunSaysOfWhichStageItsAveragesAre(inFolder, first, second, line):
+    """And goes on to what it would have been."""
+
+    def stop(study):
+        if study.index == 1 and study.stage.position == 20:
+            raise KeyboardInterrupt
+
+    stages = first, {**second, "reduced_volume": 0.97}
+    whole, stopped = mh.run(rare("a", *stages)), mh.run(rare("b", *stages), stop)
+    assert stopped.lines()[2][0] == line[0] and stopped.lines()[2][1].startswith(line[1])
+    if first["kind"] == "sample":
+        rates = dict(stopped.lines())["accepted"]
+        assert rates.endswith(", in stage 2 (sample)" if second["kind"] == "sample" else ", in all stages")
+    mh.resume("b")
+    assert whole.outputs.table.read_bytes() == stopped.outputs.table.read_bytes()
 
 
 def testARunThatFreezesLateIsTold(inFolder):

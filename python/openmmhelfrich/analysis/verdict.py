@@ -439,7 +439,7 @@ def _missed(e: Evidence, rows: Table, observable: Observable, modulus: float) ->
     hasOtherSign = total == "areaDifference" and mean + 4 * error < -1
     limit = min(given, 1.0 if hasOtherSign else math.inf if total == "areaDifference" else FAR)
     isSoft = abs(mean) <= given
-    name, off = observable.title, f"{mean:+.2%} off its target{' on average' if e.heat else ''}"
+    name, off = observable.title, f"{mean:+.2%} off its target{' on average' if count > 1 else ''}"
     return Measured(
         abs(mean),
         f"the {name} is {off}, where its modulus, {modulus:.3g} kT, "

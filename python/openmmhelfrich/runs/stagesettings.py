@@ -70,9 +70,9 @@ class StageSettings(Conditions):
         """The largest number of steps between rows of the table with which the stage can be averaged."""
         return math.inf
 
-    def lastPart(self, isOnly: bool) -> str:
-        """Return what of the run is averaged if this is its last stage, or its only one."""
-        return f"second half of the {'run' if isOnly else 'last stage'}"
+    def lastPart(self, whole: str) -> str:
+        """Return what is averaged of it, whatever the stage is called."""
+        return f"second half of {whole}"
 
     def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
         """Return the targets, of those at its start and at its end, to which its first step would bring a membrane."""
@@ -289,8 +289,8 @@ class ContinueStage(StageSettings):
     def suddenTargets(self, start: dict[str, float], end: dict[str, float]) -> dict[str, float]:
         return start
 
-    def lastPart(self, isOnly: bool) -> str:
-        return "last window, where it is equilibrated"
+    def lastPart(self, whole: str) -> str:
+        return f"last window of {whole}, where it is equilibrated"
 
 
 STAGES: dict[str, type[StageSettings]] = {

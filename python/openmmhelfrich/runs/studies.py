@@ -387,7 +387,7 @@ class Study:
                     self._minimizing = self._minimizing.beside(self._flips().without(before))
                     recorder.report()
                 if self.stage.isDone:
-                    self._judge()
+                    self._judge(recorder)
                 if isToStop():
                     break
                 self._saveIfDue()
@@ -406,13 +406,19 @@ class Study:
         scene = self.scene.during(self.index)
         return createStage(scene.stages[self.index], scene, self.simulation, self.force)
 
-    def _judge(self) -> None:
-        """Keep the verdict on the stage, which has just ended."""
-        table = readObservables(self.outputs.table)
-        rows = table.where(table["stage"] == self.index + 1)
-        moduli = self.scene.after(self.index).moduli
-        self.verdicts[self.index] = self.stage.judge(rows, moduli) if len(rows["step"]) else Verdict()
+    def _judge(self, recorder: Recorder) -> None:
+        """Keep the verdict on the stage, which has just ended, and has a row of the table from now on."""
+        rows = self._rows()
+        if not any(rows["step"] > 0):  # the start is the mesh's, before any stage
+            recorder.table.report(self.simulation, None)
+            rows = self._rows()
+        self.verdicts[self.index] = self.stage.judge(rows, self.scene.after(self.index).moduli)
         self._writeSettings()
+
+    def _rows(self) -> Table:
+        """Return the rows that the table has of the present stage."""
+        table = readObservables(self.outputs.table)
+        return table.where(table["stage"] == self.index + 1)
 
     def _note(self) -> None:
         """Keep what the stage has to tell at its end."""
@@ -497,6 +503,7 @@ class Study:
             newSteps=newSteps,
             seconds=seconds,
             table=table,
+            stage=self.index,
             targets={name: value for name, value in targets.items() if moduli[totalOf(name)] > 0},
             shapeClasses=[classifyShape(surface) for surface in surfaces] if len(surfaces) > 1 else [],
             acceptance=acceptance,

@@ -34,6 +34,8 @@ class Summary:
         what the latter took
     table : Table
         the observables
+    stage : int
+        the stage, from 0, that it has come to: of a run that was stopped the table may have no row of it yet
     targets : dict
         those at the end of terms that are on, in powers of the length unit, by the names of
         :mod:`openmmhelfrich.sampling.targets`
@@ -67,6 +69,7 @@ class Summary:
     newSteps: int
     seconds: float
     table: Table
+    stage: int
     targets: dict[str, float]
     shapeClasses: list[str]
     acceptance: float
@@ -110,8 +113,8 @@ class Summary:
 
     @unwarned
     def mean(self, name: str) -> float:
-        """Return the average of a column of the table over the second half of the last stage, or over its last window,
-        where these are equilibrated.
+        """Return the average of a column of the table over the second half of the last stage that it has, or over its
+        last window, where these are equilibrated.
         """
         return float(self._late[name].mean())
 
@@ -122,9 +125,7 @@ class Summary:
         lines = [
             ("membrane", f"{self.numVertices} vertices, {self.numTriangles} triangles"),
             ("time", self._timeLine()) if self.loneDescent else ("made", self._madeLine()),
-            ("averages", f"over the {last.lastPart(len(self.config.stages) == 1)}:")
-            if last.isMonteCarlo
-            else ("values", self._valuesLine()),
+            self._averagesLine(),
         ]
         lines += [
             (o.title, self._average(o)) for o in shown if o.unit != "energy" and (o.onPage or o.name in self.targets)
@@ -133,7 +134,8 @@ class Summary:
             shapes = (f"surface {k} {shape}" for k, shape in enumerate(self.shapeClasses))
             lines.append(("shapes", f"{', '.join(shapes)}, at the end"))
         if last.isMonteCarlo:
-            lines.append(("accepted", f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"))
+            rates = f"{self.acceptance:.1%} of trajectories, {self.flipAcceptance:.1%} of flips"
+            lines.append(("accepted", rates + self._whoseRates()))
         if "exchangeAcceptance" in self.table:
             accepted, alike = (self.table[name][-1] for name in ("exchangeAcceptance", "exchangesAlike"))
             lines.append(("exchanges", f"{accepted:.1%} accepted, {alike:.1%} of alike species, since the start"))
@@ -196,20 +198,51 @@ class Summary:
         )
         return f"{self.seconds:.1f} s, seed {self.config.sampling.seed}{stopped}"
 
+    def _averagesLine(self) -> tuple[str, str]:
+        """Return what the numbers that follow are: never those of another stage without saying so."""
+        if not self._lastStage.isMonteCarlo:
+            return "values", f"{self._valuesLine()}:"
+        if len(self._late["step"]) == 1:
+            step = int(self._late["step"][0])
+            return "values", f"at step {step}, the only row of the table to average{self._rowless()}:"
+        if self._isOnItsWay:
+            whole = self._called(self._lastIndex)
+        else:
+            whole = "the run" if len(self.config.stages) == 1 else "the last stage"
+        return "averages", f"over the {self._lastStage.lastPart(whole)}{self._rowless()}:"
+
+    @property
+    def _isOnItsWay(self) -> bool:
+        """Whether the run was stopped in a stage before the table had a row of it."""
+        return self.stage != self._lastIndex
+
+    def _rowless(self) -> str:
+        return f"; the table has no row of {self._called(self.stage)} yet" if self._isOnItsWay else ""
+
+    def _called(self, stage: int) -> str:
+        return f"stage {stage + 1} ({self.config.stages[stage].title})"
+
+    def _whoseRates(self) -> str:
+        if not self._isOnItsWay:
+            return ""
+        return f", in {self._called(self.stage)}" if self.config.stages[self.stage].isMonteCarlo else ", in all stages"
+
     def _valuesLine(self) -> str:
         """Return what the values of a minimization are."""
+        if self._isOnItsWay:
+            return f"at the end of {self._called(self._lastIndex)}{self._rowless()}"
         if len(self.table["step"]) == 1:
-            return "at the start, from which a minimization that was stopped begins anew:"
+            return "at the start, from which a minimization that was stopped begins anew"
         if not len(self.descent):
-            return "at the end:"
+            return "at the end"
         count = int(self.descent["iteration"][-1])
         made = f"{count} iteration{'' if count == 1 else 's'}"
-        return f"after {made}{', and at the start' if self.loneDescent else ''}:"
+        return f"after {made}{', and at the start' if self.loneDescent else ''}"
 
     def _average(self, observable: Observable) -> str:
         name, unit = observable.name, observable.unitIn(self.config.mesh.length_unit)
         text = f"{self.mean(name):{observable.digits}} {unit}".rstrip()
         if self.loneDescent and len(self.table["step"]) > 1:
             text += f", from {self.table[name][0]:{observable.digits}}"
-        always = "always " if self._lastStage.isMonteCarlo else ""
+        always = "always " if len(self._late["step"]) > 1 else ""
         return text + f", {always}within {self.drift(name):.2%} of its target" if name in self.targets else text
