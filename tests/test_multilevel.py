@@ -333,7 +333,7 @@ def test_velocities_are_scaled(platform):
         positions.append(positionsOf(context))
     assert np.array_equal(positions[0], positions[1]) and not np.array_equal(positions[0], positions[2])
     for factor in (0, -1, np.nan, np.inf):
-        with pytest.raises(mm.OpenMMException, match="the factor of velocities is .*; it must be finite and positive"):
+        with pytest.raises(mm.OpenMMException, match=r"the factor of velocities is .*; it must be finite and positive"):
             trajectories.scaleCoarseVelocities(factor)
     with pytest.raises(mm.OpenMMException, match="it is not bound to a Context"):
         createIntegrator().scaleCoarseVelocities(2)
@@ -403,6 +403,23 @@ def test_the_weight_is_chosen():
         np.concatenate((sphere.triangles, sphere.triangles + len(sphere.vertices))),
     )
     assert Scene.of({}, two).config.sampling.multilevel_weight == 0
+
+
+@pytest.mark.parametrize("stepSize", [None, "auto"])
+@pytest.mark.parametrize(
+    ("stage", "weight"),
+    [
+        ({"kind": "sample"}, 2),
+        ({"kind": "sample", "volume_modulus": 1e8}, 0),
+        ({"kind": "approach", "volume_modulus": 1e8}, 0),
+        ({"kind": "sample", "volume_modulus": 1e5}, 2),
+        ({"kind": "sample", "step_size": 0.01}, 0),
+    ],
+)
+def test_the_weight_is_one_for_all_stages(stepSize, stage, weight):
+    first, stage = {"kind": "sample", "steps": 10}, {**stage, "steps": 10}
+    scene = Scene.of({"stages": [first, stage], "sampling": {"step_size": stepSize}}, mh.Mesh.icosphere(4))
+    assert scene.config.sampling.multilevel_weight == weight
 
 
 def test_a_run_tells_the_weight(tmp_path):
