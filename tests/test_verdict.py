@@ -207,13 +207,25 @@ def testWhatAnAdviceIs():
     for other, words in (
         ({"stepSize": 2e-3}, 'a smaller step_size helps, or step_size = "auto"'),
         ({"stepSize": 1e-6}, "remesh it, or minimize before sampling"),
+        ({"stepSize": 2e-3, "weight": 2.0}, "a multilevel_weight below 2, or 0, helps"),
+        ({"stepSize": 1e-6, "weight": 2.0}, "go with the moduli: a multilevel_weight below 2, or 0, helps"),
         ({"stepSize": 2e-3, "mesh": dented(0.3)}, "the membrane has crumpled"),
         ({"stepSize": 2e-3, "moduli": GOOD.moduli | {"tether": 0.0}}, "a tether keeps triangles well shaped"),
     ):
         found = judge(replace(GOOD, **none, **other)).findings
         (finding,) = (finding for finding in found if finding.check == "acceptance of trajectories")
         assert words in finding.advice
-        assert ("a smaller step_size helps" in finding.advice) == ("a smaller step_size helps" in words)
+        isLong = "mesh" not in other and "moduli" not in other and other["stepSize"] > 1e-3
+        assert ("a smaller step_size helps" in finding.advice) == isLong
+
+
+@pytest.mark.parametrize(("weight", "isToBlame"), [(2, True), (0, False)])
+def testAWeightTooGreatForTheModuliOfAStageIsNamed(inFolder, weight, isToBlame):
+    stage = {"kind": "sample", "steps": 40, "volume_modulus": 1e8, "step_size": 1e-3}
+    config = configure(mesh=3, stages=[stage], steps_per_trajectory=10, multilevel_weight=weight)
+    (found,) = (each for each in mh.run(config).verdict.findings if each.check == "acceptance of trajectories")
+    assert ("a multilevel_weight below 2, or 0, helps" in found.advice) == isToBlame
+    assert "a smaller step_size helps" in found.advice
 
 
 def testWhatIsZeroOnAverageDoesNotDrift():

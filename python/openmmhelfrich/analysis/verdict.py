@@ -172,6 +172,8 @@ class Evidence:
         the parts of trajectories that were accepted and that diverged, since a step size was found, and that of flips
     stepSize, timeScale : float or None
         the step size, and that of the rule of thumb, in ps
+    weight : float
+        that of momenta on coarser meshes, where steps must be shorter with it; 0 elsewhere
     adaptation : str
         what lets a step size that is found by its acceptance come out better; empty where it is given
     lately : (int, int)
@@ -205,6 +207,7 @@ class Evidence:
     flipAcceptance: float | None = None
     stepSize: float | None = None
     timeScale: float | None = None
+    weight: float = 0.0
     adaptation: str = ""
     lately: tuple[int, int] = (0, 0)
     few: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -540,11 +543,18 @@ def _stepAdvice(e: Evidence) -> str:
     if e.mesh is not None and np.mean(e.dihedrals > FOLDED) > FOLDS.doubtful:
         return f"a smaller step_size does not help, since the membrane has crumpled: {_ANEW}"
     if e.stepSize is None or e.timeScale is None or e.stepSize >= SHORT_STEP * e.timeScale:
-        return e.adaptation or _SMALLER_STEP
+        advice = e.adaptation or _SMALLER_STEP
+        return f"{_cause(e)}; or {advice}" if e.weight > 0 else advice
     return (
         f"a smaller step_size does not help, since it is {e.stepSize:.2g} ps already, where {e.timeScale:.2g} ps go "
-        f"with the moduli: {_UNEVEN}"
+        f"with the moduli: {_cause(e)}"
     )
+
+
+def _cause(e: Evidence) -> str:
+    """Return what lets steps be as long as the rule of thumb says."""
+    lighter = f"a multilevel_weight below {e.weight:g}, or 0, helps, since the moduli are too stiff for this one"
+    return lighter if e.weight > 0 else _UNEVEN
 
 
 def _flips(e: Evidence) -> Iterator[Measured]:
@@ -561,7 +571,7 @@ def _flips(e: Evidence) -> Iterator[Measured]:
 def _stepSize(e: Evidence) -> Iterator[Measured]:
     if e.stepSize is not None and e.timeScale is not None and e.acceptance is not None:
         what = f"the step size of {e.stepSize:.2g} ps creeps: {e.timeScale:.2g} ps go with the moduli and the mesh"
-        advice = _LARGER_STEP if _hasShortStep(e) else _UNEVEN
+        advice = _LARGER_STEP if _hasShortStep(e) else _cause(e)
         yield Measured(e.stepSize / e.timeScale, what, advice)
 
 

@@ -601,8 +601,8 @@ class SamplingSection(Section):
     multilevel_weight: MultilevelWeight = Field(
         "auto",
         description="weight of momenta on coarser meshes, with which long waves move nearly as fast as short ones; 0 "
-        'for none, 2 for a large membrane; "auto" takes 2 where a surface has 1000 vertices or more and steps need not '
-        "be shorter with it, and 0 elsewhere",
+        'for none, 2 for a large membrane; "auto" takes 2 where a surface has 1000 vertices or more and the steps of '
+        "no stage need be shorter with it, and 0 elsewhere",
     )
     flip_fraction: float = Field(
         0.3,

@@ -67,7 +67,7 @@ from .scene import Scene
 from .sections import Conditions, SamplingSection, SpeciesChange
 from .sizes import requireBeginning, requireComparable, requireHeldDifference, requireLeastAreas, requireTrajectories
 from .stagesettings import AnnealStage, ApproachStage, ContinueStage, MinimizeStage, SampleStage, StageSettings
-from .stepsizes import stepSizeOf
+from .stepsizes import isTooHeavy, stepSizeOf
 
 
 class _Memory(TypedDict):
@@ -221,6 +221,10 @@ class Stage(ABC):
             Counters(*np.subtract(self._counters(), before).tolist())
             for before in (self._startCounters, np.maximum(self._startCounters, self._countersAtHalf()))
         )
+        measured, weight = MeasuredMesh(mesh), integrator.getMultilevelWeight()
+        stepSize = valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond)
+        timeScale = stepSizeOf(scene.config, measured)
+        isHeavy = weight > 0 and isTooHeavy(scene.config, measured, weight, max(stepSize, timeScale))
         return Evidence(
             rows=rows,
             mesh=mesh,
@@ -229,8 +233,9 @@ class Stage(ABC):
             heat=self._heat(rows),
             **ratesOf(counters, integrator),
             lately=(late.accepted, late.trajectories),
-            stepSize=valueIn(trajectoriesOf(integrator).getStepSize(), unit.picosecond),
-            timeScale=stepSizeOf(scene.config, MeasuredMesh(mesh)),
+            stepSize=stepSize,
+            timeScale=timeScale,
+            weight=weight if isHeavy else 0.0,
             adaptation=self.ADAPTATION if self._adapter else "",
             moved=self._moved(mesh),
         )

@@ -77,28 +77,37 @@ MULTILEVEL_WEIGHT, MULTILEVEL_SIZE = 2.0, 1000
 
 
 def multilevelWeight(config: Config, measured: MeasuredMesh) -> float:
-    """Return the weight that "auto" stands for: 0 where it is not known to pay.
+    """Return the weight that "auto" stands for: 0 where it is not known to pay, or is too great in a stage."""
+    sampling = config.sampling
+    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, measured)
+    own = [getattr(stage, "step_size", None) for stage in config.stages]
+    longest = max([stepSize, *(each for each in own if isinstance(each, float))])
+    count = max(surface.numVertices for surface in surfacesOf(config, measured))
+    if count < MULTILEVEL_SIZE or sampling.tether_substeps > 1:
+        return 0.0
+    isTooGreat = any(isTooHeavy(each, measured, MULTILEVEL_WEIGHT, longest) for each in _inForce(config))
+    return 0.0 if isTooGreat else MULTILEVEL_WEIGHT
+
+
+def isTooHeavy(config: Config, measured: MeasuredMesh, weight: float, stepSize: float) -> bool:
+    """Return whether steps, in ps, must be shorter than that with a weight of coarser meshes, for the moduli of a
+    Config.
 
     Coarser meshes let a surface swell and shrink faster, against the penalties of its area and volume, the softest of
     motions without them.  A step may take 1.5 radians of that; with 1.4 three trajectories in four were accepted.
     """
-    sampling = config.sampling
-    stepSize = sampling.step_size if isinstance(sampling.step_size, float) else defaultStepSize(config, measured)
-    surfaces = surfacesOf(config, measured)
-    if max(surface.numVertices for surface in surfaces) < MULTILEVEL_SIZE or sampling.tether_substeps > 1:
-        return 0.0
-    stiffness = max(_swelling(config.membrane, surface) for surface in surfaces)
-    frequency = math.sqrt(stiffness * thermalEnergy(sampling.temperature) / sampling.mass)
-    return MULTILEVEL_WEIGHT if stepSize * frequency <= 1.5 else 0.0
+    stiffness = max(_swelling(config.membrane, surface, weight) for surface in surfacesOf(config, measured))
+    frequency = math.sqrt(stiffness * thermalEnergy(config.sampling.temperature) / config.sampling.mass)
+    return stepSize * frequency > 1.5
 
 
-def _swelling(membrane: MembraneSection, surface: Surface) -> float:
+def _swelling(membrane: MembraneSection, surface: Surface, weight: float) -> float:
     """Estimate the second derivative of the penalties, in kT per squared length unit, for a sphere that swells, times
-    the factor by which coarser meshes raise its inverse mass.
+    the factor by which coarser meshes of a weight raise its inverse mass.
     """
     factor, amplification, count = 1.0, 1.0, surface.numVertices / 4
     while count > 12:  # a level of n vertices has the inverse mass 4w times that of the next finer one
-        factor *= 4 * MULTILEVEL_WEIGHT
+        factor *= 4 * weight
         amplification += factor
         count /= 4
     area = 8 * math.pi * (4 * membrane.area_modulus + membrane.area_difference_modulus) / surface.area
