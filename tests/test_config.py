@@ -3,6 +3,7 @@
 import datetime
 import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,13 @@ from openmmhelfrich.runs.configfile import defaultText, settingsText
 from openmmhelfrich.runs.defaults import resolve
 from openmmhelfrich.runs.meshsource import loadMesh
 from openmmhelfrich.runs.scene import Scene
-from openmmhelfrich.runs.sections import SamplingSection
+from openmmhelfrich.runs.sections import (
+    MembraneSection,
+    MeshSection,
+    OutputSection,
+    SamplingSection,
+    TetherSection,
+)
 from openmmhelfrich.runs.stagesettings import STAGES
 from openmmhelfrich.runs.trimem import convertConfig
 from openmmhelfrich.sampling.conditions import currentMesh
@@ -141,6 +148,42 @@ def testLengths():
 )
 def testWrongNumbers(sections, message):
     assert message in complaintOf(**sections)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "allowed"),
+    [
+        ("sampling", "momentum_refreshment", 1e-300, "it must be from 1e-30 to 1"),
+        ("sampling", "target_acceptance", 1e-300, "it must be from 1e-30 to less than 1"),
+        ("sampling", "trajectory_jitter", 1e-300, "it must be 0, or from 1e-30 to less than 1"),
+        ("sampling", "shear_wave_cutoff", 1e31, "it must be from 1 to 1e+30"),
+        ("sampling", "step_size", 1e-300, "it must be from 1e-30 to 1e+30"),
+        ("sampling", "multilevel_weight", 1e-300, "it must be 0, or from 1e-30 to 1000"),
+        ("membrane", "reduced_volume", [0.9, 1e-300], "each number must be from 1e-30 to 1"),
+        ("membrane", "target_area_difference", -1e-300, "it must be from 1e-30 to 1e+30 in size"),
+        ("membrane", "tension", 1e-300, "it must be 0, or from 1e-30 to 1e+30 in size"),
+        ("membrane", "area_modulus", 1e31, "it must be 0, or from 1e-30 to 1e+30"),
+    ],
+)
+def testNumbersTooSmallOrLargeAreToldWhatTheirKeyAllows(section, key, value, allowed):
+    with pytest.raises(ValueError, match=rf"\[{section}\] {key} is .*; {re.escape(allowed)}$"):
+        parse(**{section: {key: value}})
+
+
+@pytest.mark.parametrize("settings", [MeshSection, MembraneSection, SamplingSection, TetherSection, OutputSection])
+def testNoMessageAllowsAZeroThatIsRefused(settings):
+    name = settings.__name__.removesuffix("Section").lower()
+
+    def messageOf(key, value):
+        try:
+            parse(**{name: {key: value}})
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    for key in settings.model_fields:
+        if "must be 0, or" in messageOf(key, 1e-300):
+            assert "must" not in messageOf(key, 0.0)
 
 
 # --- stages

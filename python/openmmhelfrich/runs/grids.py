@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from ..files import PathLike
@@ -158,7 +158,7 @@ class Grid(Section):
 
     @field_validator("*")
     @classmethod
-    def _range(cls, value: Any) -> Any:
+    def _range(cls, value: Any, info: ValidationInfo) -> Any:
         return value  # the points' configurations have ranges
 
     seeds: int = Field(

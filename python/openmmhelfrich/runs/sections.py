@@ -9,7 +9,7 @@ length is a label: OpenMM's nm stands for it, whatever the size of the mesh.  A 
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -39,6 +39,42 @@ def _numbersIn(value: Any) -> Iterator[int | float]:
             yield from _numbersIn(part)
     elif isinstance(value, (int, float)):
         yield value
+
+
+class Bounds(NamedTuple):
+    """What numbers may be: from one to another, and whether also 0.  A type that checks its values itself has it among
+    its metadata, for messages.
+    """
+
+    least: float = -GREATEST
+    most: float = GREATEST
+    hasZero: bool = True
+    isOpen: bool = False  # less than the greatest
+
+    @classmethod
+    def of(cls, metadata: Sequence[Any]) -> "Bounds":
+        """Return those of a key, from the metadata of its field."""
+        found = cls()
+        for each in metadata:
+            if isinstance(each, Bounds):
+                return each
+            for name in ("gt", "ge"):
+                if hasattr(each, name):
+                    least = getattr(each, name)
+                    found = found._replace(least=least, hasZero=name == "ge" and least == 0)
+            for name in ("lt", "le"):
+                if hasattr(each, name):
+                    found = found._replace(most=getattr(each, name), isOpen=name == "lt")
+        return found
+
+    def __str__(self) -> str:
+        zero = "0, or " if self.hasZero else ""
+        if self.least < 0:
+            return f"{zero}from {LEAST:g} to {GREATEST:g} in size"
+        return f"{zero}from {max(self.least, LEAST):g} to {'less than ' if self.isOpen else ''}{self.most:g}"
+
+
+POSITIVE = Bounds(0, hasZero=False)
 
 
 def _scalesOf(info: ValidationInfo) -> Scales:
@@ -114,14 +150,14 @@ Curvature: TypeAlias = Annotated[float, _quantity("curvature")]
 Time: TypeAlias = Annotated[float, _quantity("time")]
 Mass: TypeAlias = Annotated[float, _quantity("mass")]
 Temperature: TypeAlias = Annotated[float, _quantity("temperature")]
-StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps")]
-Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units")]
-MultilevelWeight: TypeAlias = Annotated[Any, _weightOrAuto()]
+StepSize: TypeAlias = Annotated[Any, _quantityOrAuto("time", "ps"), POSITIVE]
+Amplitude: TypeAlias = Annotated[Any, _quantityOrAuto("length", "length units"), POSITIVE]
+MultilevelWeight: TypeAlias = Annotated[Any, _weightOrAuto(), Bounds(0, 1000)]
 # Of each surface by itself: a number for all, or a list.
-TargetArea: TypeAlias = Annotated[Any, _perSurface("area", above=0)]
-TargetVolume: TypeAlias = Annotated[Any, _perSurface("volume", above=0)]
-ReducedVolume: TypeAlias = Annotated[Any, _perSurface(above=0, most=1)]
-TargetAreaDifference: TypeAlias = Annotated[Any, _perSurface("area")]
+TargetArea: TypeAlias = Annotated[Any, _perSurface("area", above=0), POSITIVE]
+TargetVolume: TypeAlias = Annotated[Any, _perSurface("volume", above=0), POSITIVE]
+ReducedVolume: TypeAlias = Annotated[Any, _perSurface(above=0, most=1), Bounds(0, 1, hasZero=False)]
+TargetAreaDifference: TypeAlias = Annotated[Any, _perSurface("area"), Bounds(hasZero=False)]
 
 
 def _fileName(name: str) -> str:
@@ -162,12 +198,13 @@ class Section(BaseModel):
 
     @field_validator("*")
     @classmethod
-    def _range(cls, value: Any) -> Any:
+    def _range(cls, value: Any, info: ValidationInfo) -> Any:
         for number in _numbersIn(value):
             if isinstance(number, int) and abs(number) > GREATEST_WHOLE:
                 raise ValueError(f"it must be at most {GREATEST_WHOLE}")
             if isinstance(number, float) and number != 0 and not LEAST <= abs(number) <= GREATEST:
-                raise ValueError(f"it must be 0, or from {LEAST:g} to {GREATEST:g} in size")
+                bounds = Bounds.of(cls.model_fields[info.field_name or ""].metadata)
+                raise ValueError(f"{'it' if number is value else 'each number'} must be {bounds}")
         return value
 
 
@@ -239,7 +276,7 @@ class MeshSection(Section):
         description="instead of a file: a sphere of radius 1, an icosahedron subdivided so often; 3 gives "
         "642 vertices, 4 gives 2562",
     )
-    sheet: Corner | None = Field(
+    sheet: Annotated[Corner | None, POSITIVE] = Field(
         None,
         description="instead of a file: the width, the height and the length of the edges of a flat periodic sheet, in "
         "the plane z = 0 of a periodic box; see Mesh.sheet()",
