@@ -122,6 +122,7 @@ _WORDS = {
     "max_iterations, tolerance": "maxiter",
     ', or step_size = "auto"': f', or one that is found, as step_size = "auto" put into {_CONVERSION} asks for',
     ', or "auto", or none': "",
+    "a multilevel_weight": "a weight of momenta on coarser meshes",
     "more steps, or a shorter burn_in or equilibration": "a larger num_steps",
     "flip_probability = 0": "flip_type = none",
     "bounds of the tether let": "bounds of the tether (lc0, lc1) let",
