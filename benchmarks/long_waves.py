@@ -137,8 +137,8 @@ def _correlation(sums):
     return products / pairs / (squares / count)
 
 
-def modesOf(x, triangles):
-    """Return the coefficients of the radius, in units of its mean, in real spherical harmonics of degrees 2, 3 and 4.
+def modesOf(x, triangles, greatest=max(DEGREES)):
+    """Return the coefficients of the radius, in units of its mean, in real spherical harmonics of degrees from 2 on.
 
     The direction of each vertex counts with its solid angle, by the live triangles: the vesicle is nearly a sphere.
     """
@@ -146,7 +146,7 @@ def modesOf(x, triangles):
     r = np.linalg.norm(x, axis=1)
     directions = x / r[:, np.newaxis]
     weights = _solidAngles(directions, triangles)
-    return (weights * r) @ realHarmonics(directions, max(DEGREES))[:, 4:] / np.average(r, weights=weights)
+    return (weights * r) @ realHarmonics(directions, greatest)[:, 4:] / np.average(r, weights=weights)
 
 
 def elongations(modes):

@@ -26,6 +26,7 @@ RUNS = [
     ("limits.py run 2 --evaluations 75000 --aim 0", '"vertices": 162,', '"orientation": [#, #],', '"edge": [#, #],'),
     ("limits.py laws {folder}/limits.jsonl", "2 | 10 | 0.1 | 1 | #% |", "bending N^("),
     ("long_waves.py 2 2 1e-3 10 0.2", '"vertices": 162,', '"accepted": #,', '"evaluations": #,'),
+    ("long_waves_angles.py 2 2 2e-3 5 --degree 4 --trajectories 40", "accepted #%: l = 2: #, l = 3: #, l = 4: #"),
     ("long_waves_comparison.py {folder}/long_waves_ellipsoids.jsonl", "elongation | # ± "),
     ("long_waves_comparison.py {folder}/long_waves.jsonl", "at 40962 vertices as at 10242,"),
     ("long_waves_cost.py --subdivisions 2 --steps 5 --turns 1", "162 double # # # # # #", "162 mixed # # # # # #"),
