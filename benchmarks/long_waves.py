@@ -137,7 +137,7 @@ def _correlation(sums):
     return products / pairs / (squares / count)
 
 
-def modesOf(x, triangles, greatest=max(DEGREES)):
+def modesOf(x, triangles, greatest=DEGREES[-1]):
     """Return the coefficients of the radius, in units of its mean, in real spherical harmonics of degrees from 2 on.
 
     The direction of each vertex counts with its solid angle, by the live triangles: the vesicle is nearly a sphere.
