@@ -342,6 +342,7 @@ def testTargetsWithoutModulus(tmp_path, membrane, message):
         ("sampling", {"shear_wave_cutoff": 2.0}, {"shear_wave_probability": 0.1}),
         ("sampling", {"burn_in": 2}, {"step_size": "auto"}),
         ("sampling", {"burn_in": 2}, {"shear_wave_probability": 0.1}),
+        ("sampling", {"target_acceptance": 0.9}, {"step_size": "auto"}),
     ],
 )
 def testKeysThatHaveNoEffect(tmp_path, section, idle, switch):
@@ -352,6 +353,18 @@ def testKeysThatHaveNoEffect(tmp_path, section, idle, switch):
             read(tmp_path, **{section: idle})
     assert not list(tmp_path.iterdir())
     mh.Scene.of({section: idle | switch}, mh.Mesh.icosphere(1))
+
+
+def testAnAcceptanceToAimAtHasAnEffect():
+    """On stages whose step size follows it; the default does no harm, as resolved configurations have it."""
+    annealing = {"kind": "anneal", "steps": 2, "end_temperature": 200}
+    automatic = {"kind": "sample", "steps": 2, "step_size": "auto"}
+    for sampling, stages in (
+        ({"target_acceptance": 0.9}, [annealing]),
+        ({"target_acceptance": 0.9}, [automatic]),
+        ({"target_acceptance": 0.75, "step_size": 1e-4}, []),
+    ):
+        mh.Scene.of({"sampling": sampling, "stages": stages}, mh.Mesh.icosphere(1))
 
 
 def testAScriptIsToldOfFarTargets(recwarn):

@@ -172,7 +172,7 @@ def fluctuationSpectrum(frames: ArrayLike, maxDegree: int = 10) -> FluctuationSp
     Raises
     ------
     ValueError
-        if an argument is out of range
+        if an argument is out of range, or emcee is not installed, which the extra analysis brings
     """
     frames = checkedFrames(frames)
     maxDegree = wholeNumber(maxDegree, "fluctuationSpectrum: maxDegree", 2)

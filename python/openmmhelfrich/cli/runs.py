@@ -43,9 +43,9 @@ def run(
 ) -> None:
     """Do the stages that a configuration describes: minimize, sample, anneal, continue to other targets.
 
-    Writes a trajectory (DCD), its topology (PSF), a table of observables (CSV), the final mesh, two pictures (PNG), the
-    settings with all defaults filled in, and a checkpoint, from which the command resume goes on after whatever stopped
-    the run.  Options take the place of the configuration's values.
+    Writes trajectories (VTKHDF, with the live triangles, and DCD), a topology (PSF), a table of observables (CSV), the
+    final mesh, two pictures (PNG), the settings with all defaults filled in, and a checkpoint, from which the command
+    resume goes on after whatever stopped the run.  Options take the place of the configuration's values.
 
     At the end stands a verdict, good, doubtful or failed, with its reasons.  The exit code is 0 if it is good or
     doubtful, 3 if it is failed, 1 after an error and 2 after a wrong option.

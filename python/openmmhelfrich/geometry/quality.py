@@ -160,7 +160,7 @@ class MeshQuality(MeasuredMesh):
         return (
             f"surfaces {first} and {second} are within {distance:.2g} {lengthUnit}, {part:.2g} of an edge, of each "
             f"other over most of their area, like copies of one object{more}: leave one out, in the program that "
-            "exported the file"
+            "exported the file, or by 'openmm-helfrich repair' with --keep K for each of the others"
         )
 
     def _kind(self, u: str) -> str:

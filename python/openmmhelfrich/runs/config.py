@@ -36,7 +36,7 @@ from .sections import (
     checkMaterial,
     checkSpecies,
 )
-from .stagesettings import STAGES, AnyStage, SampleStage, checkCooling, givenConditions
+from .stagesettings import STAGES, AnnealStage, AnyStage, SampleStage, checkCooling, givenConditions
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -158,8 +158,16 @@ def conditionOf(config: Config, name: str) -> float:
 
 def hasBurnIn(config: Config) -> bool:
     """Return whether a step size or an amplitude of a Config adapts during a burn-in."""
-    stepSizes = [config.sampling.step_size, *(getattr(stage, "step_size", None) for stage in config.stages)]
-    return "auto" in stepSizes or config.sampling.shear_wave_probability > 0
+    return _isAutomatic(config) or config.sampling.shear_wave_probability > 0
+
+
+def hasAim(config: Config) -> bool:
+    """Return whether a step size of a Config follows the part of trajectories that are accepted."""
+    return _isAutomatic(config) or any(isinstance(stage, AnnealStage) for stage in config.stages)
+
+
+def _isAutomatic(config: Config) -> bool:
+    return "auto" in [config.sampling.step_size, *(getattr(stage, "step_size", None) for stage in config.stages)]
 
 
 def stagesOf(config: Config) -> list[Any]:

@@ -6,9 +6,9 @@ from ..geometry.measured import MeasuredMesh
 from ..geometry.mesh import Mesh
 from ..messages import shortened
 from ..sampling.targets import MODULUS_NAMES, totalOf
-from .config import Config, during, hasBurnIn, valueOf
+from .config import Config, during, hasAim, hasBurnIn, valueOf
 from .defaults import GROWING_MODULI, MODULUS_PER_VERTEX
-from .sections import MODULI, MembraneSection
+from .sections import MODULI, MembraneSection, SamplingSection
 from .stepsizes import MULTILEVEL_SIZE
 from .surfaces import TARGET_KEYS, measuresOf, ownAreaDifferences, surfacesOf, targetsOf
 
@@ -45,6 +45,12 @@ def _requireEffectiveKeys(config: Config) -> None:
         raise ValueError(
             f"{config.source}: [sampling] burn_in is {config.sampling.burn_in}, and has no effect, since no step_size "
             "is 'auto'; make it that, or leave burn_in out"
+        )
+    aim = config.sampling.target_acceptance
+    if aim != SamplingSection.model_fields["target_acceptance"].default and not hasAim(config):
+        raise ValueError(
+            f"{config.source}: [sampling] target_acceptance is {aim}, and has no effect, since no step_size is 'auto'; "
+            "make it that, or leave target_acceptance out"
         )
 
 

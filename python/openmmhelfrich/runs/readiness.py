@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from openmm import OpenMMException, app, unit
+from openmm import Context, OpenMMException, VerletIntegrator, app, unit
 
 from ..analysis.verdict import INTERSECTIONS
 from ..files import PathLike
@@ -19,13 +19,13 @@ from ..geometry.remeshing import missing, tried
 from ..helfrich import HelfrichForce
 from ..sampling.conditions import currentMesh
 from ..sampling.moves import trajectoriesOf
-from ..sampling.targets import nameOf
+from ..sampling.targets import nameOf, totalOf
 from ..units import valueIn
 from .additions import additionsTo
 from .config import Config, parseConfig
 from .scene import Scene, createScene
 from .sections import SystemSection
-from .tethers import FITTING
+from .tethers import FITTING, Tether
 
 # A mesh is even if its tether holds less than a thermal share, in kT for each vertex, and no triangle is near flat or
 # folded: its trajectories are then accepted as the step size has it.
@@ -42,6 +42,8 @@ _TRIAL_SEED = 1
 # Where each of the first few ends by so many kT higher, flips do not mend the mesh meanwhile: what was tried is in
 # docs/how-to/remeshing.md.
 _FIRST_FEW, _HOPELESS = 5, 2e4
+# The greatest ratio of the bounds of a tether that keeps triangles well shaped: see docs/explanation/model.md.
+_FIRM = 2.0
 # A mesh that is made anew is another surface if its area or its volume changes by more than this part.
 _OTHER = 0.1
 # What is thin is tried with up to so many vertices, which takes some seconds.
@@ -53,11 +55,14 @@ def obstacle(
 ) -> str | None:
     """Return why a run from the present shape would sample nothing, in a sentence, or None if it would not.
 
-    An even mesh passes as it is.  With another a few steps are made in a Context of their own, with the targets that
-    the mesh has already and random numbers of their own, so that nothing but the mesh decides; of the scene's step
-    size, or another, in ps.
+    A mesh passes as it is if it is even, and does not if the tether does not go with a surface.  With another a few
+    steps are made in a Context of their own, with the targets that the mesh has already and random numbers of their
+    own, so that nothing but the mesh decides; of the scene's step size, or another, in ps.
     """
     mesh = currentMesh(simulation, force)
+    mismatch = _mismatch(scene, mesh)
+    if mismatch is not None:
+        return mismatch
     if _isRelaxed(scene, simulation, force) and _isEven(MeshQuality(mesh)):
         return None
     return _refusal(scene, simulation, mesh, stepSize or scene.stepSize)
@@ -330,6 +335,9 @@ def _readinessAsItIs(mesh: Mesh, lengthUnit: str) -> Readiness:
     crossed = _crossed(quality)
     if crossed is not None:
         return Readiness(crossed, quality=quality)
+    mismatch = _mismatch(scene, mesh)
+    if mismatch is not None:
+        return Readiness(mismatch, scene=scene, quality=quality)
     isEven = _isEven(quality)  # before there is a Context, so that the memory for both is not needed at once
     force = scene.createForce()
     simulation = scene.createSimulation(force)
@@ -363,6 +371,61 @@ def _isRelaxed(scene: Scene, simulation: app.Simulation, force: HelfrichForce) -
 
 def _isEven(quality: MeshQuality) -> bool:
     return bool(quality.angles.min() >= _LEAST_ANGLE and np.abs(quality.dihedrals).max() <= _GREATEST_DIHEDRAL)
+
+
+def _mismatch(scene: Scene, mesh: Mesh) -> str | None:
+    """Return which surface has edges that the tether does not let be as long as they are, in a sentence, or None.
+
+    A surface keeps its vertices, so that as long as it keeps its area its edges stay as long on average.
+    """
+    if not _keepsAreas(scene):
+        return None
+    surfaces, tether = mesh.components(), scene.tether
+    for k, surface in enumerate(surfaces):
+        if not _isWithin(tether, surface) and not _tetherShare(scene, surface) <= _TETHER_SHARE:
+            which = f"surface {k}" if len(surfaces) > 1 else "the surface"
+            return (
+                f"the tether does not go with the edges of {which}: their mean length is "
+                f"{surface.edgeLengths.mean():.4g} {scene.lengthUnit}, where the tether keeps edges from "
+                f"{tether.minLength:.4g} to {tether.maxLength:.4g}{_remedy(scene, surfaces)}"
+            )
+    return None
+
+
+def _remedy(scene: Scene, surfaces: Sequence[Mesh]) -> str:
+    """Return what makes a tether go with all surfaces, beside a mesh made anew, as what ends a sentence."""
+    means = [surface.edgeLengths.mean() for surface in surfaces]
+    least, most = FITTING[0] * min(means), FITTING[1] * max(means)
+    if most > _FIRM * least:
+        return "; all surfaces must have edges of about one length"
+    if _misfit(scene) is not None:  # which names such bounds
+        return ""
+    return f"; [tether] min_length = {least:.3g} and max_length = {most:.3g} go with them"
+
+
+def _keepsAreas(scene: Scene) -> bool:
+    """Return whether trajectories keep the area of each surface about as it is."""
+    areas = [name for name in scene.targets if totalOf(name) == "area"]
+    return (
+        scene.config.sampling.flip_probability < 1
+        and scene.moduli["area"] > 0
+        and all(stage.target_area is None for stage in scene.stages)
+        and all(abs(scene.targets[name] / scene.targetScales[name] - 1) <= _OTHER for name in areas)
+    )
+
+
+def _tetherShare(scene: Scene, surface: Mesh) -> float:
+    """Return the energy of the tether of a connected surface, in kT for each vertex."""
+    tether, force, system = scene.tether, HelfrichForce(), surface.createSystem()
+    force.setTriangles(surface.triangles)
+    force.setUsesPeriodicBoundaryConditions(surface.isPeriodic)
+    force.setTether(scene.moduli["tether"], tether.minLength, tether.maxLength, scene.config.tether.exponent)
+    force.setTetherLengthScale(tether.lengthScale)
+    system.addForce(force)
+    context = Context(system, VerletIntegrator(0), scene.platform, scene.platformProperties)
+    context.setPositions(surface.vertices)
+    energy = force.getEnergyTermsInContext(context)["tether"]
+    return float(valueIn(energy, unit.kilojoules_per_mole) / (scene.kT * len(surface.vertices)))
 
 
 def _refusal(scene: Scene, simulation: app.Simulation, mesh: Mesh, stepSize: float) -> str | None:
@@ -422,8 +485,12 @@ def _numVertices(scene: Scene, mesh: Mesh) -> int:
 
 
 def _fits(scene: Scene, mesh: Mesh) -> bool:
-    """Return whether the edges of a mesh are, on average, where the tether wants them."""
-    return bool(scene.tether.minLength < mesh.edgeLengths.mean() < scene.tether.maxLength)
+    """Return whether the edges of each surface of a mesh are, on average, where the tether wants them."""
+    return all(_isWithin(scene.tether, surface) for surface in mesh.components())
+
+
+def _isWithin(tether: Tether, surface: Mesh) -> bool:
+    return bool(tether.minLength < surface.edgeLengths.mean() < tether.maxLength)
 
 
 def _middle(scene: Scene) -> float:

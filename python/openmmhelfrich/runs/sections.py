@@ -633,7 +633,8 @@ class SamplingSection(Section):
         gt=0,
         le=1,
         description="how much of the velocities a trajectory draws anew; with less than 1 motions go on from one "
-        "trajectory to the next, which takes a target_acceptance of 0.9; 1 is the plain method",
+        'trajectory to the next, which takes an "auto" step_size with a target_acceptance of 0.9; 1 is the plain '
+        "method",
     )
     multilevel_weight: MultilevelWeight = Field(
         "auto",
