@@ -65,7 +65,6 @@ class Chain:
                 "flip_fraction": 0.3,
                 "flip_probability": 0.3,
                 "momentum_refreshment": refreshment,
-                "target_acceptance": aim,
             },
         }
         self._simulation, _ = simulate(config, mesh)
