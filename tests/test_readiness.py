@@ -219,6 +219,79 @@ def test_check_and_runs_of_any_seed_have_one_answer(stretching):
     assert len(answers) == 1
 
 
+def apart(level, other, size=1.0):
+    """Return two spheres that are far from each other."""
+    sphere = mh.Mesh.icosphere(other)
+    return mh.Mesh.merged([mh.Mesh.icosphere(level), mh.Mesh(size * sphere.vertices + [5, 0, 0], sphere.triangles)])
+
+
+@pytest.mark.parametrize("mesh, number", [(apart(3, 2), 1), (apart(2, 3), 0), (apart(2, 2, 0.6), 1)])
+def test_a_surface_with_which_the_tether_does_not_go_is_named(inFolder, mesh, number):
+    """By check and by a run, though trajectories of such a mesh are accepted; with the command that mends it."""
+    pytest.importorskip("mmgpy")
+    mesh.write("cell.stl")
+    configure()
+    tether, mean = mh.Scene.of("run.toml").tether, mesh.components()[number].edgeLengths.mean()
+    sentence = (
+        f"the tether does not go with the edges of surface {number}: their mean length is {mean:.4g} nm, where the "
+        f"tether keeps edges from {tether.minLength:.4g} to {tether.maxLength:.4g}; all surfaces must have edges of "
+        "about one length"
+    )
+    checked, run = invoke("check", "cell.stl"), invoke("run", "run.toml")
+    for result in (checked, run):
+        assert result.exit_code == 1 and sentence in result.output
+    (command,) = commandsOf(checked.output)
+    assert command.endswith(f" --vertices {len(mesh.vertices)}") and "remesh = " in run.output
+    assert invoke(*shlex.split(command)[1:]).exit_code == 0
+    assert invoke("check", "cell_even.ply").exit_code == 0
+    lengths = [surface.edgeLengths.mean() for surface in mh.Mesh.read("cell_even.ply").components()]
+    assert max(lengths) < 1.05 * min(lengths)
+
+
+@pytest.mark.parametrize("size", [0.8, 0.65])
+def test_surfaces_of_somewhat_other_edges_are_ready(size):
+    """Also where the mean is a little beyond the bounds: such runs came to good verdicts."""
+    assert readiness.readinessOf(apart(2, 2, size), "two.ply").reason is None
+
+
+def obstacleOf(mesh, least=0.15, most=0.25, **more):
+    """Return the obstacle to a run, with bounds below the edges of icosphere(2) unless others are given."""
+    tether = {"min_length": least, "max_length": most, **more.pop("tether", {})}
+    config = {"tether": tether, "sampling": {"seed": 1, **more.pop("sampling", {})}, **more}
+    scene = mh.Scene.of(config, mesh)
+    force = scene.createForce()
+    return readiness.obstacle(scene, scene.createSimulation(force), force)
+
+
+@pytest.mark.filterwarnings("ignore:targets are more than")
+def test_given_bounds_that_do_not_go_with_the_edges():
+    """The bounds that are told do.  A target of the volume, which a stage leads there, changes nothing."""
+    sentence = obstacleOf(mh.Mesh.icosphere(2))
+    assert sentence.startswith("the tether does not go with the edges of the surface: their mean length is 0.2993 nm")
+    (bounds,) = re.findall(r"; \[tether\] min_length = (\S+) and max_length = (\S+) go with them$", sentence)
+    assert obstacleOf(mh.Mesh.icosphere(2), *map(float, bounds)) is None
+    assert obstacleOf(mh.Mesh.icosphere(2), membrane={"reduced_volume": 0.8}) == sentence
+    both = mh.Mesh.merged([apart(2, 2), shifted(mh.Mesh.icosphere(2, 0.9), 0, 5, 0)])
+    (bounds,) = re.findall(r"min_length = (\S+) and max_length = (\S+) go with them$", obstacleOf(both))
+    assert obstacleOf(both, *map(float, bounds)) is None
+
+
+@pytest.mark.filterwarnings("ignore:targets are more than")
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"tether": {"modulus": 0.0}},
+        {"membrane": {"area_modulus": 0.0}},
+        {"membrane": {"target_area": 5.0}},
+        {"stages": [{"kind": "continue", "windows": 2, "target_area": 5.0}]},
+        {"sampling": {"approach": "none"}, "membrane": {"target_area": 5.0}},
+        {"sampling": {"flip_probability": 1.0}},
+    ],
+)
+def test_bounds_that_edges_are_led_to_or_that_hold_nothing_are_no_obstacle(more):
+    assert "does not go" not in str(obstacleOf(mh.Mesh.icosphere(2), **more))
+
+
 def test_ready_after_repair_as_the_command_says(inFolder):
     sphere = mh.Mesh.icosphere(2)
     mh.Mesh(sphere.vertices, sphere.triangles[:, ::-1]).write("cell.ply")

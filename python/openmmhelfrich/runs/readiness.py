@@ -22,6 +22,7 @@ from ..sampling.moves import trajectoriesOf
 from ..sampling.targets import nameOf, totalOf
 from ..units import valueIn
 from .additions import additionsTo
+from .approach import endTargets
 from .config import Config, parseConfig
 from .scene import Scene, createScene
 from .sections import SystemSection
@@ -146,7 +147,7 @@ def _misfit(scene: Scene) -> str | None:
     """Return that the tether is too long for a surface, and which lengths are not; None if a mesh goes with it."""
     area, mean = min(surface.area for surface in scene.mesh.components()), float(scene.mesh.edgeLengths.mean())
     count = _numWithEdges(min(scene.tether.minLength / FITTING[0], _middle(scene)), area)
-    if _fits(scene, scene.mesh) or count >= _FEWEST:
+    if _isWithin(scene.tether, scene.mesh.edgeLengths.mean()) or count >= _FEWEST:
         return None
     return (
         f"with edges as long as the tether wants them a surface has at most {count} vertices, and must have {_FEWEST} "
@@ -382,7 +383,7 @@ def _mismatch(scene: Scene, mesh: Mesh) -> str | None:
         return None
     surfaces, tether = mesh.components(), scene.tether
     for k, surface in enumerate(surfaces):
-        if not _isWithin(tether, surface) and not _tetherShare(scene, surface) <= _TETHER_SHARE:
+        if not _isWithin(tether, surface.edgeLengths.mean()) and not _tetherShare(scene, surface) <= _TETHER_SHARE:
             which = f"surface {k}" if len(surfaces) > 1 else "the surface"
             return (
                 f"the tether does not go with the edges of {which}: their mean length is "
@@ -404,13 +405,18 @@ def _remedy(scene: Scene, surfaces: Sequence[Mesh]) -> str:
 
 
 def _keepsAreas(scene: Scene) -> bool:
-    """Return whether trajectories keep the area of each surface about as it is."""
-    areas = [name for name in scene.targets if totalOf(name) == "area"]
+    """Return whether trajectories keep the area of each surface about as it is, and the targets of no stage lead it
+    elsewhere.
+    """
+    targets = [scene.targets, *(endTargets(stage, scene.targets) for stage in scene.stages)]
     return (
         scene.config.sampling.flip_probability < 1
         and scene.moduli["area"] > 0
-        and all(stage.target_area is None for stage in scene.stages)
-        and all(abs(scene.targets[name] / scene.targetScales[name] - 1) <= _OTHER for name in areas)
+        and all(
+            abs(target / scene.targetScales[name] - 1) <= _OTHER
+            for name, target in (item for each in targets for item in each.items())
+            if totalOf(name) == "area"
+        )
     )
 
 
@@ -481,16 +487,15 @@ def _forTrial(config: Config) -> Config:
 
 def _numVertices(scene: Scene, mesh: Mesh) -> int:
     """Return the number of vertices with which edges are where the tether wants them."""
-    return max(len(mesh.vertices) if _fits(scene, mesh) else _numWithEdges(_middle(scene), mesh.area), _FEWEST)
+    count = len(mesh.vertices)
+    means = [surface.edgeLengths.mean() for surface in mesh.components()]
+    equal = np.sqrt(2 * mesh.area / (np.sqrt(3) * count))
+    fits = all(_isWithin(scene.tether, mean) for mean in means) or _isWithin(scene.tether, equal)
+    return max(count if fits else _numWithEdges(_middle(scene), mesh.area), _FEWEST)
 
 
-def _fits(scene: Scene, mesh: Mesh) -> bool:
-    """Return whether the edges of each surface of a mesh are, on average, where the tether wants them."""
-    return all(_isWithin(scene.tether, surface) for surface in mesh.components())
-
-
-def _isWithin(tether: Tether, surface: Mesh) -> bool:
-    return bool(tether.minLength < surface.edgeLengths.mean() < tether.maxLength)
+def _isWithin(tether: Tether, length: float) -> bool:
+    return bool(tether.minLength < length < tether.maxLength)
 
 
 def _middle(scene: Scene) -> float:
