@@ -194,6 +194,20 @@ def test_a_start_whose_energy_is_not_finite_is_an_error(engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_a_rejection_reverses_velocities(engine):
+    """Moves beside may keep them, and a trajectory that does is exact with reversed ones alone."""
+    found, mesh = [], mh.Mesh.icosphere(1)
+    for stepSize, steps, accepted in ((0.3, 2, 0), (1e-9, 1, 1)):
+        integrator = mh.HybridMonteCarloIntegrator(kelvin(KT), stepSize, steps, engine=engine, flipProbability=0)
+        integrator.setRandomNumberSeed(3)
+        context = createContext(mesh, softForce(mesh), "Reference", integrator)
+        integrator.step(1)
+        assert integrator.getNumAcceptedTrajectories() == accepted
+        found.append(velocitiesOf(context))
+    assert found[0] == pytest.approx(-found[1], rel=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_frozen_vertices(engine, platform):
     mesh = mh.Mesh.icosphere(1)

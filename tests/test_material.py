@@ -544,7 +544,7 @@ def test_step_sizes_follow_the_stiffest_species_of_a_stage():
         ),
         (
             {"kind": "continue", "windows": 1, "line_tension": 3, "path": {"line_tension": [0, 1e300]}},
-            r"stage 1 \(continue\) path: it must be 0, or from 1e-30 to",
+            r"stage 1 \(continue\) path: each number must be 0, or from 1e-30 to",
         ),
         ({"line_tension": {"lo, lx": 3}}, "it has a line_tension of 'lo, lx', and no species is called 'lx'"),
         ({"line_tension": {"lo, lo": 3}}, "it has a line_tension of 'lo, lo'; it must be of two different species"),

@@ -113,6 +113,48 @@ def mixture(request):
     return simulation, force, *(at(simulation.integrator, place) for place in places)
 
 
+def test_moves_of_a_kind_have_their_own_numbers():
+    """With one seed trajectories would draw the momenta of those before, and mixtures in a mixture make its choice."""
+    inner = mh.HybridMonteCarloIntegrator(mh.HamiltonianTrajectoryIntegrator(300, 1e-3, 5))
+    mixture = mh.HybridMonteCarloIntegrator(300, 1e-3, 5)
+    for move in (mh.HamiltonianTrajectoryIntegrator(300, 1e-3, 5), inner, mh.EdgeFlipIntegrator(300, 0.1)):
+        mixture.addMove(move, 0.1)
+    mixture.setRandomNumberSeed(7)
+    moves = [mixture.getMove(index) for index in range(mixture.getNumMoves())]
+    trajectories, flips, second, within, more = (move.getRandomNumberSeed() for move in moves)
+    inside = mh.HybridMonteCarloIntegrator.cast(moves[3]).getMove(0).getRandomNumberSeed()
+    assert mixture.getRandomNumberSeed() == trajectories == flips == 7
+    assert len({7, second, within}) == 3 and more not in (0, flips) and inside == within
+    mixture.setRandomNumberSeed(7)
+    assert [move.getRandomNumberSeed() for move in moves] == [7, 7, second, within, more]
+    mixture.setRandomNumberSeed(0)
+    assert not any(move.getRandomNumberSeed() for move in moves)
+
+
+def test_two_trajectory_moves_sample_a_spring():
+    """Springs of 1 to 10 kT, from equilibrium: the mean energy, over 3/2 kT, of two moves that get one seed."""
+    stiffnesses = np.geomspace(1, 10, 50)
+    system, spring = mm.System(), mm.CustomExternalForce("0.5*k*(x^2+y^2+z^2)")
+    spring.addPerParticleParameter("k")
+    for particle, stiffness in enumerate(stiffnesses):
+        system.addParticle(1)
+        spring.addParticle(particle, [stiffness * KT])
+    system.addForce(spring)
+    means = []
+    for seed in range(1, 13):
+        mixture = mh.HybridMonteCarloIntegrator(mh.HamiltonianTrajectoryIntegrator(T, 0.1, 5))
+        mixture.addMove(mh.HamiltonianTrajectoryIntegrator(T, 0.1, 5), 0.5)
+        mixture.setRandomNumberSeed(seed)
+        context = mm.Context(system, mixture, mm.Platform.getPlatform("Reference"))
+        context.setPositions(np.random.default_rng(seed).normal(size=(50, 3)) / np.sqrt(stiffnesses)[:, np.newaxis])
+        energies = []
+        for _ in range(300):
+            mixture.step(1)
+            energies.append(context.getState(energy=True).getPotentialEnergy()._value / KT / 75)
+        means.append(np.mean(energies))
+    assert abs(np.mean(means) - 1) < 4 * np.std(means, ddof=1) / 12**0.5 < 0.1, (np.mean(means), means)
+
+
 def test_columns(mixture, tmp_path):
     simulation, force, trajectories, flips, waves = mixture
     simulation.reporters.append(mh.ObservablesReporter(tmp_path / "a.csv", 10, force))

@@ -595,7 +595,7 @@ def test_copies_are_ready_with_a_warning(inFolder, other):
     mh.Mesh.merged([shifted(sphere, 200, 0, 0), sphere, other(sphere)]).write("two.ply")
     result = invoke("check", "two.ply")
     assert result.exit_code == 0 and "surfaces 1 and 2 are within" in result.output
-    assert "leave one out, in the program that exported the file" in result.output
+    assert "leave one out, by repair --keep or in the program that exported the file" in result.output
 
 
 @pytest.mark.parametrize("suffix", ["ply", "stl"])
@@ -607,6 +607,18 @@ def test_copies_that_cross_or_touch_are_named(inFolder, suffix, other):
     result = invoke("check", f"two.{suffix}")
     assert result.exit_code == 1 and not commandsOf(result.output)
     assert "surfaces 0 and 1 are within" in result.output and "mends this" not in result.output
+
+
+def test_repair_tells_what_it_leaves(inFolder):
+    """Of copies that cross, and of those that do not."""
+    sphere = mh.Mesh.icosphere(2, 50)
+    for other, code in ((turned(mh.Mesh.icosphere(3, 50.02)), 1), (mh.Mesh.icosphere(2, 49.9), 0)):
+        mh.Mesh.merged([sphere, other]).write("two.ply")
+        result = invoke("repair", "two.ply", "out.ply", "--overwrite")
+        assert result.exit_code == code and "surfaces 0 and 1 are within" in result.output
+        assert ("passes through itself" in result.output) == (code == 1)
+        kept = invoke("repair", "two.ply", "out.ply", "--overwrite", "--keep", "1")
+        assert kept.exit_code == 0 and "surfaces" not in kept.output
 
 
 def test_the_distance_of_copies_is_known():

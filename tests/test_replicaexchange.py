@@ -1,9 +1,11 @@
 """Replica exchange: exact distributions at every temperature and target, exact exchanges, restarts."""
 
 import io
+import itertools
 import json
 import math
 import re
+import signal
 import zipfile
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -135,6 +137,45 @@ def test_velocities_follow_the_temperature():
     ) == pytest.approx((2, 4, 6))
     integrator = exchange.simulations[0].integrator
     assert integrator.getTemperature() == 1200 * unit.kelvin and integrator.getStepSize() == 0.01 * unit.picosecond
+
+
+def test_forces_that_are_not_integrated_do_not_count():
+    """Energies are of the groups that moves follow; a force in another group would drive replicas apart."""
+    exchange = oscillators([50, 50])
+    field = mm.CustomExternalForce("60*x")
+    field.addParticle(0)
+    field.setForceGroup(1)
+    for simulation in exchange.simulations:
+        simulation.system.addForce(field.__copy__())
+        simulation.context.reinitialize(preserveState=True)
+        simulation.integrator.setIntegrationForceGroups({0})
+    exchange.simulations[0].context.setPositions([[0.5, 0, 0]])
+    exchange._propagate(1)
+    x = exchange.simulations[0].context.getState(positions=True).getPositions(asNumpy=True)._value
+    kT = exchange.states[0].thermalEnergy
+    assert exchange._energiesOf(0) == pytest.approx(0.5 * 50 * np.sum(x**2) / kT, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["_enter", "_energiesOf", "_observe"])
+def test_an_interrupt_ends_a_run_between_exchanges(monkeypatch, name):
+    """However it comes: no two replicas are in one state, each has the parameters of its own, and rows are whole."""
+    exchange, calls = vesicles(), itertools.count(1)
+    original = getattr(exchange, name)
+
+    def interrupted(*arguments):
+        if next(calls) == 5:
+            signal.raise_signal(signal.SIGINT)
+        return original(*arguments)
+
+    monkeypatch.setattr(exchange, name, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        exchange.run(500, 1)
+    assert sorted(exchange.replicaStates) == [0, 1, 2]
+    assert exchange.numRounds == len(exchange._made) == len(exchange._observed) == len(exchange._energies) < 500
+    for replica, membrane in enumerate(exchange._membranes):
+        own = exchange.states[exchange.replicaStates[replica]].parameters
+        assert membrane.current(own) == pytest.approx(own)
+    exchange.run(2, 1)
 
 
 def coarseVelocitiesIn(simulation):

@@ -20,7 +20,8 @@ CustomTrajectoryIntegrator::CustomTrajectoryIntegrator(double temperature, doubl
 }
 
 void CustomTrajectoryIntegrator::addSteps() {
-    // The test step(exp(-dH/kT)-u) is false when dH is not a number.
+    // The test step(exp(-dH/kT)-u) is false when dH is not a number.  A rejection reverses velocities: moves beside
+    // this one may keep them.
 
     for (string name :
          {"leapfrogStep", "startKineticEnergy", "startEnergy", "endKineticEnergy", "endEnergy", "accepted"})
@@ -46,7 +47,7 @@ void CustomTrajectoryIntegrator::addSteps() {
     addComputeGlobal("accepted", "step(exp((startEnergy-endEnergy)/kT)-uniform)");
     beginIfBlock("accepted < 0.5");
     addComputePerDof("x", "startX");
-    addComputePerDof("v", "startV");
+    addComputePerDof("v", "-startV");
     endBlock();
 }
 
@@ -121,6 +122,8 @@ void CustomTrajectoryIntegrator::abandonTrajectory() {
         if (context->getSystem().getParticleMass(i) != 0)
             positions[i] = startX[i];
     context->setPositions(positions);
+    for (Vec3& velocity : startV)
+        velocity = -velocity;
     context->setVelocities(startV);
     context->calcForcesAndEnergy(false, true, getIntegrationForceGroups());
     context->setStepCount(context->getStepCount() + 1);

@@ -4,7 +4,10 @@
 #include "openmmhelfrich/internal/HelfrichSerialization.h"
 #include "openmmhelfrich/internal/MembraneState.h"
 #include "openmmhelfrich/internal/MonteCarloUtilities.h"
+#include "openmmhelfrich/internal/Philox.h"
 #include <memory>
+#include <set>
+#include <typeindex>
 
 using namespace HelfrichPlugin;
 using namespace OpenMM;
@@ -170,11 +173,19 @@ void HybridMonteCarloIntegrator::setStepSize(double size) {
     getMove(0).setStepSize(size);
 }
 
+/**
+ * Get the seed of a move that is not the first of its kind: with the same one it would draw the numbers of the first.
+ */
+static int getOtherSeed(int seed, int index) {
+    return seed == 0 ? 0 : int(Philox(seed, RandomStream::Seeds)(0, index)[0] >> 1) | 1;
+}
+
 void HybridMonteCarloIntegrator::setRandomNumberSeed(int seed, bool alsoForIntegrators) {
     SeededMove::setRandomNumberSeed(seed);
+    set<type_index> kinds = {typeid(*this)};
     for (int i = 0; i < getNumMoves() && alsoForIntegrators; i++)
         if (auto move = dynamic_cast<MonteCarloMove*>(&getMove(i)))
-            move->setRandomNumberSeed(seed);
+            move->setRandomNumberSeed(kinds.insert(typeid(*move)).second ? seed : getOtherSeed(seed, i));
 }
 
 long long HybridMonteCarloIntegrator::getNumAttempted() const {

@@ -122,7 +122,8 @@ public:
     const EdgeFlipIntegrator& getFlipIntegrator() const;
     /**
      * Set the random number seed of the choice of moves and of the moves.  If it is 0 (the default), a unique seed is
-     * chosen when a Context is created.
+     * chosen when a Context is created.  Of moves of the same kind, and of mixtures in this one, each has another seed,
+     * which follows from this one.
      */
     void setRandomNumberSeed(int seed) {
         setRandomNumberSeed(seed, true);

@@ -49,7 +49,9 @@ def repair(
     """
     from ..geometry.mesh import Mesh
     from ..geometry.meshfiles import requireWritten
+    from ..geometry.quality import MeshQuality
     from ..io.conversion import requireNew
+    from ..runs.readiness import overlap
 
     requireWritten(output)
     requireNew([output], source, overwrite)
@@ -66,6 +68,13 @@ def repair(
         mended.check()
     except ValueError as error:
         raise ValueError(f"{output} is written, but cannot be simulated: {error}") from None
+    quality = MeshQuality(mended)
+    problem, copied = overlap(quality), quality.copied("")
+    if problem is not None:
+        also = f"; {copied}" if copied else ""
+        raise ValueError(f"{output} is written, but cannot be simulated: {problem}{also}")
+    if copied is not None:
+        print(copied)
 
 
 def _lengths(text: str | None) -> list[float] | None:

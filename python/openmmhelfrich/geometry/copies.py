@@ -19,6 +19,8 @@ _MOST, _NEAR = 2 / 3, 0.25
 # Of each surface so many triangles are looked at, and around the middle of each the nearest of all, so many; where this
 # part of them is beside another surface, distances are measured.
 _SAMPLES, _AROUND, _PROMISING = 256, 8, 0.3
+# The square of the sine of an angle below which a triangle is a needle.
+_NARROW = 1e-12
 
 
 class Copy(NamedTuple):
@@ -101,7 +103,8 @@ def _distances(points: Points, corners: Points) -> Points:
     x = corners[near]
     u, v, w = x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0], points[:, np.newaxis] - x[:, :, 0]
     uu, uv, vv, uw, vw = (np.sum(a * b, axis=2) for a, b in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    square = np.maximum(uu * vv - uv * uv, np.finfo(float).tiny)
+    square = uu * vv - uv * uv
+    square[square <= _NARROW * uu * vv] = np.inf  # of needles the first corner is near enough
     s, t = (vv * uw - uv * vw) / square, (uu * vw - uv * uw) / square
     weights = np.clip(np.stack((1 - s - t, s, t), axis=2), 0, None)
     weights /= weights.sum(axis=2, keepdims=True)

@@ -464,7 +464,7 @@ class Mesh:
                 "; 'openmm-helfrich repair --close-holes' or Mesh.repaired(closeHoles=True) mends this, with flat lids"
             )
         option = "" if closed == left else " --close-holes"
-        rest = "" if closed == fault else f" mends what can be mended, but not all: {closed}"
+        rest = "" if closed == fault else f" mends what can be mended, but not all: {closed.partition('; ')[0]}"
         return f"; 'openmm-helfrich repair{option}'{rest or ' does not mend this'}"
 
     def _leftBy(self, **arguments: Any) -> str | None:

@@ -158,9 +158,9 @@ class MeshQuality(MeasuredMesh):
         first, second, distance, part = self.copies[0]
         more = f", the first of {len(self.copies)} pairs" if len(self.copies) > 1 else ""
         return (
-            f"surfaces {first} and {second} are within {distance:.2g} {lengthUnit}, {part:.2g} of an edge, of each "
-            f"other over most of their area, like copies of one object{more}: leave one out, in the program that "
-            "exported the file, or by 'openmm-helfrich repair' with --keep K for each of the others"
+            f"surfaces {first} and {second} are within {f'{distance:.2g} {lengthUnit}'.strip()}, {part:.2g} of an "
+            f"edge, of each other over most of their area, like copies of one object{more}: leave one out, by repair "
+            "--keep or in the program that exported the file"
         )
 
     def _kind(self, u: str) -> str:

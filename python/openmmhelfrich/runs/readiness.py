@@ -333,7 +333,7 @@ def _readinessAsItIs(mesh: Mesh, lengthUnit: str) -> Readiness:
     except ValueError as error:
         return Readiness(str(error))
     scene, quality = defaultScene(mesh, lengthUnit), MeshQuality(mesh)
-    crossed = _crossed(quality)
+    crossed = overlap(quality)
     if crossed is not None:
         return Readiness(crossed, quality=quality)
     mismatch = _mismatch(scene, mesh)
@@ -347,7 +347,7 @@ def _readinessAsItIs(mesh: Mesh, lengthUnit: str) -> Readiness:
     return Readiness(_refusal(scene, simulation, mesh, scene.stepSize), scene=scene, quality=quality)
 
 
-def _crossed(quality: MeshQuality) -> str | None:
+def overlap(quality: MeshQuality) -> str | None:
     """Return that a surface passes through itself so often that any run is failed, or None."""
     count, edges = len(quality.crossings), len(quality.mesh.edges)
     if count <= INTERSECTIONS.failed * edges:

@@ -24,6 +24,7 @@ from openmm import app, unit
 from ..display import htmlTable, judging, lineText
 from ..files import PathLike, replacing
 from ..helfrich import HamiltonianTrajectoryIntegrator, HelfrichForce
+from ..io.drafts import signalsLater
 from ..tables import Table, plainName
 from ..units import thermalEnergy, valueIn, wholeNumber
 from .conditions import conditionNames, putConditions
@@ -251,16 +252,15 @@ class ReplicaExchange:
         ------
         ValueError
             if an argument is out of range, or the energy of a replica is not a number
+
+        A KeyboardInterrupt ends it between exchanges, at whole steps of each replica, and the next call goes on.
         """
         for name, value, least in (("rounds", rounds, 0), ("steps", steps, 1), ("interval", interval, 1)):
             wholeNumber(value, f"ReplicaExchange.run: {name}", least)
         for n in range(1, int(rounds) + 1):
-            self._propagate(int(steps))
-            energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
-            self._observed.append(np.array([self._observe(replica) for replica in range(len(self.states))]))
-            self._history.append(self.replicaStates.copy())
-            self._energies.append(energies)
-            self._exchange(energies)
+            made = self._propagate(int(steps))
+            with signalsLater():  # an exchange, of which one half alone would be wrong, is short
+                self._endRound(made)
             if checkpoint is not None and (n % interval == 0 or n == rounds):
                 self.save(checkpoint)
 
@@ -422,13 +422,23 @@ class ReplicaExchange:
                         f"and {values[0][1]:g} in simulation 0; it must be the same, or one of the states' parameters"
                     )
 
-    def _propagate(self, steps: int) -> None:
-        """Make steps of every replica, and count what they try for its state."""
+    def _endRound(self, made: NDArray[np.int64]) -> None:
+        """Keep what is to be seen of the replicas, and what they have made, and let them exchange their states."""
+        energies = np.array([self._energiesOf(replica) for replica in range(len(self.states))])
+        observed = np.array([self._observe(replica) for replica in range(len(self.states))])
+        self._made.append(made)
+        self._observed.append(observed)
+        self._history.append(self.replicaStates.copy())
+        self._energies.append(energies)
+        self._exchange(energies)
+
+    def _propagate(self, steps: int) -> NDArray[np.int64]:
+        """Make steps of every replica, and return what they have tried, in the order of states."""
         integrators = [simulation.integrator for simulation in self.simulations]
         before = [countersOf(integrator) for integrator in integrators]
         self._step(steps)
         made = np.subtract([countersOf(integrator) for integrator in integrators], before)
-        self._made.append(np.array(made[np.argsort(self.replicaStates)]))
+        return np.array(made[np.argsort(self.replicaStates)])
 
     def _step(self, steps: int) -> None:
         if self._workers == 1:
@@ -442,12 +452,14 @@ class ReplicaExchange:
         """Return the reduced energies of a replica in all states."""
         membrane, own = self._membranes[replica], self.states[self.replicaStates[replica]]
         energies = {}
-        for state in self.states:
-            key = tuple(state.parameters.values())
-            if key not in energies:
-                membrane.takeOn(state.parameters)
-                energies[key] = membrane.energy(state.parameters)
-        membrane.takeOn(own.parameters)
+        try:
+            for state in self.states:
+                key = tuple(state.parameters.values())
+                if key not in energies:
+                    membrane.takeOn(state.parameters)
+                    energies[key] = membrane.energy(state.parameters)
+        finally:
+            membrane.takeOn(own.parameters)
         reduced = np.array([energies[tuple(state.parameters.values())] / state.thermalEnergy for state in self.states])
         if np.any(np.isnan(reduced)) or not math.isfinite(reduced[self.replicaStates[replica]]):
             raise ValueError(

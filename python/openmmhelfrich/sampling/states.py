@@ -69,6 +69,7 @@ class Membrane:
         """Create it of a Context, its membrane, and an integrator whose moves have chemical potentials."""
         self.context, self.force = context, force
         self._mutations = [] if integrator is None else mutationsOf(integrator)
+        self._integrator = context.getIntegrator() if integrator is None else integrator
         self._known = set(dict(context.getParameters()))
 
     def named(self, parameters: Mapping[str, Any]) -> dict[str, float]:
@@ -126,11 +127,11 @@ class Membrane:
             setConditions(self.context, self.force, conditions)
 
     def energy(self, parameters: Mapping[str, float]) -> float:
-        """Return the potential energy, in kJ/mol, in the state that the Context has taken on, less the chemical
-        potentials of all vertices.
+        """Return the potential energy, in kJ/mol, in the state that the Context has taken on, of the groups of forces
+        that are integrated, less the chemical potentials of all vertices.
         """
-        energy = self.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole)
-        return energy - self._work(parameters)
+        state = self.context.getState(energy=True, groups=self._integrator.getIntegrationForceGroups())
+        return state.getPotentialEnergy().value_in_unit(unit.kilojoules_per_mole) - self._work(parameters)
 
     def _work(self, parameters: Mapping[str, float]) -> float:
         """Return the sum of the chemical potentials of all vertices, in kJ/mol."""

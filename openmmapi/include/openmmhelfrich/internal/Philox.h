@@ -63,6 +63,7 @@ enum : uint32_t {
     ShearWaves = 3,
     ShearWaveTest = 4,
     TrajectoryLength = 5,
+    Seeds = 6,
     EdgeFlips = 16,
     SpeciesExchanges = 1 << 24
 };
