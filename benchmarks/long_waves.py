@@ -265,13 +265,13 @@ def costs(columns, evaluations, seconds):
     }
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def createParser(description):
+    """Return a parser of what begin() takes."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("subdivisions", type=int)
     parser.add_argument("weight", type=float)
     parser.add_argument("step", type=float)
     parser.add_argument("steps", type=int)
-    parser.add_argument("seconds", type=float)
     parser.add_argument("--volume", type=float, default=0.99)
     parser.add_argument("--flips", type=float, default=0.3)
     parser.add_argument("--seed", type=int, default=1)
@@ -283,6 +283,12 @@ if __name__ == "__main__":
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--start", help="a mesh file to begin with, of large_vesicle.py, instead of a sphere")
+    return parser
+
+
+if __name__ == "__main__":
+    parser = createParser(__doc__)
+    parser.add_argument("seconds", type=float)
     parser.add_argument("--settle", type=int, default=0, help="trajectories, with flips, before the run")
     parser.add_argument("--frozen", action="store_true", help="no flips in the run: the mesh is elastic")
     parser.add_argument("--every", type=int, default=4, help="trajectories from one measurement to the next")

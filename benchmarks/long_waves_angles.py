@@ -7,29 +7,16 @@ oscillator about a mean of its own, whose momentum is drawn at the start: cos(an
 change du in a trajectory.  Means are over the modes of a degree and four meshes, which flips lead to.  STEP is in ps.
 """
 
-import argparse
-
 import numpy as np
-from long_waves import begin, modesOf
+from long_waves import begin, createParser, modesOf
 
 MESHES, SWEEPS, SETTLE = 4, 20, 200
 PART = 8  # of the trajectories on a mesh one in so many is left out, in which modes come to their means
-SCENE = {
-    "volume": 0.99,
-    "flips": 1.0,
-    "jitter": 0.0,
-    "refreshment": 1.0,
-    "penalty": 1e6,
-    "tether": [100, 0.85, 1.35],
-    "precision": "mixed",
-    "threads": 1,
-    "start": None,
-}
 
 
 def measure(arguments):
     """Return the angles of degrees from 2 on, in degrees, and the part of trajectories that were accepted."""
-    force, context, _, trajectories, flips = begin(argparse.Namespace(**SCENE, **vars(arguments)))
+    force, context, _, trajectories, flips = begin(arguments)
     degrees = np.repeat(np.arange(2, arguments.degree + 1), 2 * np.arange(2, arguments.degree + 1) + 1)
 
     def modes():
@@ -61,13 +48,9 @@ def measure(arguments):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("subdivisions", type=int)
-    parser.add_argument("weight", type=float)
-    parser.add_argument("step", type=float)
-    parser.add_argument("steps", type=int)
+    parser = createParser(__doc__)
     parser.add_argument("--degree", type=int, default=12, help="the greatest")
     parser.add_argument("--trajectories", type=int, default=1600)
-    parser.add_argument("--seed", type=int, default=3)
+    parser.set_defaults(flips=1.0, jitter=0.0, seed=3)
     angles, accepted = measure(parser.parse_args())
     print(f"accepted {accepted:.0%}: " + ", ".join(f"l = {l}: {a:.1f}" for l, a in enumerate(angles, 2)))

@@ -226,8 +226,7 @@ def labelComponents(triangles: ArrayLike, numVertices: int) -> tuple[int, IndexA
     count, labels = connected_components(graph, directed=False)
     if count == 1:
         return count, np.zeros(numVertices, dtype=np.int64)
-    _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
-    return count, np.argsort(np.argsort(first))[labels]
+    return count, byFirstAppearance(labels)
 
 
 def sheets(triangles: NDArray[np.integer], numVertices: int) -> IndexArray:
@@ -236,8 +235,13 @@ def sheets(triangles: NDArray[np.integer], numVertices: int) -> IndexArray:
     first = start[np.diff(start, append=len(order)) == 2]
     ends, size = (order[first] // 3, order[first + 1] // 3), len(triangles)
     _, sheet = connected_components(coo_array((np.ones(len(first), dtype=bool), ends), (size, size)), directed=False)
-    _, begin, sheet = np.unique(sheet, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(begin))[sheet]
+    return byFirstAppearance(sheet)
+
+
+def byFirstAppearance(labels: NDArray[np.integer]) -> IndexArray:
+    """Return labels with numbers from 0 on in the order in which they come first."""
+    _, first, place = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[place]
 
 
 def genus(triangles: NDArray[np.integer], numVertices: int) -> int:

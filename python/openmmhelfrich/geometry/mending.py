@@ -724,8 +724,8 @@ def surfaces(triangles: NDArray[np.integer], numVertices: int) -> tuple[int, NDA
     count, label = connectivity.labelComponents(triangles, numVertices)
     if count == 1:
         return min(1, len(triangles)), np.zeros(len(triangles), dtype=np.int64)
-    _, first, mine = np.unique(label[triangles[:, 0]], return_index=True, return_inverse=True)
-    return len(first), np.argsort(np.argsort(first))[mine]
+    mine = connectivity.byFirstAppearance(label[triangles[:, 0]])
+    return int(mine.max(initial=-1)) + 1, mine
 
 
 # --- holes

@@ -41,17 +41,13 @@ def _requireEffectiveKeys(config: Config) -> None:
                     f"{config.source}: [{section}] {key} is {getattr(getattr(config, section), key)}, and has no "
                     f"effect, since {switch} is 0 by default; give a {switch}, or leave {key} out"
                 )
-    if config.sampling.burn_in is not None and not hasBurnIn(config):
-        raise ValueError(
-            f"{config.source}: [sampling] burn_in is {config.sampling.burn_in}, and has no effect, since no step_size "
-            "is 'auto'; make it that, or leave burn_in out"
-        )
-    aim = config.sampling.target_acceptance
-    if aim != SamplingSection.model_fields["target_acceptance"].default and not hasAim(config):
-        raise ValueError(
-            f"{config.source}: [sampling] target_acceptance is {aim}, and has no effect, since no step_size is 'auto'; "
-            "make it that, or leave target_acceptance out"
-        )
+    for key, follows in (("burn_in", hasBurnIn), ("target_acceptance", hasAim)):
+        value = getattr(config.sampling, key)
+        if value != SamplingSection.model_fields[key].default and not follows(config):
+            raise ValueError(
+                f"{config.source}: [sampling] {key} is {value}, and has no effect, since no step_size is 'auto'; make "
+                f"it that, or leave {key} out"
+            )
 
 
 def _requireEffectiveTargets(config: Config, resolved: Config, measured: MeasuredMesh) -> None:
